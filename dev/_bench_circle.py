@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.simulation.simulate import GAUGE_RATE_HZ, simulate
+from analysis.measures.link_angle import GAUGE_RATE_HZ
+from analysis.simulation.simulate import simulate
 from rigs.effects import VOCABULARY, Effect
 from rigs.load import load
 from rigs.rig import Rig

@@ -40,6 +40,11 @@ _RANGE_MM = 10.0
 _LINES = 1000 * b"7,1.00000,2.00000,3.00000,4.00000,5.00000,6.00000\r\n"
 _ONE = struct.pack(">f", 1.0)
 _MOST_PAUSE_S = 0.05
+_MADE_UP_S = 0.1
+"""A pty takes 9.7 kB at once (Linux 6.18), which is 0.27 s at 12 kHz."""
+_MOST_PORT_S = 5.0
+_PORT_BYTES = 3 * 18_000
+"""What a serial port of Linux holds beyond a pty's 13.8 kB: `tty_buffer.c` lets 64 kB wait, and `n_tty.c` 4."""
 
 
 def numbers_of(values_mm: np.ndarray) -> np.ndarray:
@@ -56,7 +61,11 @@ def _encoded() -> bytes:
 
 
 class Streaming:
-    """A gauge on a pty: message k is due k periods after the first byte that it hears."""
+    """A gauge on a pty: message k is due k periods after the first byte that it hears.
+
+    One that is itself kept from running for longer than it can make up for at once stands still meanwhile. What its
+    reader is late for waits, as at a serial port, and is lost beyond what that holds.
+    """
 
     def __init__(self, rate_hz: float) -> None:
         self._master, slave = os.openpty()
@@ -64,6 +73,7 @@ class Streaming:
         os.set_blocking(self._master, False)
         self._slave, self.port = slave, os.ttyname(slave)
         self._rate_hz, self._start_ns, self._readings = rate_hz, 0, _encoded()
+        self._waiting = bytearray()
         self.sent_ns: list[tuple[int, int]] = []
 
     def act(self) -> int:
@@ -75,13 +85,22 @@ class Streaming:
             self._start_ns = now_ns
         first = len(self.sent_ns)
         due = int((now_ns - self._start_ns) * self._rate_hz / 1e9) + 1 - first
+        if (beyond := due - int(_MADE_UP_S * self._rate_hz)) > 0:
+            due, self._start_ns = due - beyond, self._start_ns + round(beyond * 1e9 / self._rate_hz)
         if due > 0:
             begin = 3 * (first % SPAN)
             before_ns = time.monotonic_ns()
-            with contextlib.suppress(BlockingIOError):  # lost, as on a line whose reader is too slow
-                os.write(self._master, self._readings[begin : begin + 3 * due])
+            self._waiting += self._readings[begin : begin + 3 * due]
+            self.hand_on()
+            del self._waiting[_PORT_BYTES:]
             self.sent_ns += [(before_ns, time.monotonic_ns())] * due
         return self._start_ns + round(len(self.sent_ns) * 1e9 / self._rate_hz)
+
+    def hand_on(self) -> bool:
+        """Give the system what it takes of that which waits; return whether more waits."""
+        with contextlib.suppress(BlockingIOError):
+            del self._waiting[: os.write(self._master, self._waiting)]
+        return bool(self._waiting)
 
 
 class Controller:
@@ -195,6 +214,10 @@ def main(
             break
         due_ns = min((server.act() for server in noting.values()), default=time.monotonic_ns() + 10_000_000)
         time.sleep(min(_MOST_PAUSE_S, max(0, due_ns - time.monotonic_ns()) / 1e9))
+    until_s = time.monotonic() + _MOST_PORT_S
+    streaming = [server for server in noting.values() if isinstance(server, Streaming)]
+    while any(server.hand_on() for server in streaming) and time.monotonic() < until_s:
+        time.sleep(0.01)
     np.savez(out, **{name: np.array(server.sent_ns) for name, server in noting.items()})
     print("sent", flush=True)
     sys.stdin.readline()  # a pty that is closed loses what nobody has read yet

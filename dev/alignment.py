@@ -19,7 +19,7 @@ from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, transform
 from analysis.measures.results import result_of
 from analysis.model.predict import model_of, moved, nominal_setup, path_of, predict
-from analysis.simulation.simulate import simulate, with_values
+from analysis.simulation.simulate import simulate
 from analysis.simulation.simulated_runs import simulated_run
 from analysis.traces.tables import CircleTable, Table
 from rigs.effects import BallForm, Effect, GaugeBaseline, GaugeInclination
@@ -128,7 +128,7 @@ def _measured(setup: SetUp, rig: Rig, test: Literal["yaw", "roll", "radial"]) ->
             for one in (T, T @ _tilts(setup.disk_rad, around))
         ]
         values = values + square[1] - square[0]
-    return with_values(program, values)
+    return program.kind.with_readings(program, values)
 
 
 def _tilts(tilt: float, around: Array) -> Array:

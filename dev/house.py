@@ -30,6 +30,19 @@ MAKERS = {
 """How each maker is named. The name of a rig, paper-fanuc, is none; nor is that of an arm, as ur10e."""
 
 TESTS = ("yaw", "roll", "radial", "repeatability", "pose", "touch", "path")
+OTHER_WORDS = {
+    "yaw": ("arms/driver_kinematics", "arms/ur_driver", "files/column_groups"),  # turns
+    "roll": ("arms/driver_kinematics", "arms/ur_driver", "files/column_groups"),
+    "repeatability": ("reporting/arms_table",),  # of an arm, by its data sheet
+    # A word of URScript, of foreign headers, of the cube's stops, along an axis, and of a program's name.
+    "pose": (
+        *("makers/ur/driver", "files/column_groups", "files/cube_stops"),
+        *("reporting/plots", "reporting/page/target_charts", "robot_programs/planned"),
+    ),
+    # Of a file, of a page; the column of a curve.
+    "path": ("reporting/correction_report", "reporting/versions_table", "window/guard", "measures/result_curves"),
+}
+"""Files of `analysis` in which the name of a test is another word, none of its kind."""
 
 
 @cache
@@ -121,23 +134,31 @@ def files_that_name(maker: str) -> list[str]:
     """Return the files outside a maker's own that name it in what runs: not in a docstring, which gives a source. Its
     own are its folder, and files that are named after it, as the driver of its interface."""
     name = re.compile(MAKERS[maker])
-    others = {
-        file: tree
-        for file, tree in sources().items()
-        if f"/{maker}/" not in file and not Path(file).name.startswith(f"{maker}_")
-    }
-    return [file for file, tree in others.items() if any(name.search(word) for word in _words(tree))]
+    return [
+        file
+        for file, words in _words().items()
+        if f"/{maker}/" not in file
+        and not Path(file).name.startswith(f"{maker}_")
+        and any(name.search(word) for word in words)
+    ]
 
 
 def files_that_name_kind(test: str) -> list[str]:
-    """Return the files outside a test kind's own that name it, as a word or by its table."""
-    name = re.compile(rf"[\"']{test}[\"']|{test.capitalize()}Table")
-    others = (file for file in sources() if file != f"analysis/measures/{test}.py")
+    """Return the files outside a test kind's own that name it, as a word or by its table. Its own are those whose name
+    has its word: its module, and as lost_poses."""
+    name, own = re.compile(rf"[\"']{test}[\"']|{test.capitalize()}Table"), re.compile(rf"(^|_){test}(s|es)?(_|$)")
+    words = {f"analysis/{file}.py" for file in OTHER_WORDS.get(test, ())}
+    others = (file for file in sources() if file not in words and not own.search(Path(file).stem))
     return [file for file in others if name.search((ROOT / file).read_text(encoding="utf-8"))]
 
 
-def _words(tree: ast.Module) -> Iterator[str]:
-    """The names and the texts of a file that are no docstrings."""
+@cache
+def _words() -> dict[str, set[str]]:
+    """The names and the texts of each file that are no docstrings."""
+    return {file: set(_words_of(tree)) for file, tree in sources().items()}
+
+
+def _words_of(tree: ast.Module) -> Iterator[str]:
     docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         match node:
@@ -165,6 +186,8 @@ def main() -> int:
     print(f"{sum(lengths) / len(lengths):8.1f}  lines of a function, mean")
     for maker in MAKERS:
         print(f"  {maker} is named in: {', '.join(files_that_name(maker))}")
+    for test in TESTS:
+        print(f"  {test} is named in: {', '.join(files_that_name_kind(test))}")
     for circle in circles():
         print(f"  circle: {', '.join(circle)}")
     return 0

@@ -27,6 +27,7 @@ from _pace_cell import STEP_DEG, numbers_of
 
 from daq.service.client import Client
 from daq.store import read_run
+from rigs.errors import CellError
 from rigs.load import find
 
 HERE = Path(__file__).parent
@@ -145,7 +146,7 @@ def _process(folder: Path, *command: object) -> Iterator[subprocess.Popen[str]]:
 def by_rigd(folder: Path, instruments: subprocess.Popen[str], seconds: float) -> Taken:
     """Record with rigd."""
     with _process(folder, "rigd", "rig.yaml", "--runs", "runs", "--socket", "rigd.sock") as daemon:
-        while not (folder / "rigd.sock").exists():
+        while not _answers(folder / "rigd.sock"):
             time.sleep(0.05)
         with Client(folder / "rigd.sock") as client:
             while not all(of["counters"].get("samples") for of in client.ask("status")["streams"].values()):
@@ -165,6 +166,14 @@ def by_rigd(folder: Path, instruments: subprocess.Popen[str], seconds: float) ->
         faults=Counter(str(fault["kind"]) for fault in run.faults if fault["at_ns"] < window_ns[1]),
         shown_hz=shown_hz,
     )
+
+
+def _answers(path: Path) -> bool:
+    try:
+        with Client(path):
+            return True
+    except CellError:  # the socket is there before the daemon listens
+        return False
 
 
 def _settle(client: Client) -> None:

@@ -22,7 +22,7 @@ from analysis.measures.sphere import free_sphere
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
 from analysis.paper import published
 from analysis.paper.simulated_tests import curve_of
-from analysis.simulation.simulate import simulate, with_values
+from analysis.simulation.simulate import simulate
 from analysis.traces.tables import CircleTable, Table
 from rigs.effects import Effect, size_field
 from rigs.load import load
@@ -47,7 +47,7 @@ class Bench:
         setup = nominal_setup(self.rig, table)
         if isinstance(table, CircleTable):
             setup = replace(setup, ball=setup.ball + np.array(circle_of(self.rig).eccentricity_mm))
-        return with_values(table, predict(model, table, path_of(model, table), setup))
+        return table.kind.with_readings(table, predict(model, table, path_of(model, table), setup))
 
 
 def bench_of(rig: Rig) -> Bench:

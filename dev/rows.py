@@ -47,6 +47,16 @@ print(np.linalg.lstsq(np.column_stack([np.ones_like(phi), np.sin(phi), np.cos(ph
 """
 """What the work itself needs: every column read, and one sine."""
 
+_WATCH = """
+import os, subprocess, sys
+process = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL)
+_, status, used = os.wait4(process.pid, 0)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3)
+process.returncode = os.waitstatus_to_exitcode(status)
+sys.exit(process.returncode)
+"""
+"""A program that is small itself: a process begins as a copy of its parent, and its peak memory with it."""
+
 
 @dataclass(frozen=True)
 class Cost:
@@ -61,12 +71,9 @@ class Cost:
 
 def cost(*command: str) -> Cost:
     """Of a command. Raises CalledProcessError where it fails."""
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=_KEEPING)
-    _, status, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, command)
-    return Cost(used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3)
+    watched = [sys.executable, "-I", "-c", _WATCH, *command]
+    done = subprocess.run(watched, stdout=subprocess.PIPE, env=_KEEPING, check=True, text=True)
+    return Cost(*map(float, done.stdout.split()))
 
 
 def main(sizes: list[int]) -> None:

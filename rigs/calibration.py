@@ -307,11 +307,12 @@ class JointCurve(_Calibrated):
     def at(self, q: Array) -> Array:
         """Return the curve (n,) in degrees at reported angles q (n,) rad."""
         order, sine, cosine = np.array(self.waves).T
-        curve_deg = np.empty(len(q))
-        for begin in range(0, len(q), _ROWS):
-            turn = q[begin : begin + _ROWS, None] * order
+        begins = np.flatnonzero(np.diff(q, prepend=np.nan) != 0)  # a robot that stands has one angle many times
+        angles, curve_deg = q[begins], np.empty(len(begins))
+        for begin in range(0, len(angles), _ROWS):
+            turn = angles[begin : begin + _ROWS, None] * order
             curve_deg[begin : begin + _ROWS] = np.sin(turn) @ sine + np.cos(turn) @ cosine
-        return curve_deg
+        return np.repeat(curve_deg, np.diff(begins, append=len(q)))
 
     def plain(self, joint: str) -> str:
         return f"angle error of {joint} over its angle"

@@ -7,12 +7,16 @@ docs/decisions/0033-a-name-of-its-own.md.
 from __future__ import annotations
 
 import os
+import re
 import sys
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 
 NAME = "rig-metrology"
 """The name of the distribution; the commands are `rig` and `rigd`."""
+_OF_UVX = ("archive-v", "environments-v")
+"""Folders of uv's cache in which `uvx` keeps environments (uv 0.13); nothing is to be added in a cache."""
 
 
 def version() -> str:
@@ -25,18 +29,51 @@ def version() -> str:
 
 
 def to_install(*packages: str) -> str:
-    """Return what a person types to add packages of PyPI to the environment in which rig runs.
+    """Return what a person types to add packages of PyPI, in the versions that rig asks for, to where rig runs.
 
-    `pipx` and `uv tool` keep an environment for each program and leave a file in it by which it is known; any other
-    environment, one without a pip of its own among them, is named by its Python.
+    `pipx` and `uv tool` keep an environment for each program and leave a file in it by which it is known, and `uvx`
+    keeps its own in a cache. Any other environment is named by its Python, also one without a pip.
     """
-    prefix, names = Path(sys.prefix), " ".join(packages)
+    import shlex  # noqa: PLC0415 - needed where something is missing, and rig starts without it
+
+    prefix, python = Path(sys.prefix), shlex.quote(sys.executable)
+    asked = [shlex.quote(_required(package)) for package in packages]
+    names = " ".join(asked)
     if (prefix / "pipx_metadata.json").is_file():
         return f"add it: pipx inject {NAME} {names}"
-    if (prefix / "uv-receipt.toml").is_file():
-        with_each = " ".join(f"--with {package}" for package in packages)
-        return f"add it: uv tool install {with_each} {NAME}"
-    if sys.prefix == sys.base_prefix:
-        return f"add it: python3 -m pip install {names}, or apt install the package of that name on Debian"
+    if (receipt := prefix / "uv-receipt.toml").is_file():
+        rig, *before = _of_uv(receipt)
+        with_each = " ".join(f"--with {package}" for package in (*before, *asked))
+        return f"add it: uv tool install {with_each} {rig}"
+    if prefix.parent.name.startswith(_OF_UVX):
+        return f"add it: uvx {' '.join(f'--with {package}' for package in asked)} --from {NAME} rig"
     as_root = "" if os.access(prefix, os.W_OK) else "sudo "
-    return f"add it: {as_root}python3 -m pip --python {sys.executable} install {names}"
+    if find_spec("pip"):
+        return f"add it: {as_root}{python} -m pip install {names}"
+    return f"add it: {as_root}python3 -m pip --python {python} install {names}"
+
+
+def _required(package: str) -> str:
+    """A package with the versions of it that rig asks for; as it is where rig does not ask for it."""
+    from importlib import metadata  # noqa: PLC0415
+
+    with suppress(metadata.PackageNotFoundError):
+        for line in metadata.requires(NAME) or ():
+            requirement = line.partition(";")[0].strip()
+            if re.fullmatch(rf"{re.escape(package)}([<>=!~,.\d ]*)", requirement):
+                return requirement
+    return package
+
+
+def _of_uv(receipt: Path) -> list[str]:
+    """What `uv tool` was given: rig by its name or place, then what was added, which uv removes unless named again."""
+    import shlex  # noqa: PLC0415
+    import tomllib  # noqa: PLC0415
+
+    tool = tomllib.loads(receipt.read_text(encoding="utf-8")).get("tool", {})
+    given = tool.get("requirements", ()) or ({"name": NAME},)
+    places = ("path", "directory", "editable")
+    return [
+        shlex.quote(next((entry[key] for key in places if key in entry), entry["name"] + entry.get("specifier", "")))
+        for entry in given
+    ]

@@ -33,7 +33,7 @@ class Rig(Part):
     gauges: Gauges = Field(default_factory=lambda: NO_GAUGES)
     """What rigd reads and the link's tests measure with; a cell that only a tracker measures needs none."""
     feedback: Feedback = Field(default_factory=NoFeedback)  # type: ignore[assignment]
-    """How rigd reads the joints; there with the gauges, or not at all."""
+    """How rigd reads the joints: there with the gauges, or alone for touches, or not at all."""
     ball: Ball | None = None
     link: Link | None = None
     temperature: Temperature | None = None
@@ -129,10 +129,9 @@ class Rig(Part):
 
     @model_validator(mode="after")
     def _read_together(self) -> Rig:
-        if bool(dict(self.gauges)) == isinstance(self.feedback, NoFeedback):
-            present, missing = ("gauges", "feedback") if dict(self.gauges) else ("feedback", "gauges")
-            problem = f"{present} without {missing}: rigd records both together"
-            raise ValueError(f"{problem}; add {missing}, or leave out {present} where a tracker alone measures")
+        if dict(self.gauges) and isinstance(self.feedback, NoFeedback):
+            problem = "gauges without feedback: rigd records both together"
+            raise ValueError(f"{problem}; add feedback, or leave out gauges where a tracker alone measures")
         return self
 
     @field_validator("automatic")

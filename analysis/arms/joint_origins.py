@@ -8,6 +8,8 @@ import numpy as np
 from analysis.kinematics.arm import Arm, Array, roll_pitch_yaw
 from rigs.errors import FileError
 
+RAIL_JOINT = "rail"
+"""The name of the joint that is a rail."""
 _ZERO = 1e-15
 """Metres and rad below which a number is the rounding of zero; a thousandth of what a file may differ from its arm."""
 
@@ -37,6 +39,13 @@ def joint_origins(arm: Arm) -> Array:
     turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = c, -s, s, c
     origins: Array = arm.links_at_zero @ turned
     return origins
+
+
+def rail_way(arm: Arm) -> Array:
+    """Return the direction (3,) of an arm's rail in the frame of its base."""
+    assert arm.rail is not None  # noqa: S101 - asked for rails alone
+    way: Array = arm.T_world_base[:3, :3].T @ arm.rail
+    return way / np.linalg.norm(way)
 
 
 def metres_and_rpy(T: Array) -> tuple[list[float], list[float]]:

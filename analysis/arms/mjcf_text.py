@@ -16,9 +16,9 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.arms.joint_origins import joint_origins, joint_senses
+from analysis.arms.joint_origins import RAIL_JOINT, joint_origins, joint_senses, rail_way
 from analysis.arms.urdf_text import require_names
-from analysis.kinematics.arm import Arm, Array
+from analysis.kinematics.arm import RAIL_MM, Arm, Array
 from rigs.schema.robot import JointAxis, Robot
 
 _HYPHENS = re.compile("-(?=-)")
@@ -58,10 +58,16 @@ def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: 
         root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))
     ElementTree.SubElement(root, "compiler", angle="radian")
     body = _body(ElementTree.SubElement(root, "worldbody"), "base_link", arm.T_world_base)
+    if robot.rail:
+        limits_m = _numbers([end / RAIL_MM for end in robot.rail.limits_mm])
+        slide = {"name": RAIL_JOINT, "type": "slide", "axis": _numbers(rail_way(arm)), "limited": "true"}
+        ElementTree.SubElement(body, "joint", slide | {"range": limits_m})
+        _inertia(body, _LEAST_KG)
     for number, (axis, sense, T) in enumerate(zip(robot.axes, senses, joint_origins(arm), strict=True), start=1):
         body = _body(body, f"link_{number}", T)
         payload_kg = robot.payload_kg if number == len(robot.axes) else 0.0
-        _inertia(body, axis, payload_kg)
+        kg = max(axis.mass_kg + payload_kg, _LEAST_KG)
+        _inertia(body, kg, np.array(axis.centre_mm) / 1000.0 * axis.mass_kg / kg)
         _hinges(body, axis, sense, number, traits)
     ElementTree.SubElement(body, "site", {"name": "tool"} | _place(arm.T_flange_tool))
     ElementTree.indent(root)
@@ -79,10 +85,8 @@ def _place(T: Array) -> dict[str, str]:
     return {"pos": _numbers(T[:3, 3] / 1000.0), "quat": _numbers(quaternion)}
 
 
-def _inertia(body: ElementTree.Element, axis: JointAxis, payload_kg: float) -> None:
-    """Add the mass of a link, the payload at the origin of the last, as a ball."""
-    kg = max(axis.mass_kg + payload_kg, _LEAST_KG)
-    centre_m = np.array(axis.centre_mm) / 1000.0 * axis.mass_kg / kg
+def _inertia(body: ElementTree.Element, kg: float, centre_m: Array | Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+    """Add the mass of a link, with a payload at its origin, as a ball."""
     radius_m = (3.0 * kg / (4.0 * np.pi * _DENSITY)) ** (1.0 / 3.0)
     moment = repr(float(0.4 * kg * radius_m**2))
     ElementTree.SubElement(

@@ -1,7 +1,8 @@
 """An arm as the text of a URDF: `world` → `base_link` → `link_1` … `link_6` → `flange` → `tool`.
 
-Joints have the names, senses and limits of the rig file and turn by the angles that the controller reports. A rig file
-knows masses and their centres, and no moments of inertia or torques: these are written as zero, and say so.
+Joints have the names, senses and limits of the rig file and turn by the angles that the controller reports. A rail is a
+prismatic joint between `rail_base`, which stands in the world, and `base_link`. A rig file knows masses and their
+centres, and no moments of inertia or torques: these are written as zero, and say so.
 """
 
 from __future__ import annotations
@@ -12,18 +13,21 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from analysis.arms.joint_origins import joint_origins, joint_senses, metres_and_rpy
-from analysis.kinematics.arm import Arm, Array
+from analysis.arms.joint_origins import RAIL_JOINT, joint_origins, joint_senses, metres_and_rpy, rail_way
+from analysis.kinematics.arm import RAIL_MM, Arm, Array
 from rigs.errors import FileError
-from rigs.schema.robot import JointAxis, Robot
+from rigs.schema.robot import JointAxis, Rail, Robot
 
 _FIXED = ("world-base_link", "link_6-flange", "flange-tool")
+_RAIL_M_S = 1.0
+"""What is written as the rail's speed, which a rig file does not know and a URDF must have."""
 _HYPHENS = re.compile("-(?=-)")
 """Two in a row end a comment of XML."""
 _HEAD = (
     "Lengths are in metres and angles in radians. Joints turn by the angles that the controller reports. Moments of "
     "inertia and torques are not known: they are written as 0."
 )
+_RAIL_HEAD = f"The joint {RAIL_JOINT} moves the arm in metres. Its speed is not known: it is written as 1 m/s."
 
 
 def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
@@ -35,11 +39,14 @@ def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -
     senses = joint_senses(arm, where, "a URDF")
     require_names(robot, where)
     root = ElementTree.Element("robot", name=robot.name)
-    for remark in (_HEAD, *remarks):
+    for remark in (_HEAD, *([_RAIL_HEAD] if robot.rail else []), *remarks):
         root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))
     _link(root, "world")
-    _link(root, "base_link")
-    _joint(root, _FIXED[0], "fixed", ("world", "base_link"), arm.T_world_base)
+    _link(root, stands := "rail_base" if robot.rail else "base_link")
+    _joint(root, _FIXED[0], "fixed", ("world", stands), arm.T_world_base)
+    if robot.rail:
+        _link(root, "base_link")
+        _sliding(_joint(root, RAIL_JOINT, "prismatic", (stands, "base_link"), np.eye(4)), robot.rail, rail_way(arm))
     before = "base_link"
     for k, (axis, sense, T) in enumerate(zip(robot.axes, senses, joint_origins(arm), strict=True), start=1):
         _link(root, link := f"link_{k}", axis.mass_kg, axis.centre_mm)
@@ -60,7 +67,7 @@ def require_names(robot: Robot, where: str) -> None:
         if not name.strip() or not name.isprintable():
             what = f"axis {k} has the name {name!r}, which no joint of a URDF can have"
             raise FileError(f"{where}, robot.axes", what, "give it a name of printable characters")
-        if name in (*names[: k - 1], *_FIXED):
+        if name in (*names[: k - 1], *_FIXED, *([RAIL_JOINT] if robot.rail else [])):
             raise FileError(f"{where}, robot.axes", f"two joints would be named {name!r}", "rename one of them")
     if not robot.name.isprintable():
         what = f"{robot.name!r} is a name that no URDF can have"
@@ -95,6 +102,13 @@ def _turning(joint: ElementTree.Element, axis: JointAxis, sense: int) -> None:
     ElementTree.SubElement(joint, "axis", xyz=f"0 0 {sense}")
     lower, upper, speed = (repr(float(np.radians(value))) for value in (*axis.limits_deg, axis.speed_deg_s))
     ElementTree.SubElement(joint, "limit", lower=lower, upper=upper, velocity=speed, effort="0.0")
+
+
+def _sliding(joint: ElementTree.Element, rail: Rail, way: Array) -> None:
+    """Add the axis and the limits of a rail, whose way (3,) is in the frame of the base."""
+    ElementTree.SubElement(joint, "axis", xyz=_numbers(way.tolist()))
+    lower, upper = (repr(end / RAIL_MM) for end in rail.limits_mm)
+    ElementTree.SubElement(joint, "limit", lower=lower, upper=upper, velocity=repr(_RAIL_M_S), effort="0.0")
 
 
 def _numbers(values: Sequence[float]) -> str:

@@ -64,7 +64,11 @@ def in_processes(
                     place, worker.place = worker.place, None
                     assert place is not None  # noqa: S101 - only those at work are listened to
                     try:
-                        outcomes[place] = outcome_of(items[place], _received(worker.line), deaths[place])
+                        # What the work gave. Raises EOFError where the process has died, and the bug that it ran into
+                        is_bug, answer = worker.line.recv()
+                        if is_bug:
+                            raise answer
+                        outcomes[place] = outcome_of(items[place], answer, deaths[place])
                     except (EOFError, ConnectionError):
                         workers.remove(worker)
                         _bury(worker)
@@ -114,14 +118,6 @@ def _heard(workers: Sequence[_Worker]) -> list[_Worker]:
     while not (lines := wait(at_work, _SIGNALS_S)):
         pass
     return [worker for worker in workers if worker.line in lines]
-
-
-def _received(line: Connection[Any, Any]) -> Any:
-    """What the work gave. Raises EOFError where the process has died, and the bug that it ran into."""
-    is_bug, answer = line.recv()
-    if is_bug:
-        raise answer
-    return answer
 
 
 def _bury(worker: _Worker) -> None:

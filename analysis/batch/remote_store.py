@@ -128,7 +128,7 @@ def is_plain(name: str) -> bool:
 def _explanation(where: RemotePath, error: Exception) -> RigError:
     kinds = {kind.__name__ for kind in type(error).__mro__}
     number = getattr(error, "errno", None)
-    message = _said(error)
+    message = _reason(error)
     cases: tuple[tuple[bool, type[RigError], str, str], ...] = (
         (
             isinstance(error, ImportError),
@@ -178,7 +178,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
     return kind(str(where), problem, remedy)
 
 
-def _said(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     """The words of an error, without what may be a password or a signature in a URL."""
     words = " ".join((getattr(error, "strerror", None) or str(error)).split()) or type(error).__name__
     words = re.sub(r"(://[^\s?]*)\?[^\s'\"]*", r"\1", re.sub(r"//[^/@\s]*@", "//", words))

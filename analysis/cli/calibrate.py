@@ -10,7 +10,7 @@ import typer
 from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, location
+from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, RunsElsewhere, location
 
 
 @command(app, "rig calibrate runs/* -o better.yaml")
@@ -32,14 +32,7 @@ def calibrate(
             help="Run directory or URL to judge by, not used to fit; repeatable; default: a fifth of the poses.",
         ),
     ] = None,
-    unseen: Annotated[
-        list[Path] | None,
-        typer.Option(
-            parser=location,
-            autocompletion=completion.runs,
-            help="Run directory or URL at another place or radius, to judge by; repeatable; default: none.",
-        ),
-    ] = None,
+    unseen: RunsElsewhere = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Rig file to write; NAME.calibration.json comes beside it; default: none."),

@@ -91,14 +91,15 @@ def _check_rig(rig_file: str) -> None:
     from analysis.noise.certificate import doubts_of
     from analysis.reporting.origins import begins_with, in_calibration
     from rigs.load import find, load
+    from rigs.schema.feedback import NoFeedback
 
     rig, _ = load(rig_file)
     tests, errors = feasible_tests(rig, rig_file)
     gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges.recorded.items())
     say(f"{find(rig_file)}: {'valid, but not all tests can be driven' if errors else 'good'}")
     places = "touches of sockets" if rig.tests.touch else "poses of a tracker"
-    read = f"{gauges}; robot by {rig.feedback.interface}" if gauges else f"no gauges: for {places}"
-    say(f"  {rig.robot.name}; {read}")
+    robot = "" if isinstance(rig.feedback, NoFeedback) else f"; robot by {rig.feedback.interface}"
+    say(f"  {rig.robot.name}; {gauges or f'no gauges: for {places}'}{robot}")
     if rig.effects:
         say(f"  the model starts with {begins_with(rig.effects)}")
     for line in in_calibration(rig.calibrated) if rig.calibrated else ():

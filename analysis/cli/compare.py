@@ -25,19 +25,15 @@ class _ManyAgainst(Command):
     """A command whose option --against takes all the runs that follow it, as a shell's wildcard gives them."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        return super().parse_args(ctx, _one_each(args))
-
-
-def _one_each(arguments: Sequence[str]) -> list[str]:
-    """The arguments with --against before each of the runs that follow it, up to the next option."""
-    words, is_against = [], False
-    for argument in arguments:
-        if argument.startswith("-"):
-            is_against = argument == _AGAINST
-            words += [] if is_against else [argument]
-        else:
-            words += [_AGAINST, argument] if is_against else [argument]
-    return [*words, _AGAINST] if arguments and arguments[-1] == _AGAINST else words
+        # The arguments with --against before each of the runs that follow it, up to the next option
+        words, is_against = [], False
+        for argument in args:
+            if argument.startswith("-"):
+                is_against = argument == _AGAINST
+                words += [] if is_against else [argument]
+            else:
+                words += [_AGAINST, argument] if is_against else [argument]
+        return super().parse_args(ctx, [*words, _AGAINST] if args and args[-1] == _AGAINST else words)
 
 
 @command(app, "rig compare runs/after-* --against runs/before-*", cls=_ManyAgainst)

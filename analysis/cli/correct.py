@@ -76,6 +76,15 @@ _Frames = Annotated[
     ),
 ]
 
+_Start = Annotated[
+    str | None,
+    typer.Option(
+        "--start-joints",
+        metavar="DEGREES",
+        help="Six joint angles, separated by commas, at which the arm stands whenever a program of --program begins: "
+        "the posture for a straight line before any joint move (UR, KUKA); default: not known.",
+    ),
+]
 
 _SAID = 20
 """So many targets that could not be corrected are said; corrections.yaml has all of them."""
@@ -94,6 +103,7 @@ def correct(
     programs: _Programs = None,
     tools: _Tools = None,
     frames: _Frames = None,
+    start: _Start = None,
     anyway: Anyway = False,
     whole: Annotated[
         bool, typer.Option("--all-or-nothing", help="Write only programs of which no target was left as it was.")
@@ -105,7 +115,7 @@ def correct(
     from analysis.cli.progress import progress_of
     from analysis.correction.controller_entries import scale_of
     from analysis.correction.correct import correct_rig, target_errors
-    from analysis.correction.corrected_program import Programs, frames_of
+    from analysis.correction.corrected_program import Programs, frames_of, start_of
     from analysis.correction.refusal import hold_verdict
     from analysis.reporting import correction_report
     from analysis.reporting.plain_console import PlainConsole
@@ -116,7 +126,7 @@ def correct(
     maker = maker or maker_of(rig.feedback.interface)
     factors = scale_of(scale)
     with named_by(rig_file, rig), progress_of("correcting"):
-        asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole)
+        asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole, start_of(start))
         corrections = correct_rig(rig, path, maker, factors, entered=entered, programs=asked)
         written = correction_report.write(corrections, directory)
     if as_json:

@@ -13,7 +13,7 @@ import typer
 from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, Scheduler, location
+from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, RunsElsewhere, Scheduler, location
 from rigs.errors import RigError, UseError
 from rigs.text import as_argument
 
@@ -34,14 +34,7 @@ def diagnose(
             help="Run directory or URL to judge by, not used to find effects; repeatable; default: none.",
         ),
     ] = None,
-    unseen: Annotated[
-        list[Path] | None,
-        typer.Option(
-            parser=location,
-            autocompletion=completion.runs,
-            help="Run directory or URL at another place or radius, to judge by; repeatable; default: none.",
-        ),
-    ] = None,
+    unseen: RunsElsewhere = None,
     tolerance_um: Annotated[
         float | None,
         typer.Option(
@@ -70,8 +63,12 @@ def diagnose(
     from analysis.cli.several import end_with, worst
     from rigs.load import load
 
-    if output:
-        _hold_writable(output)
+    if output:  # before anything is computed; what writes pictures is imported for it alone, as it takes half a second
+        from analysis.reporting.diagnosis_report import hold_empty
+        from analysis.reporting.html_page import is_page
+
+        if not is_page(output):
+            hold_empty(output)
     rig_and_text = load(rig_file) if rig_file else None
     errors: list[RigError] = []
 
@@ -92,16 +89,6 @@ def diagnose(
     if output:
         _write(diagnosis, measured, text, output, errors)
     end_with(worst(errors))
-
-
-def _hold_writable(output: Path) -> None:
-    """Raise FileError where the answer cannot be written, before anything is computed. What writes pictures is imported
-    only for it, since it takes half a second."""
-    from analysis.reporting.diagnosis_report import hold_empty
-    from analysis.reporting.html_page import is_page
-
-    if not is_page(output):
-        hold_empty(output)
 
 
 def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:
@@ -157,8 +144,8 @@ def _write(diagnosis: Diagnosis, measured: list[Measured], text: str, output: Pa
     if is_page(output):
         with progress_of() as progress:
             results = evaluate_runs(measured)
-            here = with_commands_here(diagnosis, output)
-            report = gather(results, diagnosis.rig, diagnosis=here, left_out=errors, progress=progress)
+            diagnosed = with_commands_here(diagnosis, output)
+            report = gather(results, diagnosis.rig, diagnosis=diagnosed, left_out=errors, progress=progress)
             written = [write_page(report, output)]
     else:
         written = write(diagnosis, text, output)

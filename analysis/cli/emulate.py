@@ -67,6 +67,7 @@ def emulate(
     from daq.emulators import emulated
     from rigs.errors import FileError, UseError
     from rigs.load import load, load_hidden, named_by
+    from rigs.signals import end_from
 
     if maker and programs is None:
         raise UseError("--for", "is for the controller that drives --programs", "give --programs as well")
@@ -92,7 +93,7 @@ def emulate(
         keyboard = Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put, say)
         keyboard.start()
         keyboard.read(has_person=has_keyboard())
-        exit_code = ends.get()
+        exit_code = end_from(ends)
     finally:
         sent = cell.stop()
         lock.release()

@@ -91,7 +91,7 @@ def export_urdf(
         text = _geometry(reader, rig, arm, rig_file, carried)
     write_section(text, output)
     say(carried, err=True)
-    if rig.robot.rail:
+    if rig.robot.rail and reader in ("ur-driver", "franka", "xarm"):
         say("The rail is not in this file: this is the arm where the rail stands at 0.", err=True)
     if reader == "ur-driver":
         _say_of_the_driver(calibration_hash)

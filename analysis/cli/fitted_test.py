@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Literal
 
@@ -64,24 +65,26 @@ def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: boo
     where = str(to.path or to.rig.name)
     text = with_test(to.text, fitted.test, fitted.values, where)
     doubts = [*fitted.doubts, *_not_drivable(parse(text, where))] if fitted.test == "circle" else list(fitted.doubts)
-    done = _written(to, text, write=write)  # first of all, since an error is one line alone
+    if not (write and to.path):
+        done = f"nothing is written: paste this, or give {'--write' if to.path else '--rig FILE --write'}"
+    elif text == to.text:
+        done = f"{to.path} has these values already"
+    else:
+        kept = _replace(to.path, to.text, text)
+        done = f"wrote {to.path}; as it was: {kept}; a rigd that runs knows the old one until it is started again"
     for doubt in doubts:
         say(doubt, err=True)
     if as_json:
         u = {f"{key}_deg" if key in _DIRECTIONS else key: _numbers(values) for key, values in fitted.u.items()}
         say_json({"test": fitted.test, **fitted.values, "u": u, "used": fitted.used, "doubts": doubts})
     else:
-        _print_block(fitted)
+        say("tests:")
+        first, *lines = block_of(fitted.test, fitted.values, 2).rstrip("\n").split("\n")
+        say(f"{first} # from {fitted.used}")
+        for line, key in zip(lines, fitted.values, strict=True):
+            unit = "°" if key in _DIRECTIONS else " mm"
+            say(f"{line} # u {u_written(fitted.u[key], unit)}" if key in fitted.u else line)
     say(done, err=True)
-
-
-def _print_block(fitted: FittedTest) -> None:
-    say("tests:")
-    first, *lines = block_of(fitted.test, fitted.values, 2).rstrip("\n").split("\n")
-    say(f"{first} # from {fitted.used}")
-    for line, key in zip(lines, fitted.values, strict=True):
-        unit = "°" if key in _DIRECTIONS else " mm"
-        say(f"{line} # u {u_written(fitted.u[key], unit)}" if key in fitted.u else line)
 
 
 def u_written(u: Sequence[float], unit: str) -> str:
@@ -97,23 +100,21 @@ def _numbers(u: Sequence[float]) -> float | list[float]:
     return numbers if len(numbers) > 1 else numbers[0]
 
 
-def _written(to: RigFile, text: str, *, write: bool) -> str:
-    """What was done with the rig file, in words: it is written where that is asked for and changes it."""
-    if not (write and to.path):
-        return f"nothing is written: paste this, or give {'--write' if to.path else '--rig FILE --write'}"
-    if text == to.text:
-        return f"{to.path} has these values already"
-    kept = _replace(to.path, to.text, text)
-    return f"wrote {to.path}; as it was: {kept}; a rigd that runs knows the old one until it is started again"
-
-
 def _not_drivable(rig: Rig) -> list[str]:
     error = _program_error(rig)
     if error is None:
         return []
-    possible = (posture for posture in _turned(rig) if _program_error(_with_posture(rig, posture)) is None)
-    posture = next(possible, None)
-    remedy = f"it can with posture_deg: {list(posture)}" if posture else error.remedy
+    circle, remedy = rig.tests.circle, error.remedy
+    assert circle is not None  # noqa: S101 - it was just fitted
+    # It may be able to with one axis a whole turn further or back.
+    for axis, turn_deg in product(range(len(circle.posture_deg)), (360.0, -360.0)):
+        posture = list(circle.posture_deg)
+        posture[axis] = round(posture[axis] + turn_deg, 2)
+        turned = circle.model_copy(update={"posture_deg": tuple(posture)})
+        tests = rig.tests.model_copy(update={"circle": turned})
+        if _program_error(rig.model_copy(update={"tests": tests})) is None:
+            remedy = f"it can with posture_deg: {posture}"
+            break
     return [f"the robot cannot drive a program of this circle: {error.what}; {remedy}"]
 
 
@@ -125,22 +126,6 @@ def _program_error(rig: Rig) -> RigError | None:
     except RigError as error:
         return error
     return None
-
-
-def _turned(rig: Rig) -> Iterator[tuple[float, ...]]:
-    """The posture of the circle in degrees with one axis a whole turn further or back."""
-    assert rig.tests.circle is not None  # noqa: S101 - it was just fitted
-    posture = rig.tests.circle.posture_deg
-    for axis in range(len(posture)):
-        for turn_deg in (360.0, -360.0):
-            turned = round(posture[axis] + turn_deg, 2)
-            yield (*posture[:axis], turned, *posture[axis + 1 :])
-
-
-def _with_posture(rig: Rig, posture_deg: tuple[float, ...]) -> Rig:
-    assert rig.tests.circle is not None  # noqa: S101 - it was just fitted
-    circle = rig.tests.circle.model_copy(update={"posture_deg": posture_deg})
-    return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
 
 
 def _replace(path: Path, old: str, new: str) -> Path:

@@ -78,11 +78,12 @@ def import_(
     from analysis.cli.import_map import mapped_run, needs_map
     from analysis.cli.progress import progress_of
     from analysis.files.bags import file_of
+    from analysis.files.table_map import MAPPED
     from analysis.files.write import refuse_existing
 
     if direction and test not in CIRCLES:
         raise UseError("--direction", f"a {test} test has no direction", "leave it out")
-    if topic and test != "pose":
+    if topic and test != MAPPED:
         raise UseError("--topic", f"is of poses, and the test is {test}", "leave it out")
     operator = operator_or_user(operator)
 

@@ -11,7 +11,7 @@ from analysis.cli.console import say
 from analysis.cli.progress import progress_of
 from analysis.files.imports import is_plain, propose_map, read_mapped
 from analysis.files.map_proposal import Proposal, Question, Reading
-from analysis.files.table_map import TableMap, load_map, map_text, value_text
+from analysis.files.table_map import MAPPED, TableMap, load_map, map_text, value_text
 from analysis.files.write import holding, write_new
 from analysis.setup.dialogue import Dialogue, has_keyboard
 from analysis.traces.table_layout import JointSource
@@ -29,7 +29,7 @@ def has_person() -> bool:
 
 def needs_map(table: Path, test: TestName) -> bool:
     """Return whether a file is no table of docs/tables.md and may be read by a map that is proposed."""
-    return test == "pose" and not is_plain(table, test)
+    return test == MAPPED and not is_plain(table, test)
 
 
 def mapped_run(
@@ -54,7 +54,7 @@ def mapped_run(
             raise UseError("--topic", "stands in the map already (topic of a file)", "leave it out, or change the map")
         if join and join != table_map.join:
             raise UseError("--join", f"is {join}, and the map joins by {table_map.join or 'nothing'}", "leave it out")
-    elif test != "pose":
+    elif test != MAPPED:
         raise UseError("--join", f"needs a map of a {test} table", "write one and give it with --map (docs/tables.md)")
     else:
         table_map = _proposed(files, rig_file, join, run, topic=topic, yes=yes)
@@ -82,19 +82,16 @@ def _proposed(files: Sequence[Path], rig_file: str, join: str, run: Path, *, top
         dialogue = Dialogue(lambda line: say(line, err=True), progress_of, True, sys.stdin, sys.stderr)
         while proposal.questions:
             question = proposal.questions[0]
-            chosen = dialogue.ask(_asked(question), "--map", _answer_of(question))
+            lines = [f"{question.key}: {question.asks}"]
+            lines += [f"  {number}  {reading.line()}" for number, reading in enumerate(question.readings, start=1)]
+            lines += [f"number, 1 to {len(question.readings)}"]
+            chosen = dialogue.ask("\n".join(lines), "--map", _answer_of(question))
             proposal = proposal.answered(question, chosen)
     proposal = proposal.assumed()
     say("read by this map, which the run keeps:", err=True)
     for line in map_text(proposal.table_map).splitlines():
         say(f"  {line}", err=True)
     return proposal.table_map
-
-
-def _asked(question: Question) -> str:
-    lines = [f"{question.key}: {question.asks}"]
-    lines += [f"  {number}  {reading.line()}" for number, reading in enumerate(question.readings, start=1)]
-    return "\n".join([*lines, f"number, 1 to {len(question.readings)}"])
 
 
 def _answer_of(question: Question) -> Callable[[str], Reading]:

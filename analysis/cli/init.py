@@ -12,6 +12,7 @@ import typer
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.progress import progress_of
+from rigs.schema.vocabulary import MeasuredBy
 
 if TYPE_CHECKING:
     from analysis.setup.answers import Options
@@ -24,10 +25,18 @@ _INTERRUPTED = 130
 def init(
     rig_file: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file to write.")] = Path("cell.yaml"),
     name: Annotated[str | None, typer.Option(help="Name of the rig; default: that of the file.")] = None,
+    measured_by: Annotated[
+        MeasuredBy,
+        typer.Option(
+            help="What measures: gauges and a ball link, a tracker's poses, or a ball in sockets; arms of four, five "
+            "and seven axes are measured without gauges."
+        ),
+    ] = "gauges",
     robot: Annotated[
         str | None,
         typer.Option(
-            metavar="ADDRESS", help="Host of the robot, tcp://host:port, or udp://address:port; default: asked for."
+            metavar="ADDRESS",
+            help="Host of the robot, tcp://host:port, or udp://address:port; none with sockets; default: asked for.",
         ),
     ] = None,
     port: Annotated[
@@ -93,7 +102,8 @@ def init(
     keys = keys_of(key or ())
     options = Options(
         path=rig_file,
-        name=name or _name_of(rig_file),
+        name=name or re.sub(r"[^a-z0-9_-]+", "-", rig_file.stem.lower()).strip("-_")[:63] or "cell",
+        measured_by=measured_by,
         robot=robot,
         ports=tuple(port or ()),
         places=places_of(g1, g2, keys),
@@ -144,17 +154,14 @@ def _found(options: Options) -> dict[str, object]:
     return {"ports_here": ports_here(), "ports": ports, "robots": robots}
 
 
-def _name_of(rig_file: Path) -> str:
-    """A rig's name from that of its file: lower case, digits, - and _."""
-    return re.sub(r"[^a-z0-9_-]+", "-", rig_file.stem.lower()).strip("-_")[:63] or "cell"
-
-
 def next_steps(rig_file: Path) -> list[str]:
     """Return what to do with a new rig file, a command a line."""
     from rigs.load import load
 
     rig, _ = load(rig_file)
     file = shlex.quote(str(rig_file))
+    if not rig.gauges.recorded:
+        return _without_gauges(rig, file)
     begin = [f"rigd {file}", "# in another terminal:", "rig live  # push each gauge once more, and jog the robot"]
     if rig.tests.circle is None:
         return [
@@ -166,6 +173,33 @@ def next_steps(rig_file: Path) -> list[str]:
         ]
     *lap, report = _first_lap(rig, file)
     return [*begin, *lap, f"rig circle fit runs/*first* --rig {file} --write", report]
+
+
+def _without_gauges(rig: Rig, file: str) -> list[str]:
+    """Return what to do where a tracker measures, or a ball in sockets, whose joints are read or typed."""
+    from rigs.schema.feedback import NoFeedback
+
+    if rig.tests.touch is None:
+        return [
+            f"rig plan {file} --poses 40 -o planned  # which poses show most",
+            f"rig import poses.csv --rig {file} --test pose -o runs/poses  # as the tracker wrote them",
+            "rig diagnose runs/poses -o found",
+        ]
+    touch = [f"rig parts {file} -o parts  # sockets and ball holder to print", f"rig plan {file} --tests touch"]
+    if isinstance(rig.feedback, NoFeedback):
+        return [
+            *touch,
+            f"# seat the ball in many postures, and write touches.csv: socket, q1_deg … q{len(rig.robot.axes)}_deg",
+            f"rig import touches.csv --rig {file} --test touch -o runs/first",
+            "rig diagnose runs/first -o found",
+        ]
+    return [
+        *touch,
+        f"rigd {file}",
+        "# in another terminal:",
+        "rig record touch first -o runs/first",
+        "rig diagnose runs/first -o found",
+    ]
 
 
 def _first_lap(rig: Rig, file: str) -> list[str]:

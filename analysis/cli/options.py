@@ -13,12 +13,12 @@ from analysis.cli import completion
 from rigs.schema.vocabulary import MAKERS, Direction, MakerName, direction_of, maker_named
 
 
-def location(given: str | Path) -> Path:
+def location(text: str | Path) -> Path:
     """What a person named, or a default: a path of this computer, or a URL. Raises FileError for a URL that cannot be
     taken."""
     from analysis.batch import remote_path
 
-    return remote_path.location(str(given))
+    return remote_path.location(str(text))
 
 
 def operator_or_user(operator: str) -> str:
@@ -47,15 +47,23 @@ RobotRunsBelow = Annotated[
         help=f"Run directories or URLs of one robot; {_STANDS_FOR}",
     ),
 ]
+RunsElsewhere = Annotated[
+    list[Path] | None,
+    typer.Option(
+        parser=location,
+        autocompletion=completion.runs,
+        help="Run directory or URL at another place or radius, to judge by; repeatable; default: none.",
+    ),
+]
 
 
-def _processes(given: str | int) -> int:
+def _processes(text: str | int) -> int:
     """A number of processes, 0 for one on each core. Raises typer.BadParameter."""
-    if given == "auto":
+    if text == "auto":
         return 0
-    if str(given).isdecimal():
-        return int(given)
-    raise typer.BadParameter(f"{given!r} is not a number of processes; give 1 or more, or auto")
+    if str(text).isdecimal():
+        return int(text)
+    raise typer.BadParameter(f"{text!r} is not a number of processes; give 1 or more, or auto")
 
 
 _ON_EACH = "0 or auto: one on each core."
@@ -71,30 +79,30 @@ Scheduler = Annotated[
 ]
 
 
-def _direction(given: str) -> Direction:
+def _direction(text: str) -> Direction:
     """A direction as people write it. Raises typer.BadParameter."""
-    direction = direction_of(given)
+    direction = direction_of(text)
     if direction is None:
-        raise typer.BadParameter(f"{given!r} is no direction; give acw (ccw) or cw")
+        raise typer.BadParameter(f"{text!r} is no direction; give acw (ccw) or cw")
     return direction
-
-
-def _directions() -> list[str]:
-    return ["acw", "cw"]
 
 
 def direction_option(meaning: str) -> Any:
     """The option --direction, with what it means for a command."""
     return typer.Option(
-        "--direction", metavar="<acw|cw>", parser=_direction, autocompletion=_directions, help=f"{meaning}; ccw is acw."
+        "--direction",
+        metavar="<acw|cw>",
+        parser=_direction,
+        autocompletion=lambda: ["acw", "cw"],
+        help=f"{meaning}; ccw is acw.",
     )
 
 
-def _maker(given: str) -> MakerName:
+def _maker(text: str) -> MakerName:
     """A maker as people write it. Raises typer.BadParameter."""
-    maker = maker_named(given)
+    maker = maker_named(text)
     if maker is None:
-        raise typer.BadParameter(f"{given!r} is no maker whose controllers are known; give {_one_of(MAKERS)}")
+        raise typer.BadParameter(f"{text!r} is no maker whose controllers are known; give {_one_of(MAKERS)}")
     return maker
 
 
@@ -102,14 +110,10 @@ def _one_of(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
-def _makers() -> list[str]:
-    return list(MAKERS)
-
-
 def maker_option(meaning: str, default: str = "") -> Any:
     """The option --for, with what it means for a command, and what stands for it where it is not given."""
     help_text = f"{meaning}: {_one_of(MAKERS)}" + (f"; default: {default}." if default else ".")
-    return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=_makers, help=help_text)
+    return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=lambda: list(MAKERS), help=help_text)
 
 
 RigArgument = Annotated[

@@ -12,7 +12,6 @@ from rigs.schema.vocabulary import MakerName
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
-    from analysis.geometry.iso_cube import Cube
     from rigs.rig import Rig
 
 
@@ -30,7 +29,12 @@ def program_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, 
         plans = [cube_plan(rig, dwell_s), *(path_plan(rig, percent) for percent in PERCENTS)]
         demands = [demand_of(plan) for plan in plans]
     paths = write_programs(maker, programs_of(maker, list(zip(plans, demands, strict=True))), directory)
-    say(_place(cube), err=True)
+    # Where the cube is, as a rig file states it
+    x, y, z = cube.centre_mm
+    posture = ", ".join(f"{angle:.4f}" for angle in np.degrees(cube.q[0]))
+    stated = f"{{centre_mm: [{x:.6g}, {y:.6g}, {z:.6g}], side_mm: {cube.side_mm:g}, posture_deg: [{posture}]}}"
+    keep = "; write it into the rig file, so that every run has the same" if cube.found else ""
+    say(f"tests.iso9283: {stated}{keep}", err=True)
     names = [rig.robot.axis_words(axis) for axis in range(1, len(rig.robot.axes) + 1)]
     for plan, demand in zip(plans, demands, strict=True):
         say(f"{plan.name}: {seconds_of(plan) / 60:.0f} min", err=True)
@@ -44,12 +48,3 @@ def program_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, 
     )
     say(f"  rig import STOPS.csv --rig {as_argument(rig_file)} --test pose -o runs/cube", err=True)
     say(f"  rig import PATH.csv --rig {as_argument(rig_file)} --test path -o runs/path-{PERCENTS[0]}", err=True)
-
-
-def _place(cube: Cube) -> str:
-    """Where the cube is, as a rig file states it."""
-    x, y, z = cube.centre_mm
-    posture = ", ".join(f"{angle:.4f}" for angle in np.degrees(cube.q[0]))
-    stated = f"{{centre_mm: [{x:.6g}, {y:.6g}, {z:.6g}], side_mm: {cube.side_mm:g}, posture_deg: [{posture}]}}"
-    keep = "; write it into the rig file, so that every run has the same" if cube.found else ""
-    return f"tests.iso9283: {stated}{keep}"

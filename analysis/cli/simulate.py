@@ -11,7 +11,7 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
 from analysis.cli.options import RigArgument, direction_option
-from rigs.schema.vocabulary import CIRCLES, Direction, SimulatedTest, TestName
+from rigs.schema.vocabulary import CIRCLES, OF_ISO9283, Direction, SimulatedTest, TestName
 
 
 @command(app, "rig simulate ur10e --test yaw --times 3 -o simulated")
@@ -41,7 +41,7 @@ def simulate(
         if direction:
             raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
         directions = (None,)
-    tests: tuple[TestName, ...] = ("pose", "path") if test == "iso9283" else (test,)
+    tests: tuple[TestName, ...] = OF_ISO9283 if test == "iso9283" else (test,)
     for number, way, kind in product(range(seed, seed + times), directions, tests):
         with progress_of(f"simulating {test}, seed {number}"):
             run = analysis.simulate(rig_file, kind, way, seed=number, effects=effects)

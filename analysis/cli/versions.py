@@ -41,10 +41,10 @@ def versions(
             say(f"{what}; compare them with {done.kept.name}", err=True, mark="note: ")
         say("next: correct the robot's targets and programs again: rig correct", err=True)
         return
-    found = versions_in(rig_file, folder or rig_file.parent)
+    versions_here = versions_in(rig_file, folder or rig_file.parent)
     if as_json:
-        say_json({"versions": [as_object(one) for one in found]})
+        say_json({"versions": [as_object(version) for version in versions_here]})
         return
-    PlainConsole().print(as_table(found))
-    if others := [one for one in found if not one.in_use]:
+    PlainConsole().print(as_table(versions_here))
+    if others := [version for version in versions_here if not version.in_use]:
         say(f"next: rig compare {as_argument(rig_file)} {as_argument(others[0].path)}", err=True)

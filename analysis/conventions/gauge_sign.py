@@ -22,6 +22,7 @@ from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.model.predict import Model, model_of, moved, nominal_setup, path_of, read
+from analysis.noise.readings import rms
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, Table
@@ -55,7 +56,8 @@ def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
     gauged = [run for run in runs if run.table.kind.gauges]
     groups: list[list[Measured]] = []
     for run in gauged:
-        group_of_run = next((group for group in groups if _same_cell(group[0], run)), None)
+        cell = run.rig.gauges, run.rig.robot
+        group_of_run = next((group for group in groups if (group[0].rig.gauges, group[0].rig.robot) == cell), None)
         if group_of_run is None:
             groups.append([run])
         else:
@@ -65,10 +67,6 @@ def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
         yield from by_effects
         if not by_effects:
             yield from _leading_play(group)
-
-
-def _same_cell(first: Measured, second: Measured) -> bool:
-    return first.rig.gauges == second.rig.gauges and first.rig.robot == second.rig.robot
 
 
 def _known_effects(run: Measured) -> Iterator[Finding]:
@@ -115,7 +113,7 @@ def _left_mm(model: Model, table: Table, sign: float) -> float:
     finite = np.isfinite(residual)
     design = np.stack([*slopes, *zeros], axis=1)[finite]
     residual = residual[finite] - design @ np.linalg.lstsq(design, residual[finite], rcond=None)[0]
-    return float(np.sqrt(np.mean(residual**2)))
+    return rms(residual)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ import numpy as np
 from analysis.conventions.finding import Finding, Misfit
 from analysis.geometry.pose_setup import PoseSetUp, fit_setup, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, without_setup
-from analysis.traces.tables import PoseTable, Table
+from analysis.noise.readings import rms
+from analysis.traces.tables import Table
 from rigs.rig import Rig
 
 _ZEROS_DEG = (90.0, -90.0, 180.0)
@@ -191,25 +192,25 @@ def judged_by_path(table: Table, rig: Rig) -> Verdict:
     return _decided(judged, as_labelled, np.inf) if judged else (None, as_labelled, [])
 
 
-def judged_by_poses(table: PoseTable, rig: Rig) -> Verdict:
-    """Which meaning of the joints brings an arm to the places, and with the turns, that were seen."""
-    bare = without_setup(arm_of(rig.robot))
-    verdict = _of_misfits(table, bare, with_turns=False)
-    return verdict if verdict[0] or table.rpy is None else _of_misfits(table, bare, with_turns=True)
-
-
-def _of_misfits(table: PoseTable, bare: Arm, *, with_turns: bool) -> Verdict:
-    few, many = (_some(table, rows) for rows in (_SCREENED, _JUDGED))
-    as_labelled = left_mm(many, bare, many.q, 100, with_turns=with_turns)
-    screened = sorted(
-        meanings(bare.axes), key=lambda meaning: left_mm(few, bare, meaning.of(few.q), _STEPS, with_turns=with_turns)
+def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Verdict:
+    """Which meaning of joints q (n, axes) rad brings an arm to places xyz_mm (n, 3), and with the turns rpy (n, 3) rad,
+    that were seen."""
+    bare, measured = without_setup(arm_of(rig.robot)), np.flatnonzero((xyz_mm != 0).any(axis=1))
+    few, many = (
+        measured[np.unique(np.linspace(0, len(measured) - 1, rows).astype(int))] for rows in (_SCREENED, _JUDGED)
     )
-    values = int(3 * _KEPT * len(table.q)) - 9
-    judged = [
-        _Judged(meaning, left_mm(many, bare, meaning.of(many.q), 100, with_turns=with_turns), values)
-        for meaning in screened[:_BEST]
-    ]
-    return _decided(judged, as_labelled, RIGHT_MM)
+
+    def verdict(turns: Array | None) -> Verdict:
+        def misfit(rows: Integers, joints: Array, steps: int) -> float:
+            return left_mm(bare, joints, xyz_mm[rows], steps, None if turns is None else turns[rows])
+
+        screened = sorted(meanings(bare.axes), key=lambda meaning: misfit(few, meaning.of(q[few]), _STEPS))
+        values = int(3 * _KEPT * len(q)) - 9
+        judged = [_Judged(meaning, misfit(many, meaning.of(q[many]), 100), values) for meaning in screened[:_BEST]]
+        return _decided(judged, misfit(many, q[many], 100), RIGHT_MM)
+
+    by_places = verdict(None)
+    return by_places if by_places[0] or rpy is None else verdict(rpy)
 
 
 def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> Verdict:
@@ -223,34 +224,24 @@ def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> 
     )
 
 
-def _some(table: PoseTable, rows: int) -> PoseTable:
-    """The table without lost places, and of many poses so many, evenly."""
-    measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
-    chosen = measured[np.unique(np.linspace(0, len(measured) - 1, rows).astype(int))]
-    rpy = None if table.rpy is None else table.rpy[chosen]
-    return PoseTable(table.q[chosen], table.xyz_mm[chosen], rpy)
+def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
+    """What the nearest of places xyz_mm (n, 3) leave, rms mm, with base and tool fitted to them, at joints q (n, axes)
+    rad; each turn of rpy (n, 3) rad counts as a length beside it."""
+    return fit_nearest(bare, q, xyz_mm, steps, rpy)[0]
 
 
-def left_mm(table: PoseTable, bare: Arm, q: Array, steps: int, *, with_turns: bool) -> float:
-    """What the nearest poses leave, rms mm, with base and tool fitted to them, at joints q (n, axes) rad; with turns,
-    each counts as a length beside it."""
-    return fit_nearest(table, bare, q, steps, with_turns=with_turns)[0]
-
-
-def fit_nearest(
-    table: PoseTable, bare: Arm, q: Array, steps: int, *, with_turns: bool
-) -> tuple[float, PoseSetUp, Integers]:
-    """What the nearest poses leave, as `left_mm`, the base and tool that are fitted to them, and their rows."""
+def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> tuple[float, PoseSetUp]:
+    """What the nearest places leave, as `left_mm`, and the base and tool that are fitted to them."""
     T = forward(bare, q)
     kept = np.arange(len(q))
     count = max(int(_KEPT * len(q)), 9)
     for _ in range(_ROUNDS if steps > _STEPS else 1):
-        setup = fit_setup(T[kept], table.xyz_mm[kept], steps)
-        distance = np.linalg.norm(position_error(T, table.xyz_mm, setup), axis=1)
-        if with_turns and table.rpy is not None:
-            distance = np.hypot(distance, _ARM_MM * _turned(T, table.rpy, setup.T_world_base, kept))
+        setup = fit_setup(T[kept], xyz_mm[kept], steps)
+        distance = np.linalg.norm(position_error(T, xyz_mm, setup), axis=1)
+        if rpy is not None:
+            distance = np.hypot(distance, _ARM_MM * _turned(T, rpy, setup.T_world_base, kept))
         kept = np.sort(np.argsort(distance)[:count])
-    return float(np.sqrt(np.mean(distance[kept] ** 2))), setup, kept
+    return rms(distance[kept]), setup
 
 
 def _turned(T: Array, rpy: Array, base: Array, kept: Integers) -> Array:

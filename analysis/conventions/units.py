@@ -175,11 +175,10 @@ def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
         return
     if len(table.q) >= FEWEST:
         kept = np.unique(np.linspace(0, len(table.q) - 1, _POSES).astype(int))
-        chosen = PoseTable(table.q[kept], table.xyz_mm[kept], None, rail=True)
 
         def misfit_mm(factor: float) -> float:
-            q: Array = chosen.q * np.append(np.ones(arm.axes), factor)
-            return left_mm(chosen, arm, q, _RAIL_STEPS, with_turns=False)
+            q: Array = table.q[kept] * np.append(np.ones(arm.axes), factor)
+            return left_mm(arm, q, table.xyz_mm[kept], _RAIL_STEPS)
 
         as_read = misfit_mm(1.0)
         for unit, factor in _MM.items() if as_read > CLEARLY * RIGHT_MM else ():
@@ -206,10 +205,10 @@ def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Fin
         return
     chosen = measured[np.unique(np.linspace(0, len(measured) - 1, _JUDGED).astype(int))]
     bare, q, xyz_mm = without_setup(arm_of(rig.robot)), table.q[chosen], table.xyz_mm[chosen]
-    as_labelled = left_mm(PoseTable(q, xyz_mm, None), bare, q, _MIRROR_STEPS, with_turns=False)
+    as_labelled = left_mm(bare, q, xyz_mm, _MIRROR_STEPS)
     if as_labelled < RIGHT_MM:
         return
-    mirrored = left_mm(PoseTable(q, xyz_mm * _MIRROR, None), bare, q, _MIRROR_STEPS, with_turns=False)
+    mirrored = left_mm(bare, q, xyz_mm * _MIRROR, _MIRROR_STEPS)
     if mirrored > RIGHT_MM or as_labelled < CLEARLY * mirrored:
         return
     what = (

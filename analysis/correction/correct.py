@@ -112,7 +112,8 @@ def correct_rig(
     zeros, constants = joint_zeros(rig, found), link_constants(rig, found)
     targets = _targets(rig, found, path, entries if entered else None) if path else None
     filtered = tuple(
-        correct_program(rig, found, program, programs.frames, scale, whole=programs.whole) for program in programs.paths
+        correct_program(rig, found, program, programs.frames, scale, whole=programs.whole, start=programs.start)
+        for program in programs.paths
     )
     work = _work(rig, found)
     return Corrections(rig, tuple(found), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered)

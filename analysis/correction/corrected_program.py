@@ -29,7 +29,7 @@ from analysis.makers.numbers import (
 )
 from analysis.makers.postures import agreeing, solved
 from analysis.makers.reading import ProgramReader, as_bytes, read_program
-from analysis.makers.target import Left, Named, Number, Parsed, Reason, Target, Texts
+from analysis.makers.target import AT_BEGIN, Left, Named, Number, Parsed, Reason, Target, Texts
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.robot import Pose, Robot
@@ -44,6 +44,8 @@ singularity."""
 _HOW = "give NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
 _FARTHEST_MM = 1e6
 """A frame farther away than a kilometre is a typing error."""
+_MOST_TURNED_DEG = 1000.0
+"""No joint turns farther: arms have less than three turns."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +62,13 @@ NO_FRAMES = Frames({}, {})
 
 @dataclass(frozen=True)
 class Programs:
-    """Programs to correct, the tools and frames that a person states for them, and whether only whole ones, of which no
-    target is left as it was, are written."""
+    """Programs to correct, the tools and frames that a person states for them, whether only whole ones, of which no
+    target is left as it was, are written, and the joint angles (6,) rad at which the arm stands when they begin."""
 
     paths: Sequence[Path] = ()
     frames: Frames = NO_FRAMES
     whole: bool = False
+    start: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,8 @@ class CorrectedProgram:
     off. `left` is what stayed as it was. `beside_left_mm` (m,) is how far corrected targets moved against a neighbour
     that was left, for each move between two such. `sources` are the names of the files that `left` counts, and
     `overruled` the tools and frames that a person stated, and that the program gives other numbers. Where it is `held`,
-    the program is not written, since it would be half corrected.
+    the program is not written, since it would be half corrected. `start` are the joint angles (6,) rad at which a
+    person states that the arm stands when it begins, where a target's posture can come from them.
     """
 
     path: Path
@@ -97,6 +101,7 @@ class CorrectedProgram:
     sources: tuple[str, ...]
     overruled: tuple[Named, ...]
     held: bool = False
+    start: tuple[float, ...] | None = None
 
 
 def correct_program(
@@ -107,9 +112,11 @@ def correct_program(
     scale: Sequence[float] | None,
     *,
     whole: bool = False,
+    start: tuple[float, ...] | None = None,
 ) -> CorrectedProgram:
     """Return a program with the targets that can be corrected for the effects of a rig; with `whole` it is held where
-    any that a move uses cannot. Raises FileError for a file that is no program."""
+    any that a move uses cannot. `start` (6,) rad is where the arm stands whenever the program begins. Raises
+    FileError for a file that is no program."""
     maker, texts = read_program(path)
     reader = maker.reader
     parsed = reader.parse(texts)
@@ -125,7 +132,7 @@ def correct_program(
             angles[k] = place
         else:
             poses[k] = _in_world(arm, located[k], place)
-    q, unsolved = solved(arm, targets, poses, angles, parsed.steps)
+    q, unsolved = solved(arm, targets, poses, angles, parsed.steps, start)
     reasons |= unsolved
     beyond = ((q < arm.limits[:, 0] - 1e-9) | (q > arm.limits[:, 1] + 1e-9)).any(axis=1)
     reasons |= {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
@@ -166,6 +173,7 @@ def correct_program(
         texts.names,
         tuple(named for named in parsed.sets if _otherwise(named, frames)),
         whole and any(target.reason != "unused" for target in everything),
+        start if any(AT_BEGIN in step.comes_from for step in parsed.steps) else None,
     )
 
 
@@ -174,7 +182,7 @@ def _beside_left(parsed: Parsed, kept: set[int]) -> list[int]:
     base = [k if target.of is None else target.of for k, target in enumerate(parsed.targets)]
     ends_kept = [base[k] for k in parsed.next_to_left]
     for step in parsed.steps:
-        ends = [(base[step.target], base[previous]) for previous in step.comes_from if previous is not None]
+        ends = [(base[step.target], base[k]) for k in step.comes_from if k not in (None, AT_BEGIN)]
         ends_kept += [
             first if first in kept else second for first, second in ends if (first in kept) != (second in kept)
         ]
@@ -377,10 +385,22 @@ def _named(option: str, text: str, of_rig: Array | None) -> tuple[str, Array]:
         return name.lower(), of_rig
     if values == "0":
         return name.lower(), np.eye(4)
-    try:
-        numbers = [float(value) for value in values.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != 6 or not all(abs(value) < _FARTHEST_MM for value in numbers):
-        raise UseError(f"{option} {text}", "is not six numbers", _HOW)
+    numbers = _six(f"{option} {text}", values, _FARTHEST_MM, _HOW)
     return name.lower(), transform(Pose(xyz_mm=tuple(numbers[:3]), rpy_deg=tuple(numbers[3:])))
+
+
+def start_of(text: str | None) -> tuple[float, ...] | None:
+    """Return the joint angles (6,) rad of a text "deg,deg,…", None for none. Raises UseError for anything else."""
+    how = "give the six joint angles in degrees at which the arm stands whenever the program begins"
+    numbers = () if text is None else _six(f"--start-joints {text}", text, _MOST_TURNED_DEG, how)
+    return tuple(np.radians(numbers).tolist()) or None
+
+
+def _six(argument: str, text: str, limit: float, how: str) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(value) for value in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 6 or not all(abs(value) < limit for value in numbers):
+        raise UseError(argument, "is not six numbers", how)
+    return numbers

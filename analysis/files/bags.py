@@ -114,8 +114,8 @@ class McapBag:
         size = max(chunk.uncompressed_size, _frame_bytes(chunk))
         remedy = "record the topics of joints and gauges alone, or import it in several runs"
         if before + size > _MOST_UNPACKED:
-            what = f"stands for more than {_MOST_UNPACKED / 1e9:g} GB once it is unpacked"
-            raise FileError(self.where, what, remedy)
+            problem = f"stands for more than {_MOST_UNPACKED / 1e9:g} GB once it is unpacked"
+            raise FileError(self.where, problem, remedy)
         if size > _MOST_OF_CHUNK:
             raise FileError(self.where, f"holds a chunk of more than {_MOST_OF_CHUNK / 1e6:g} MB", remedy)
         return size
@@ -147,12 +147,10 @@ def _frame_bytes(chunk: Chunk) -> int:
     """Return the bytes that the frame of a compressed chunk unpacks to, as far as that is known before."""
     if chunk.compression == "zstd":
         return int(zstandard.frame_content_size(chunk.data))  # -1: unknown, and unpacked no further than the chunk says
-    return _lz4_bytes(chunk.data) if chunk.compression == "lz4" else len(chunk.data)
-
-
-def _lz4_bytes(data: bytes) -> int:
-    """Return the bytes that an lz4 frame unpacks to, a piece at a time: it need not state them."""
-    frame, total = lz4.frame.LZ4FrameDecompressor(), 0
+    if chunk.compression != "lz4":
+        return len(chunk.data)
+    # A piece at a time: an lz4 frame need not state it.
+    frame, total, data = lz4.frame.LZ4FrameDecompressor(), 0, chunk.data
     while not frame.eof and total <= _MOST_UNPACKED:
         piece = frame.decompress(data, max_length=_PIECE)
         if not piece and frame.needs_input:
@@ -227,9 +225,9 @@ def file_of(path: Path) -> Path:
             remedy = f"write it into the bag: sqlite3 {as_argument(str(files[0]))} 'PRAGMA wal_checkpoint(TRUNCATE)'"
             raise FileError(str(files[0]), f"was not closed: its last messages are in {log.name}", remedy)
         return files[0]
-    what = f"is a directory with {len(files) or 'no'} files of a bag ({' or '.join(_SUFFIXES)})"
+    problem = f"is a directory with {len(files) or 'no'} files of a bag ({' or '.join(_SUFFIXES)})"
     remedy = "make one bag of them: ros2 bag convert" if files else "give the file, or the directory of ros2 bag record"
-    raise FileError(str(path), what, remedy)
+    raise FileError(str(path), problem, remedy)
 
 
 def messages_of(bag: Bag) -> Iterator[Found]:

@@ -38,8 +38,10 @@ class TableProblem:
     message: str
 
     def __str__(self) -> str:
-        place = f"line {self.line}, {_plain(self.column)}" if self.column else f"line {self.line}"
-        return f"{place}: {self.message}"
+        if not self.column:
+            return f"line {self.line}: {self.message}"
+        column = self.column if self.column.isprintable() else quoted(self.column)
+        return f"line {self.line}, {column}: {self.message}"
 
 
 @dataclass
@@ -91,10 +93,6 @@ def quoted(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:37] + "…")
 
 
-def _plain(column: str) -> str:
-    return column if column.isprintable() else quoted(column)
-
-
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _COUNT = re.compile(r"\+?[0-9]{1,9}(\.0*)?")
 _OF_NUMBERS = re.compile(r"[0-9+\-.eE \t,]*")
@@ -137,19 +135,16 @@ def numbers(texts: Sequence[str]) -> Array | None:
 
 def _number(text: str) -> float:
     if not _NUMBER.fullmatch(text):
-        raise ValueError(f"{quoted(text)} is {_what_it_is(text)}")
+        problem = "not a number"
+        if re.fullmatch(r"[+-]?(nan|inf|infinity)(\(.*\))?", text, re.IGNORECASE):
+            problem = "not a finite number"
+        elif re.fullmatch(r"[+-]?[0-9]+,[0-9]+", text):
+            problem = f"written with a decimal comma; write {text.replace(',', '.')}"
+        raise ValueError(f"{quoted(text)} is {problem}")
     number = float(text)
     if abs(number) > LARGEST:
         raise ValueError(f"{quoted(text)} is too large for a measured value; check the unit")
     return number
-
-
-def _what_it_is(text: str) -> str:
-    if re.fullmatch(r"[+-]?(nan|inf|infinity)(\(.*\))?", text, re.IGNORECASE):
-        return "not a finite number"
-    if re.fullmatch(r"[+-]?[0-9]+,[0-9]+", text):
-        return f"written with a decimal comma; write {text.replace(',', '.')}"
-    return "not a number"
 
 
 def _count(text: str) -> int:

@@ -45,8 +45,8 @@ def controller_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None, whe
     if fitted.spare < _SPARE:
         raise FileError(where, f"has {len(q)} poses, too few for the constants of the arm", "give 20, all joints moved")
     if fitted.rms_mm > _LEFT_MM:
-        what = f"no constants of {arm.name} put the flange there: {fitted.rms_mm:.3g} mm remain"
-        raise FileError(where, what, "set the controller's tool to none, and give its flange poses and its joints")
+        problem = f"no constants of {arm.name} put the flange there: {fitted.rms_mm:.3g} mm remain"
+        raise FileError(where, problem, "set the controller's tool to none, and give its flange poses and its joints")
     axes = tuple(
         axis.model_copy(
             update={

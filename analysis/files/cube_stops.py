@@ -35,13 +35,13 @@ def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
     xyz_mm = raw.numbers(place.columns) * TO_MM[place.unit]
     pose = poses_of_stops(xyz_mm, cube)
     if pose is None:
-        what = "has no columns of joints, and its places are no stops of the cube, P5 P4 P3 P2 P1 in turn"
+        problem = "has no columns of joints, and its places are no stops of the cube, P5 P4 P3 P2 P1 in turn"
         remedy = "check tests.iso9283 of the rig file and the unit; of other poses add the joint angles (--join)"
-        raise FileError(raw.where, what, remedy)
+        raise FileError(raw.where, problem, remedy)
     if (pose == 0).any():
-        what = "this place is none of the cube's poses"
+        problem = "this place is none of the cube's poses"
         lines = raw.lines[pose == 0].tolist()
-        raise TableFileError(raw.where, [TableProblem(line, place.columns[0], what) for line in lines[:20]])
+        raise TableFileError(raw.where, [TableProblem(line, place.columns[0], problem) for line in lines[:20]])
     columns = dict(zip(joint_columns(cube.q.shape[1]), np.degrees(cube.q[pose - 1]).T, strict=True))
     cells = raw.cells
     for name, values in columns.items():
@@ -70,7 +70,13 @@ def poses_of_stops(xyz_mm: Array, cube: Cube) -> Integers | None:
         named = np.zeros(len(middles), dtype=np.int64)
         named[largest] = names
         pose = named[heap]
-        share = _in_order(pose[pose > 0])
+        # The share of steps that lead to the next pose of a cycle
+        visited = pose[pose > 0]
+        follows = {pose_number: ORDER[(place + 1) % len(ORDER)] for place, pose_number in enumerate(ORDER)}
+        steps = [
+            follows[before] == after for before, after in zip(visited[:-1].tolist(), visited[1:].tolist(), strict=True)
+        ]
+        share = float(np.mean(steps)) if steps else 0.0
         if share > most:
             best, most = pose, share
     return best
@@ -88,10 +94,3 @@ def _heaps(xyz_mm: Array, radius_mm: float) -> tuple[Integers, Array]:
             heap[row] = len(first)
             first.append(place)
     return heap, np.array([xyz_mm[heap == number].mean(axis=0) for number in range(len(first))])
-
-
-def _in_order(pose: Integers) -> float:
-    """The share of steps that lead to the next pose of a cycle."""
-    follows = {pose_number: ORDER[(place + 1) % len(ORDER)] for place, pose_number in enumerate(ORDER)}
-    steps = [follows[before] == after for before, after in zip(pose[:-1].tolist(), pose[1:].tolist(), strict=True)]
-    return float(np.mean(steps)) if steps else 0.0

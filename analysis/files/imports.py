@@ -17,13 +17,12 @@ from analysis.files.pose_bag import stands_of_bag
 from analysis.files.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
 from analysis.files.read import read_file, read_whole
 from analysis.files.sequence import check_sequence
-from analysis.files.table_map import TableMap, map_text
+from analysis.files.table_map import MAPPED, TableMap, map_text
 from analysis.geometry.iso_cube import cube_of
 from analysis.measures.checks import hold_alive
 from analysis.traces.kind import kind_named
 from analysis.traces.loading import Measured, measured_of
 from analysis.traces.table_layout import PLACE, JointSource
-from analysis.traces.tables import Table
 from daq.store import Run, table_run
 from rigs.errors import FileError, UseError
 from rigs.load import load
@@ -66,12 +65,12 @@ def is_plain(path: Path, test: TestName) -> bool:
     """Whether a file begins with the columns of docs/tables.md, or is a bag of a circle: it is read without a map."""
     data = read_whole(path)
     if is_bag(data):
-        return test != "pose"
+        return test != MAPPED
     names = {
         name.strip().strip('"') for name in data[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace").split(",")
     }
     ours = names & set(kind_named(test).layout().required)
-    return len(ours) > 1 and (test != "pose" or bool(ours - set(PLACE)))
+    return len(ours) > 1 and (test != MAPPED or bool(ours - set(PLACE)))
 
 
 def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", topic: str = "") -> Proposal:
@@ -200,16 +199,12 @@ def _held(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
     """A run held against the rig, with what an evaluation will refuse among its doubts."""
     measured = measured_of(run, rig)
     refuse_impossible(measured, where)
-    reasons = (*doubts, *_doubts(measured.table, rig, where), *measured.doubts)
-    return replace(measured, doubts=doubts_of(replace(measured, doubts=reasons)))
-
-
-def _doubts(table: Table, rig: Rig, where: str) -> list[str]:
-    """What an evaluation will refuse: it is better reported now."""
+    refused, table = [], measured.table
     try:
         table.kind.hold_evaluable(table, rig, where)
         columns = zip(table.kind.gauges, table.kind.readings(table).T, strict=False)
         hold_alive(where, **{f"{gauge}_mm": column for gauge, column in columns})
-    except FileError as error:
-        return [str(error)]
-    return []
+    except FileError as error:  # it is better reported now
+        refused = [str(error)]
+    reasons = (*doubts, *refused, *measured.doubts)
+    return replace(measured, doubts=doubts_of(replace(measured, doubts=reasons)))

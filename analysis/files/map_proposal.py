@@ -19,12 +19,11 @@ from analysis.conventions.place import OF_CONTROLLER
 from analysis.files.cells import TableFileError
 from analysis.files.column_groups import Group, Groups, Seen, groups_of, is_of_controller
 from analysis.files.cube_stops import with_joints
-from analysis.files.mapped import fits_in_parts, meant, poses_of
+from analysis.files.mapped import fits_in_parts, meant, poses_of, spread_of
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, Angles, Layout, Lengths, Residual, TableMap, Turn
 from analysis.geometry.iso_cube import cube_of
 from analysis.kinematics.arm import Arm, arm_of, forward, without_setup
-from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -135,11 +134,11 @@ class _Judge:
         except TableFileError:
             return nothing
         sound = (poses.xyz_mm != 0).any(axis=1)
-        table = PoseTable(poses.q[sound], poses.xyz_mm[sound], None)
-        if len(table.q) < FEWEST or np.abs(table.xyz_mm).max() > _FARTHEST_MM:
+        q, xyz_mm = poses.q[sound], poses.xyz_mm[sound]
+        if len(q) < FEWEST or np.abs(xyz_mm).max() > _FARTHEST_MM:
             return nothing
-        apart = float(np.sqrt(((table.xyz_mm - table.xyz_mm.mean(axis=0)) ** 2).sum(axis=1).mean()))
-        rms_mm = left_mm(table, self.bare, table.q, steps, with_turns=False)
+        apart = spread_of(xyz_mm)
+        rms_mm = left_mm(self.bare, q, xyz_mm, steps)
         return Reading(table_map, rms_mm, "mm", words, rms_mm / apart if apart else np.inf)
 
 
@@ -446,7 +445,7 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
 
     base = poses_of(judge.raw, table_map)
     T = forward(judge.bare, base.q)
-    setup = fit_nearest(PoseTable(base.q, base.xyz_mm, None), judge.bare, base.q, _STEPS, with_turns=False)[1]
+    setup = fit_nearest(judge.bare, base.q, base.xyz_mm, _STEPS)[1]
     R_base = setup.T_world_base[:3, :3]
     readings = []
     for turn in _turns(seen):

@@ -19,11 +19,10 @@ import pyarrow as pa
 from analysis.conventions.joints import FEWEST, RIGHT_MM, RIGHT_SHARE, Meaning, left_mm, meanings
 from analysis.files.cells import Problems, TableFileError, TableProblem, value
 from analysis.files.raw_table import RawTable
-from analysis.files.table_map import TO_MM, TO_UNIT, Angles, TableMap, Turn
+from analysis.files.table_map import MAPPED, TO_MM, TO_UNIT, Angles, TableMap, Turn
 from analysis.kinematics.arm import Arm, Array, forward
 from analysis.traces.kind import kind_named
 from analysis.traces.table_layout import COUNTS, PLACE, TURN, WORDS, joint_columns
-from analysis.traces.tables import PoseTable
 from daq.store.chunk import table_schema
 from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import Direction, TestName
@@ -45,10 +44,6 @@ class MappedPoses:
     xyz_mm: Array
     turn: Rotation | None
     commanded: Array | None
-
-    def table(self) -> PoseTable:
-        """The poses as they are evaluated."""
-        return PoseTable(self.q, self.xyz_mm, None if self.turn is None else self.turn.as_euler("xyz"))
 
 
 def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
@@ -124,7 +119,7 @@ def table_by(
     raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None = None
 ) -> pa.Table:
     """The table of docs/tables.md of a test, with every other column of the file as the text it is."""
-    named = _poses(raw, table_map, axes) if test == "pose" else _named(raw, table_map, test, direction)
+    named = _poses(raw, table_map, axes) if test == MAPPED else _named(raw, table_map, test, direction)
     used = set(table_map.used())
     for name in raw.names:
         if name not in used:
@@ -232,14 +227,14 @@ def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[Meant]:
     q, xyz_mm = poses.q[sound], poses.xyz_mm[sound]
     if len(q) < FEWEST:
         return []
-    apart, reach = _spread(xyz_mm), _spread(forward(bare, q)[:, :3, 3])
+    apart, reach = spread_of(xyz_mm), spread_of(forward(bare, q)[:, :3, 3])
     if not 1 / _ALIKE < apart / max(reach, 1e-9) < _ALIKE:
         return []
 
     def judged(way: tuple[TableMap, Meaning | None, str, str], steps: int) -> Meant:
         table_map, meaning, words, remedy = way
         seen = xyz_mm if meaning else xyz_mm @ np.diag([-1.0 if letter == _MIRROR else 1.0 for letter in "xyz"])
-        rms_mm = left_mm(PoseTable(q, seen, None), bare, meaning.of(q) if meaning else q, steps, with_turns=False)
+        rms_mm = left_mm(bare, meaning.of(q) if meaning else q, seen, steps)
         return Meant(table_map, rms_mm, rms_mm / apart, words, remedy)
 
     ways = list(_ways(base, bare.axes))
@@ -261,8 +256,8 @@ def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
         q, xyz_mm = poses.q[rows & measured], poses.xyz_mm[rows & measured]
         if len(q) < FEWEST:
             continue
-        rms_mm = left_mm(PoseTable(q, xyz_mm, None), bare, q, _ALL_STEPS, with_turns=False)
-        if rms_mm < min(RIGHT_MM, RIGHT_SHARE * _spread(xyz_mm)):
+        rms_mm = left_mm(bare, q, xyz_mm, _ALL_STEPS)
+        if rms_mm < min(RIGHT_MM, RIGHT_SHARE * spread_of(xyz_mm)):
             return f"{words}, which leave {rms_mm:.2g} mm"
     return ""
 
@@ -286,5 +281,6 @@ def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None,
         yield base.model_copy(update={"joints": joints}), meaning, meaning.words, ""
 
 
-def _spread(places: Array) -> float:
+def spread_of(places: Array) -> float:
+    """Return how far places (n, 3) mm lie apart, rms from their middle."""
     return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))

@@ -101,8 +101,11 @@ def write_mcap(run: Run, file: BinaryIO) -> None:
     began = run.manifest.clock.unix_ns
     writer.add_attachment(began, began, "rig.yaml", "application/yaml", run.manifest.rig_text.encode())
     writer.add_attachment(began, began, "manifest.json", "application/json", run.manifest.to_json())
-    tables = _tables(run)
-    streams = [_messages(table, _channel(writer, name, table), name, run) for name, table in tables.items()]
+    tables, streams = _tables(run), []
+    for name, table in tables.items():
+        properties = {field.name: {"type": _JSON_TYPES[str(field.type)]} for field in table.schema}
+        schema = {"type": "object", "title": name, "properties": properties}
+        streams.append(_messages(table, _channel(writer, f"/{name}", f"rig.{name}", schema), name, run))
     streams += _arm(writer, run, tables)
     for message in heapq.merge(*streams):
         data = json.dumps(message.values, allow_nan=False).encode()
@@ -121,7 +124,7 @@ def _arm(writer: Writer, run: Run, tables: Mapping[str, pa.Table]) -> list[Itera
         return []
     began = run.manifest.clock.unix_ns
     writer.add_attachment(began, began, "robot.urdf", "application/xml", urdf.encode())
-    joints, described = (_json_channel(writer, *channel) for channel in _ARM_CHANNELS)
+    joints, described = (_channel(writer, topic, schema, SCHEMAS[schema]) for topic, schema in _ARM_CHANNELS)
     times = _log_times(name, tables[name], run)
     first_ns = int(times.min(initial=_END_NS - 1)) if len(times) else began
     return [iter([_Message(first_ns, described, 0, {"data": urdf})]), _angles(tables[name], times, joints, rig)]
@@ -134,13 +137,6 @@ def _angles(table: pa.Table, times: NDArray[np.uint64], channel: int, rig: Rig) 
     for number in np.argsort(times, kind="stable").tolist():
         at_ns = int(times[number])
         yield _Message(at_ns, channel, number, joint_states(names, q_deg[number].tolist(), at_ns))
-
-
-def _json_channel(writer: Writer, topic: str, schema: str) -> int:
-    text = json.dumps(SCHEMAS[schema]).encode()
-    return writer.register_channel(
-        topic, MessageEncoding.JSON, writer.register_schema(schema, SchemaEncoding.JSONSchema, text)
-    )
 
 
 def _tables(run: Run) -> dict[str, pa.Table]:
@@ -156,11 +152,9 @@ def _tables(run: Run) -> dict[str, pa.Table]:
     return {**streams, FAULTS: pa.Table.from_pylist(run.faults, schema=fault_schema)}
 
 
-def _channel(writer: Writer, name: str, table: pa.Table) -> int:
-    properties = {field.name: {"type": _JSON_TYPES[str(field.type)]} for field in table.schema}
-    schema = {"type": "object", "title": name, "properties": properties}
-    schema_id = writer.register_schema(f"rig.{name}", SchemaEncoding.JSONSchema, json.dumps(schema).encode())
-    return writer.register_channel(f"/{name}", MessageEncoding.JSON, schema_id)
+def _channel(writer: Writer, topic: str, name: str, schema: Mapping[str, Any]) -> int:
+    schema_id = writer.register_schema(name, SchemaEncoding.JSONSchema, json.dumps(schema).encode())
+    return writer.register_channel(topic, MessageEncoding.JSON, schema_id)
 
 
 def _messages(table: pa.Table, channel: int, name: str, run: Run) -> Iterator[_Message]:
@@ -194,6 +188,6 @@ def _log_times(name: str, table: pa.Table, run: Run) -> NDArray[np.uint64]:
     since_ns = (t_s - t_s.min(initial=0.0)) * 1e9
     beyond = np.flatnonzero(~(since_ns < _END_NS))
     if beyond.size:
-        what = f"t_s of {t_s[beyond[0]]:g} s lies beyond the year 2554, the last that MCAP can store"
-        raise FileError(str(run.path), what, "import it with t_s in seconds, or export it as csv or parquet")
+        problem = f"t_s of {t_s[beyond[0]]:g} s lies beyond the year 2554, the last that MCAP can store"
+        raise FileError(str(run.path), problem, "import it with t_s in seconds, or export it as csv or parquet")
     return np.asarray(np.rint(since_ns), dtype=np.uint64)

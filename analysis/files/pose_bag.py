@@ -135,9 +135,9 @@ def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _
     if topic not in joint_topics:
         has = ", ".join(sorted({f"{message.topic} ({message.kind})" for message in messages}))[:300] or "no messages"
         if len(joint_topics) > 1 and not ros:
-            what = f"holds the joints of {len(joint_topics)} arms, on {', '.join(sorted(joint_topics))[:300]}"
+            problem = f"holds the joints of {len(joint_topics)} arms, on {', '.join(sorted(joint_topics))[:300]}"
             remedy = "name the topic of the one that was measured in the rig file: feedback: {interface: "
-            raise FileError(where, what, f"{remedy}ros2_joint_states, topic: …, joints: […]}}")
+            raise FileError(where, problem, f"{remedy}ros2_joint_states, topic: …, joints: […]}}")
         raise FileError(where, f"has no {JOINT_STATE} on {topic}; it has {has}", "name the topic in the rig file")
     states = [message for message in messages if message.topic == topic and message.kind == JOINT_STATE]
     names = list(ros.joints) if ros else _names(states, len(rig.robot.axes), where)
@@ -154,8 +154,8 @@ def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _
         if messagete.kind in PLACED:
             _place(messagete, placed)
     if len(joints.log_ns) < 2:
-        what = f"holds fewer than two messages of {topic} with the joints {', '.join(names)}"
-        raise FileError(where, what, "name the joints in the rig file: feedback: {interface: ros2_joint_states, …}")
+        problem = f"holds fewer than two messages of {topic} with the joints {', '.join(names)}"
+        raise FileError(where, problem, "name the joints in the rig file: feedback: {interface: ros2_joint_states, …}")
     return names, joints, placed
 
 
@@ -184,12 +184,12 @@ def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
         others = next((names for names in name_lists if not set(names) & set(name_lists[0])), None)
         if others:
             arms = "; ".join(", ".join(names[:_MOST_JOINTS]) for names in (name_lists[0], others))
-            what = f"holds the joints of two arms on one topic ({arms[:300]})"
-            raise FileError(where, what, "name those of the arm that was measured in the rig file: feedback.joints")
+            problem = f"holds the joints of two arms on one topic ({arms[:300]})"
+            raise FileError(where, problem, "name those of the arm that was measured in the rig file: feedback.joints")
         return name_lists[0]
     if any(_is_nameless(message.data) for message in messages):
-        what = "holds messages of joints that name none of them: nothing says which angle is whose"
-        raise FileError(where, what, "publish JointState with names, or give joints and places as a table")
+        problem = "holds messages of joints that name none of them: nothing says which angle is whose"
+        raise FileError(where, problem, "publish JointState with names, or give joints and places as a table")
     raise FileError(
         where, f"has no message with {axes} to {_MOST_JOINTS} joints", "give the rig file of the arm that was measured"
     )

@@ -63,10 +63,21 @@ class RawTable:
     def numbers(self, names: Sequence[str], problems: Problems | None = None) -> Array:
         """Columns (n, k) as numbers. Bad cells are nan and go to `problems`, or are raised as TableFileError."""
         bad_cells = Problems() if problems is None else problems
-        columns = np.column_stack([self._column(name, bad_cells) for name in names])
+        columns = np.full((len(self.lines), len(names)), np.nan)
+        for name, column in zip(names, columns.T, strict=True):
+            if name not in self.names:
+                near = ", ".join(repr(column_name) for column_name in self.names[:30])
+                raise FileError(self.where, f"has no column {name!r}", f"name one that it has in the map: {near}")
+            good = array_of(self._is_number(name)).astype(bool)
+            plain = pc.utf8_trim_whitespace(self._plain(name))
+            if good.any():
+                column[good] = array_of(pc.filter(plain, pa.array(good)).cast(pa.float64()))
+            large = good & ~(np.abs(column) <= LARGEST)
+            for row in np.flatnonzero(~good | large).tolist():
+                bad_cells.add([TableProblem(int(self.lines[row]), name, _why(str(plain[row].as_py())))])
         if problems is None and bad_cells.count:
             raise TableFileError(self.where, bad_cells.first, count=bad_cells.count)
-        return np.asarray(columns, dtype=float)
+        return columns
 
     @cached_property
     def numeric(self) -> tuple[str, ...]:
@@ -92,20 +103,6 @@ class RawTable:
 
     def _is_number(self, name: str) -> pa.ChunkedArray:
         return pc.match_substring_regex(self._plain(name), _NUMBER)
-
-    def _column(self, name: str, problems: Problems) -> Array:
-        if name not in self.names:
-            near = ", ".join(repr(column) for column in self.names[:30])
-            raise FileError(self.where, f"has no column {name!r}", f"name one that it has in the map: {near}")
-        good = array_of(self._is_number(name)).astype(bool)
-        plain = pc.utf8_trim_whitespace(self._plain(name))
-        numbers = np.full(len(self.lines), np.nan)
-        if good.any():
-            numbers[good] = array_of(pc.filter(plain, pa.array(good)).cast(pa.float64()))
-        large = good & ~(np.abs(numbers) <= LARGEST)
-        for row in np.flatnonzero(~good | large).tolist():
-            problems.add([TableProblem(int(self.lines[row]), name, _why(str(plain[row].as_py())))])
-        return numbers
 
 
 def _why(text: str) -> str:
@@ -156,8 +153,8 @@ def _rows_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, Itera
         for row in sheet.iter_rows(values_only=True):
             count += max(1, len(row))
             if count > _MOST_SHEET_CELLS:
-                what = f"has more than {_MOST_SHEET_CELLS} cells, in the sheet {sheet.title!r} at the latest"
-                raise FileError(where, what, "save the sheet with the table as CSV")
+                problem = f"has more than {_MOST_SHEET_CELLS} cells, in the sheet {sheet.title!r} at the latest"
+                raise FileError(where, problem, "save the sheet with the table as CSV")
             yield row
 
     for sheet in sheets:
@@ -292,8 +289,8 @@ def read_raw(lines: Sequence[str], layout: Layout, where: str) -> RawTable:
     problems = Problems()
 
     def bad(row: pa_csv.InvalidRow) -> str:
-        what = f"has {row.actual_columns} fields, the table {row.expected_columns}; is the line cut off?"
-        problems.add([TableProblem(kept[row.number - 1] + 1, "", what)])
+        problem = f"has {row.actual_columns} fields, the table {row.expected_columns}; is the line cut off?"
+        problems.add([TableProblem(kept[row.number - 1] + 1, "", problem)])
         return "skip"
 
     try:
@@ -347,8 +344,8 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
     for table in others:
         if join == "rows":
             if len(table.lines) != len(lines):
-                what = f"has {len(table.lines)} rows, {first.where} {len(lines)}"
-                raise FileError(table.where, what, "join them by a column that both have: --join COLUMN")
+                problem = f"has {len(table.lines)} rows, {first.where} {len(lines)}"
+                raise FileError(table.where, problem, "join them by a column that both have: --join COLUMN")
             places.append(np.arange(len(lines)))
             continue
         index = [_index(side, join) for side in (first, table)]
@@ -398,8 +395,8 @@ def read_files(files: Sequence[tuple[Path, bytes]], layouts: Sequence[Layout], j
         if is_workbook(data):
             sheets = sheets_of(data, str(path))
             if layout.sheet not in sheets:
-                what = f"has no sheet {layout.sheet!r} with rows; it has {', '.join(map(repr, sheets)) or 'none'}"
-                raise FileError(str(path), what, "name one of them as `sheet` in the map")
+                problem = f"has no sheet {layout.sheet!r} with rows; it has {', '.join(map(repr, sheets)) or 'none'}"
+                raise FileError(str(path), problem, "name one of them as `sheet` in the map")
             data = sheets[layout.sheet]  # noqa: PLW2901 - the sheet stands for its workbook
         lines, _ = text_of(data, str(path), layout)
         tables.append(read_raw(lines, layout, str(path)))

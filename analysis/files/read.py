@@ -29,6 +29,7 @@ from analysis.files.bags import is_bag
 from analysis.files.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of, quoted
 from analysis.files.ros_bag import table_of_bag
 from analysis.files.sequence import check_sequence
+from analysis.files.table_map import MAPPED
 from analysis.files.write import as_it_was
 from analysis.traces.kind import kind_named, kinds
 from analysis.traces.table_layout import (
@@ -41,9 +42,9 @@ from analysis.traces.table_layout import (
 )
 from daq.store.chunk import table_schema
 from rigs.errors import FileError
-from rigs.files import read_bytes
+from rigs.files import read_bytes, read_from
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 from rigs.text import as_argument
 
 _CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word in words)
@@ -78,7 +79,7 @@ def check_header(
         what = f"has {' and '.join(stated)} only; give all of {', '.join(layout.together)}, or none"
         problems.append(TableProblem(1, "", what))
     if problems:
-        mapped = "" if test == "pose" else "; a map reads other names and units (--map)"
+        mapped = "" if test == MAPPED else "; a map reads other names and units (--map)"
         raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}{mapped}")
 
 
@@ -109,7 +110,7 @@ def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str
         return f"this column is missing; is it {quoted(near)}? Then name it {name}{unit_hint}"
     if name == "direction":
         return "this column is missing; add it, or give --direction cw or acw"
-    if test in ("yaw", "roll") and name == "g2_mm":
+    if test in CIRCLES and name == "g2_mm":
         return "this column is missing; an angle takes two gauges"
     return "this column is missing; add it"
 
@@ -186,9 +187,15 @@ def read_file(
     Raises FileError for a file that cannot be read, TableFileError with every mistake in it.
     """
     data = read_whole(path)
-    text, doubts = _table_of_bag(data, str(path), test, rig) if is_bag(data) else (data, ())
+    has_direction = "direction" in kind_named(test).layout().required
+    text, doubts = data, tuple[str, ...]()
+    if is_bag(data):
+        if not has_direction:
+            what = "is a bag, from which circles are read, and poses by a map"
+            raise FileError(str(path), what, f"give the table of a {test} test as CSV")
+        text, doubts = table_of_bag(data, str(path), rig, test)
     table = parse_csv(text, str(path), test, rig, direction, joints)
-    words = table["direction"][0].as_py() if "direction" in kind_named(test).layout().required else None
+    words = table["direction"][0].as_py() if has_direction else None
     return TableFile(path, hashlib.sha256(data).hexdigest(), words, table, doubts)
 
 
@@ -249,23 +256,11 @@ def read_whole(path: Path) -> bytes:
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
     except FileError:
-        if path.is_file() and path.stat().st_size > MOST_BYTES and _begins_with(path, MAGIC):
+        if path.is_file() and path.stat().st_size > MOST_BYTES and read_from(path, 0, len(MAGIC))[0] == MAGIC:
             what = f"is a bag of more than {MOST_BYTES / 1e6:g} MB"
             remedy = "keep the topics that are read: mcap filter BAG -y /joint_states -y /g1 -y /g2 -o SMALL"
             raise FileError(str(path), what, remedy) from None
         raise
-
-
-def _table_of_bag(data: bytes, where: str, test: TestName, rig: Rig) -> tuple[bytes, tuple[str, ...]]:
-    if "direction" not in kind_named(test).layout().required:
-        what = "is a bag, from which circles are read, and poses by a map"
-        raise FileError(where, what, f"give the table of a {test} test as CSV")
-    return table_of_bag(data, where, rig, test)
-
-
-def _begins_with(path: Path, head: bytes) -> bool:
-    with path.open("rb") as file:
-        return file.read(len(head)) == head
 
 
 def _require_text(where: str, data: bytes) -> None:
@@ -300,7 +295,12 @@ def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Pro
     count = 0
     for line, fields in rows:
         if len(fields) != len(names):
-            what = f"has {len(fields)} fields, the header {len(names)}{_why(fields, names)}"
+            why = (
+                "; put a text with a comma in quotes, and write decimals with a point"
+                if len(fields) > len(names)
+                else "; is the line cut off?"
+            )
+            what = f"has {len(fields)} fields, the header {len(names)}{why}"
             problems.add([TableProblem(line, "", what)])
             continue
         if count > most_rows:
@@ -308,12 +308,6 @@ def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Pro
             raise FileError(where, what, "import it in several runs")
         count += 1
         yield line, fields
-
-
-def _why(fields: list[str], names: list[str]) -> str:
-    if len(fields) > len(names):
-        return "; put a text with a comma in quotes, and write decimals with a point"
-    return "; is the line cut off?"
 
 
 def _with_direction(columns: Columns, direction: Direction, rows: int) -> Columns:

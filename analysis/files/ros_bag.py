@@ -21,12 +21,12 @@ import numpy as np
 
 from analysis.files.bags import JOINT_STATE, NO_STAMP, NUMBER, Bag, bag_of, joint_state, messages_of, number
 from analysis.kinematics.arm import Integers, Mask
-from analysis.traces.align import Aligned, align_streams
+from analysis.traces.align import align_streams
 from analysis.traces.clocks import Columns
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import ROS2JointStates
-from rigs.schema.vocabulary import TestName
+from rigs.schema.vocabulary import CIRCLES, TestName
 
 _MOST_MESSAGES = 5_000_000
 """The most that are read of one topic; half an hour at 1 kHz has 1.8 million."""
@@ -64,7 +64,7 @@ class _Track:
         self.values.append(values)
 
 
-def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = "yaw") -> tuple[bytes, tuple[str, ...]]:
+def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0]) -> tuple[bytes, tuple[str, ...]]:
     """Return the CSV of a bag's bytes, and doubts in words. Raises FileError."""
     bag = bag_of(data, where)
     tracks = _read(bag, rig)
@@ -74,20 +74,25 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = "yaw") -> t
     for topic, track in tracks.items():
         streams[topic], more = _stream(topic, track, begin_ns)
         doubts += more
-    aligned = align_streams(Path(where), streams, test, _behind_topics(rig))
+    # The rig with its gauges behind a network, as every topic is: no message has the length of a line's bytes
+    gauges = {name: gauge.model_copy(update={"port": "tcp://topic:1"}) for name, gauge in rig.gauges}
+    aligned = align_streams(
+        Path(where), streams, test, rig.model_copy(update={"gauges": rig.gauges.model_copy(update=gauges)})
+    )
     # A message can only be late. So what all are late by is no better known than how unevenly they are.
     u_lag_s = float(np.hypot(aligned.u_lag_s, np.sqrt(np.mean(aligned.u_t_s**2))))
     doubts += [
         *aligned.doubts,
         "times are of messages that the bag received: how unevenly they came is in u, how late all of them were is not",
     ]
-    return _csv(aligned, u_lag_s), tuple(doubts)
-
-
-def _behind_topics(rig: Rig) -> Rig:
-    """The rig with its gauges behind a network, as every topic is: no message has the length of a line's bytes."""
-    gauges = {name: gauge.model_copy(update={"port": "tcp://topic:1"}) for name, gauge in rig.gauges}
-    return rig.model_copy(update={"gauges": rig.gauges.model_copy(update=gauges)})
+    gauge_columns = [f"g{number}_mm" for number in range(1, aligned.g_mm.shape[1] + 1)]
+    shared = np.full(len(aligned.t_s), u_lag_s)
+    rows = np.column_stack([aligned.t_s, np.degrees(aligned.q), aligned.g_mm, aligned.u_t_s, shared])
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["t_s", *_JOINT_COLUMNS, *gauge_columns, "u_t_s", "u_lag_s"])
+    writer.writerows(rows.tolist())
+    return text.getvalue().encode(), tuple(doubts)
 
 
 def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str]]:
@@ -139,7 +144,10 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
     names = rig.feedback.joints
     topic = "/" + rig.feedback.topic.lstrip("/")
     tracks = {topic: _Track(JOINT_STATE, _JOINT_COLUMNS, lambda message: _angles_deg(message, names))}
-    tracks |= {f"/{name}": _Track(NUMBER, (f"{name}_mm",), _number) for name, _ in rig.gauges}
+    tracks |= {
+        f"/{name}": _Track(NUMBER, (f"{name}_mm",), lambda message: (NO_STAMP, [number(message)]))
+        for name, _ in rig.gauges
+    }
     kinds: dict[str, str] = {}
     for message in messages_of(bag):
         kinds[message.topic] = message.kind
@@ -147,27 +155,16 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
         if track and message.kind == track.schema:
             track.add(message.log_ns, message.sent_ns, message.data)
             if len(track.ns) > _MOST_MESSAGES:
-                what = f"has more than {_MOST_MESSAGES} messages of {message.topic}"
-                raise FileError(where, what, "import it in several runs")
+                problem = f"has more than {_MOST_MESSAGES} messages of {message.topic}"
+                raise FileError(where, problem, "import it in several runs")
     for topic, track in tracks.items():
         if len(track.ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))[:300] or "no messages"
-            what = f"holds fewer than two usable messages of {topic} ({track.schema}); it has {has}"
+            problem = f"holds fewer than two usable messages of {topic} ({track.schema}); it has {has}"
             raise FileError(
-                where, what, "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
+                where, problem, "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
             )
     return tracks
-
-
-def _csv(aligned: Aligned, u_lag_s: float) -> bytes:
-    gauges = [f"g{number}_mm" for number in range(1, aligned.g_mm.shape[1] + 1)]
-    shared = np.full(len(aligned.t_s), u_lag_s)
-    rows = np.column_stack([aligned.t_s, np.degrees(aligned.q), aligned.g_mm, aligned.u_t_s, shared])
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["t_s", *_JOINT_COLUMNS, *gauges, "u_t_s", "u_lag_s"])
-    writer.writerows(rows.tolist())
-    return text.getvalue().encode()
 
 
 def _angles_deg(data: bytes, names: tuple[str, ...]) -> Message | None:
@@ -176,7 +173,3 @@ def _angles_deg(data: bytes, names: tuple[str, ...]) -> Message | None:
     if not set(names) <= placed.keys():
         return None
     return stamp_ns, [float(np.degrees(placed[name])) for name in names]
-
-
-def _number(data: bytes) -> Message | None:
-    return NO_STAMP, [number(data)]

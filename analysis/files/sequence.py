@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +12,7 @@ from analysis.files.cells import Columns, TableProblem
 from analysis.kinematics.arm import Array
 from analysis.measures.stops import target_count
 from analysis.traces.kind import kind_named
-from analysis.traces.table_layout import JOINTS, TIME_U, joint_columns
+from analysis.traces.table_layout import JOINTS, SOCKET, TIME_U, joint_columns
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES, Direction, TestName
 
@@ -38,10 +38,18 @@ def check_sequence(
         for k in np.flatnonzero(columns[name].to_numpy() < 0):
             yield TableProblem(int(lines[k]), name, "an uncertainty is not below zero")
     if "target" in columns_of_test and rig.tests.hemisphere:
-        yield from _targets(columns["target"].to_numpy(), lines, target_count(rig.tests.hemisphere))
-    yield from _further_joints(columns, test, len(rig.robot.axes))
-    if "socket" in columns_of_test:
-        yield from _sockets(columns["socket"], lines, rig)
+        target = columns["target"].to_numpy()
+        count = target_count(rig.tests.hemisphere)
+        for k in np.flatnonzero(target > count):
+            what = f"{target[k]:.0f} is not one of the {count} targets of the rig's hemisphere"
+            yield TableProblem(int(lines[k]), "target", what)
+    yield from _further_joints(columns, columns_of_test, len(rig.robot.axes))
+    if SOCKET in columns_of_test:
+        declared = rig.tests.touch.sockets if rig.tests.touch else ()
+        for line, socket in zip(lines.tolist(), columns[SOCKET].to_pylist(), strict=True):
+            if declared and socket not in declared:
+                what = f"{socket!r} is no socket of the rig file: {', '.join(declared)}"
+                yield TableProblem(int(line), SOCKET, what)
     if "direction" in columns_of_test:
         yield from _one_direction(columns["direction"], lines, direction)
         t_s = columns["t_s"].to_numpy()
@@ -49,10 +57,10 @@ def check_sequence(
             yield from _jumps(name, t_s, columns[name].to_numpy(), lines, axis.speed_deg_s)
 
 
-def _further_joints(columns: Columns, test: TestName, axes: int) -> Iterator[TableProblem]:
+def _further_joints(columns: Columns, columns_of_test: Sequence[str], axes: int) -> Iterator[TableProblem]:
     """A joint more than the arm has: of touches, and of arms of few axes, whose gripper is easily taken for one."""
     name = joint_columns(axes + 1)[-1]
-    if name in columns and (test == "touch" or axes < DRIVEN_AXES):
+    if name in columns and (SOCKET in columns_of_test or axes < DRIVEN_AXES):
         what = f"the table has {axes + 1} joints, and the arm of the rig file {axes}"
         yield TableProblem(1, name, what + ("; rename the column of a gripper" if axes < DRIVEN_AXES else ""))
 
@@ -62,19 +70,6 @@ def _time(t_s: Array, lines: np.ndarray) -> Iterator[TableProblem]:
     for k in np.flatnonzero(np.diff(t_s[timed]) <= 0):
         what = f"time does not increase: {t_s[timed[k + 1]]:g} after {t_s[timed[k]]:g}"
         yield TableProblem(int(lines[timed[k + 1]]), "t_s", what)
-
-
-def _sockets(sockets: pa.ChunkedArray, lines: np.ndarray, rig: Rig) -> Iterator[TableProblem]:
-    declared = rig.tests.touch.sockets if rig.tests.touch else ()
-    for line, name in zip(lines.tolist(), sockets.to_pylist(), strict=True):
-        if declared and name not in declared:
-            yield TableProblem(int(line), "socket", f"{name!r} is no socket of the rig file: {', '.join(declared)}")
-
-
-def _targets(target: Array, lines: np.ndarray, count: int) -> Iterator[TableProblem]:
-    for k in np.flatnonzero(target > count):
-        what = f"{target[k]:.0f} is not one of the {count} targets of the rig's hemisphere"
-        yield TableProblem(int(lines[k]), "target", what)
 
 
 def _one_direction(words: pa.ChunkedArray, lines: np.ndarray, direction: Direction | None) -> Iterator[TableProblem]:
@@ -98,9 +93,7 @@ def _jumps(name: str, t_s: Array, q_deg: Array, lines: np.ndarray, speed_deg_s: 
             came = -2
             continue
         came = k
-        yield TableProblem(int(lines[finite[k + 1]]), name, _jump(step[k], gap_s[k]))
-
-
-def _jump(step: float, gap_s: float) -> str:
-    jump = f"jumps by {step:.4g}° in {gap_s:.3g} s"
-    return f"{jump}: a full turn is missing; unwrap the angle" if abs(abs(step) - 360) < 20 else jump
+        what = f"jumps by {step[k]:.4g}° in {gap_s[k]:.3g} s"
+        if abs(abs(step[k]) - 360) < 20:
+            what += ": a full turn is missing; unwrap the angle"
+        yield TableProblem(int(lines[finite[k + 1]]), name, what)

@@ -16,9 +16,12 @@ from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.problems import RigFileError, problems_of
 from rigs.schema.part import Part
+from rigs.schema.vocabulary import TestName
 from rigs.yaml_text import read_yaml
 
 _MOST_BYTES = 100_000
+MAPPED: TestName = "pose"
+"""The test whose tables are read as their instrument wrote them, by a map that is proposed."""
 OPEN = "?"
 """What stands in a proposed map where a person has to decide."""
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]

@@ -44,7 +44,7 @@ def versions(rig_file: Path, folder: Path) -> list[Version]:
         raise FileError(
             str(folder), f"holds more than {_MOST} YAML files", "give the folder of this robot: --in FOLDER"
         )
-    found = []
+    versions = []
     for path in files:
         try:
             other, _ = load(path)
@@ -53,8 +53,8 @@ def versions(rig_file: Path, folder: Path) -> list[Version]:
         if other.calibration and other.calibrated and _identity(other) == _identity(rig):
             digest = other.calibration.sha256
             in_use = rig.calibration is not None and rig.calibration.sha256 == digest
-            found.append(Version(path, other.calibrated, digest, in_use))
-    return sorted(found, key=lambda one: (one.calibrated.date, str(one.path)), reverse=True)
+            versions.append(Version(path, other.calibrated, digest, in_use))
+    return sorted(versions, key=lambda version: (version.calibrated.date, str(version.path)), reverse=True)
 
 
 def _identity(rig: Rig) -> tuple[str, str]:
@@ -86,8 +86,8 @@ def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
     if other.calibration is None or other.calibrated is None:
         raise FileError(str(version), "has no calibration", "name a version that rig versions lists")
     if _identity(other) != _identity(rig):
-        what = f"is of another robot: {other.robot.name} {other.robot.serial}".rstrip()
-        raise FileError(str(version), what, "name a version of this robot")
+        problem = f"is of another robot: {other.robot.name} {other.robot.serial}".rstrip()
+        raise FileError(str(version), problem, "name a version of this robot")
     content = other.calibrated.content
     digest = hashlib.sha256(content).hexdigest()
     named = CalibrationFile(file=f"version-{digest[:12]}.calibration.json", sha256=digest)

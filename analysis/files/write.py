@@ -34,9 +34,11 @@ if TYPE_CHECKING:
 
 _ENDS = 65536
 """Bytes at either end of a file by which it is known: the schema of the widest table that is written has 3 kB."""
+PDF_MARK = b"% made by rig\n"
+"""A comment at the end of a PDF of rig: WeasyPrint 70 compresses what names the maker of one."""
 _MARKS: dict[str, tuple[bytes, tuple[bytes, ...]]] = {
     ".html": (b"<!doctype html>", (b"content=\"default-src 'none'; base-uri 'none'; form-action 'none'",)),
-    ".pdf": (b"%PDF-", (b"WeasyPrint",)),
+    ".pdf": (b"%PDF-", (PDF_MARK,)),
     ".png": (b"\x89PNG\r\n", (b"Matplotlib",)),
     ".parquet": (b"PAR1", (b"started_utc", b"standing")),
 }
@@ -61,15 +63,12 @@ def refuse_foreign(path: Path, option: str = "--output") -> None:
         raise FileError(error.where, error.what, f"give another {option}") from None
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), f"give another {option}") from None
-    if size and not _is_of_rig(path, begin, end):
-        what = "exists already, and rig did not make it"
-        raise FileError(str(path), what, f"give another {option}, or remove it first")
-
-
-def _is_of_rig(path: Path, begin: bytes, end: bytes) -> bool:
     suffix = {".htm": ".html"}.get(path.suffix.lower(), path.suffix.lower())
     first, marks = _MARKS.get(suffix, _MARKS[".parquet"])  # a table may have any name
-    return begin.lstrip().startswith(first) and all(mark in begin or mark in end for mark in marks)
+    is_of_rig = begin.lstrip().startswith(first) and all(mark in begin or mark in end for mark in marks)
+    if size and not is_of_rig:
+        problem = "exists already, and rig did not make it"
+        raise FileError(str(path), problem, f"give another {option}, or remove it first")
 
 
 _FORMULA = re.compile(r"'*[=+\-@\t\r]")
@@ -136,8 +135,8 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
         raise _exists(Path(error.filename or directory)) from None
     except OSError as error:
         if made:
-            what = f"cannot be written: {error.strerror or error}"
-            raise CellError(str(directory), what, "free some space or choose another disk") from error
+            problem = f"cannot be written: {error.strerror or error}"
+            raise CellError(str(directory), problem, "free some space or choose another disk") from error
         raise FileError(str(directory), error.strerror or str(error), remedy) from None
     return paths
 
@@ -173,8 +172,8 @@ def write_new(path: Path, write: Writer) -> None:
     except OSError as error:
         if not opened:
             raise FileError(str(path), error.strerror or str(error), "give another --output") from None
-        what = f"cannot be written: {error.strerror or error}"
-        raise CellError(str(path), what, "free some space or choose another disk") from error
+        problem = f"cannot be written: {error.strerror or error}"
+        raise CellError(str(path), problem, "free some space or choose another disk") from error
     finally:
         with suppress(OSError):
             surely(lambda: temporary.unlink(missing_ok=True))
@@ -215,8 +214,9 @@ def write_csv(table: pa.Table, file: BinaryIO) -> None:
     """
     file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
     for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
-        columns = [map(_cell, column.to_pylist()) for column in batch.columns]
-        file.writelines((",".join(row) + "\n").encode() for row in zip(*columns, strict=True))
+        columns = (column.to_pylist() for column in batch.columns)
+        texts = [[_quoted(cell) if isinstance(cell, str) else repr(cell) for cell in column] for column in columns]
+        file.writelines((",".join(row) + "\n").encode() for row in zip(*texts, strict=True))
 
 
 def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
@@ -229,8 +229,8 @@ def write_xlsx(table: pa.Table, file: BinaryIO) -> None:
     except ModuleNotFoundError:
         raise CellError("xlsx", "needs openpyxl, which is not installed", to_install("openpyxl")) from None
     if table.num_rows >= _SHEET_ROWS:
-        what = f"has {table.num_rows} rows, and a sheet holds {_SHEET_ROWS - 1}"
-        raise FileError("xlsx", what, "export it as csv or parquet")
+        problem = f"has {table.num_rows} rows, and a sheet holds {_SHEET_ROWS - 1}"
+        raise FileError("xlsx", problem, "export it as csv or parquet")
     book = openpyxl.Workbook(write_only=True)
     sheet = book.create_sheet("table")
     sheet.freeze_panes = "A2"
@@ -250,10 +250,6 @@ def _in_sheet(sheet: Any, value: Any) -> Any:
         cell.data_type = "s"  # also where it begins as a formula
         return cell
     return value if value is not None and math.isfinite(value) else None
-
-
-def _cell(value: Any) -> str:
-    return _quoted(value) if isinstance(value, str) else repr(value)
 
 
 def _quoted(text: str) -> str:

@@ -229,7 +229,11 @@ def records_of(path: Path, key: Key) -> tuple[list[Record], dict[str, str]]:
             )
         )
     try:
-        records = [_record(text) for text, _ in rows]
+        records = []
+        for text, _ in rows:
+            fields = json.loads(text)
+            figures = {name: Quantity(*figure) for name, figure in fields.pop("figures").items()}
+            records.append(Record(**fields, figures=figures))
     except (TypeError, ValueError) as error:
         raise Damaged(path, str(error)) from None
     return records, {record.name: texts.get(rig, "") for record, (_, rig) in zip(records, rows, strict=True)}
@@ -254,9 +258,3 @@ def forget_states(path: Path, keys: Iterable[Key]) -> None:
     with _changing(path) as file:
         rows = [(os.fsencode(folder), robot) for folder, robot in keys]
         file.executemany("delete from states where folder = ? and robot = ?", rows)
-
-
-def _record(text: str) -> Record:
-    fields = json.loads(text)
-    figures = {name: Quantity(*figure) for name, figure in fields.pop("figures").items()}
-    return Record(**fields, figures=figures)

@@ -86,18 +86,14 @@ def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progr
     if gone:
         catalogue.forget(file, gone)
     if fresh:
-        _examine(file, fresh, workers, progress)
+        paths = [run.path.absolute() for run in fresh]  # a worker of a cluster has a directory of its own
+        with closing(each(examine, paths, jobs=workers.jobs, scheduler=workers.scheduler)) as outcomes:
+            examined = ((seen, _examined(outcome)) for seen, outcome in zip(fresh, outcomes, strict=True))
+            kept(examined, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
     if fresh or gone:
         entries = catalogue.entries(file)
     notes = (f"{file} {why}: it was made again from the runs",) if why else ()
     return Known(entries, notes, len(fresh), len(gone))
-
-
-def _examine(file: Path, fresh: Sequence[Seen], workers: Workers, progress: Progress) -> None:
-    paths = [run.path.absolute() for run in fresh]  # a worker of a cluster has a directory of its own
-    with closing(each(examine, paths, jobs=workers.jobs, scheduler=workers.scheduler)) as outcomes:
-        examined = ((seen, _examined(outcome)) for seen, outcome in zip(fresh, outcomes, strict=True))
-        kept(examined, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
 
 
 def _examined(outcome: Outcome[Path, Examined | None]) -> Examined | None:
@@ -158,10 +154,22 @@ def _gathered(
 ) -> Fleet:
     catalogued = known_of(file, seen, workers, progress, why)
     digests = _digests(catalogued.runs.values())
+    # The states of all robots; those whose runs are the same are as they were kept
+    before = catalogue.states(file)
+    catalogue.forget_states(file, before.keys() - digests.keys())
+    # Not read back at the end: another command may have seen other robots meanwhile, of which this one knows no runs.
+    states: dict[Key, State] = {}
+    for key, (digest, text) in before.items():
+        if digests.get(key) == digest:
+            states[key] = _state(file, text)
+    fresh = [key for key in digests if key not in states]
+    outcomes = each(judge, [(file, key) for key in fresh], jobs=workers.jobs)
+    judged = (_judged(outcome, digests, states) for outcome in outcomes)
+    kept(judged, partial(catalogue.keep_states, file), lambda done: progress("judging robots", done, len(fresh)))
     return Fleet(
         directory,
         file,
-        tuple(in_order(_judge(file, digests, workers, progress))),
+        tuple(in_order(list(states.values()))),
         tuple((entry.run, entry.problem) for entry in catalogued.runs.values() if not entry.key[1]),
         catalogued.notes,
         digests,
@@ -179,22 +187,6 @@ def _digests(entries: Iterable[Entry]) -> dict[Key, str]:
             line = json.dumps([entry.run, entry.fingerprint, entry.problem])
             hashes.setdefault(entry.key, hashlib.sha256()).update(line.encode())
     return {key: digest.hexdigest() for key, digest in hashes.items()}
-
-
-def _judge(file: Path, digests: Mapping[Key, str], workers: Workers, progress: Progress) -> list[State]:
-    """The states of all robots; those whose runs are the same are as they were kept."""
-    before = catalogue.states(file)
-    catalogue.forget_states(file, before.keys() - digests.keys())
-    # Not read back at the end: another command may have seen other robots meanwhile, of which this one knows no runs.
-    states: dict[Key, State] = {}
-    for key, (digest, text) in before.items():
-        if digests.get(key) == digest:
-            states[key] = _state(file, text)
-    fresh = [key for key in digests if key not in states]
-    outcomes = each(judge, [(file, key) for key in fresh], jobs=workers.jobs)
-    judged = (_judged(outcome, digests, states) for outcome in outcomes)
-    kept(judged, partial(catalogue.keep_states, file), lambda done: progress("judging robots", done, len(fresh)))
-    return list(states.values())
 
 
 def _state(file: Path, text: str) -> State:

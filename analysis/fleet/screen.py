@@ -35,7 +35,23 @@ def as_screen(fleet: Fleet) -> RenderableType:
     doubts = (Text(line, style="yellow") for line in doubts_of(fleet))
     simulated = [Text(line, style="yellow") for line in filter(None, [origin(fleet)])]
     summed_up = Text(summary(fleet), style="bold")
-    return Group(*simulated, summed_up, _table(fleet), *doubts, Text(reading(fleet), style="dim"))
+    table = Table(header_style="bold", box=None, padding=(0, 1))
+    table.add_column("robot")
+    table.add_column("state")
+    table.add_column("nearest to its limit")
+    table.add_column("what changed")
+    table.add_column("last run", no_wrap=True)
+    table.add_column("runs", justify="right", no_wrap=True)
+    for state, name in zip(fleet.robots, names_of(fleet), strict=True):
+        standing = Text(WORDS[state.attention], style=_STYLES.get(state.attention, ""))
+        share = [Text(simulated_share(state), style="yellow")] if state.simulated else []
+        robot = Text("\n").join([Text(name), *share])
+        # The figure nearest to its limit, the tests, and what to know before trusting it, a line each
+        lines = [Text(state.worst)] if state.worst else []
+        lines += [Text(", ".join(state.tests), style="dim")] if state.tests else []
+        lines += [Text(plain(", ".join(state.doubts)), style="yellow")] if state.doubts else []
+        table.add_row(robot, standing, Text("\n").join(lines), state.trend, state.last[:10], str(state.runs))
+    return Group(*simulated, summed_up, whole(table), *doubts, Text(reading(fleet), style="dim"))
 
 
 def origin(fleet: Fleet) -> str:
@@ -85,37 +101,16 @@ def names_of(fleet: Fleet) -> list[str]:
     ]
 
 
-def _table(fleet: Fleet) -> Table:
-    table = Table(header_style="bold", box=None, padding=(0, 1))
-    table.add_column("robot")
-    table.add_column("state")
-    table.add_column("nearest to its limit")
-    table.add_column("what changed")
-    table.add_column("last run", no_wrap=True)
-    table.add_column("runs", justify="right", no_wrap=True)
-    for state, name in zip(fleet.robots, names_of(fleet), strict=True):
-        standing = Text(WORDS[state.attention], style=_STYLES.get(state.attention, ""))
-        share = [Text(simulated_share(state), style="yellow")] if state.simulated else []
-        robot = Text("\n").join([Text(name), *share])
-        table.add_row(robot, standing, _nearest(state), state.trend, state.last[:10], str(state.runs))
-    return whole(table)
-
-
-def _nearest(state: State) -> Text:
-    """The figure nearest to its limit, the tests, and what to know before trusting it, a line each."""
-    lines = [Text(state.worst)] if state.worst else []
-    lines += [Text(", ".join(state.tests), style="dim")] if state.tests else []
-    lines += [Text(plain(", ".join(state.doubts)), style="yellow")] if state.doubts else []
-    return Text("\n").join(lines)
-
-
 def as_object(fleet: Fleet) -> dict[str, Any]:
     """The same for scripts, with every run that was left out and why."""
     plain: dict[str, Any] = for_json(
         {
             "directory": str(fleet.directory),
             "catalogue": str(fleet.catalogue) if fleet.catalogue.exists() else None,  # kept for this time alone
-            "robots": [_object(state) for state in fleet.robots],
+            "robots": [
+                asdict(state) | {"attention": state.attention, "without_figures": dict(state.without_figures)}
+                for state in fleet.robots
+            ],
             "without_robot": dict(fleet.strays),
             "notes": list(fleet.notes),
             "runs": fleet.runs,
@@ -124,8 +119,3 @@ def as_object(fleet: Fleet) -> dict[str, Any]:
         }
     )
     return plain
-
-
-def _object(state: State) -> dict[str, Any]:
-    changed = {"attention": state.attention, "without_figures": dict(state.without_figures)}
-    return asdict(state) | changed

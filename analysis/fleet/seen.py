@@ -15,7 +15,7 @@ from pathlib import Path
 
 from analysis.batch.fetched import fetched, named
 from analysis.batch.remote_path import RemotePath
-from analysis.batch.remote_store import RemoteRun, remote_runs
+from analysis.batch.remote_store import remote_runs
 from analysis.batch.run_directories import run_directories
 from analysis.batch.run_files import has_figures
 from analysis.history.collect import REASONS
@@ -40,7 +40,10 @@ def seen_runs(directory: Path) -> Iterator[Seen]:
     if isinstance(directory, RemotePath):
         for run in remote_runs(directory):
             if run.path != directory:
-                yield Seen(run.path, "/".join(run.path.parts[len(directory.parts) :]), _remote_signature(run))
+                files = [file for file in run.files or () if has_figures(file.name)]
+                stamped = files and all(file.stamp for file in files)
+                signature = _digest((file.name, file.size, file.stamp) for file in files) if stamped else ""
+                yield Seen(run.path, "/".join(run.path.parts[len(directory.parts) :]), signature)
         return
     if not directory.is_dir():
         raise FileError(str(directory), "no such directory", "give the directory that holds the plant's runs")
@@ -58,13 +61,6 @@ def signature_of(run: Path) -> str:
     except OSError:
         return ""
     return _digest((name, status.st_size, str(status.st_mtime_ns)) for name, status in files)
-
-
-def _remote_signature(run: RemoteRun) -> str:
-    files = [file for file in run.files or () if has_figures(file.name)]
-    if not files or not all(file.stamp for file in files):
-        return ""
-    return _digest((file.name, file.size, file.stamp) for file in files)
 
 
 def _digest(files: Iterable[tuple[str, int, str]]) -> str:

@@ -17,7 +17,7 @@ from daq.store import durable
 from rigs.errors import FileError
 
 if TYPE_CHECKING:
-    import pyarrow as pa
+    pass
 
 
 _PARQUET = b"PAR1"
@@ -33,7 +33,12 @@ def write_figures(fleet: Fleet, path: Path) -> None:
     import pyarrow as pa  # noqa: PLC0415 - slow to import, needed for Parquet only
     import pyarrow.parquet as pq  # noqa: PLC0415
 
-    schema = _schema()
+    words = pa.dictionary(pa.int32(), pa.string())
+    columns = dict.fromkeys(("robot", "folder"), words) | {"run": pa.string(), "started_utc": pa.timestamp("ms")}
+    columns |= dict.fromkeys(("test", "direction", "placement", "program", "corrected", "figure"), words)
+    columns |= {"value": pa.float64(), "u": pa.float64(), "unit": words, "samples": pa.int64(), "noise": words}
+    columns |= {"watch": pa.float64(), "fail": pa.float64(), "standing": words, "problem": pa.string()}
+    schema = pa.schema(columns)
     temporary = path.with_name(path.name + durable.TEMPORARY)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -50,17 +55,6 @@ def write_figures(fleet: Fleet, path: Path) -> None:
         if isinstance(error, OSError):
             raise FileError(str(path), error.strerror or str(error), "give another --parquet") from None
         raise
-
-
-def _schema() -> pa.Schema:
-    import pyarrow as pa  # noqa: PLC0415
-
-    words = pa.dictionary(pa.int32(), pa.string())
-    columns = dict.fromkeys(("robot", "folder"), words) | {"run": pa.string(), "started_utc": pa.timestamp("ms")}
-    columns |= dict.fromkeys(("test", "direction", "placement", "program", "corrected", "figure"), words)
-    columns |= {"value": pa.float64(), "u": pa.float64(), "unit": words, "samples": pa.int64(), "noise": words}
-    columns |= {"watch": pa.float64(), "fail": pa.float64(), "standing": words, "problem": pa.string()}
-    return pa.schema(columns)
 
 
 def _rows(key: Key, collected: Collected) -> Iterator[dict[str, Any]]:

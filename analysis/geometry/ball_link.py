@@ -6,18 +6,17 @@ reads along z_T to the disk's plane: g = (s - w (l·e)) / (l·z_T), l the unit v
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from rigs.schema.vocabulary import CircleTest
 
 BASELINE_AXIS: dict[str, int] = {"yaw": 1, "roll": 0}
 """Column of the tool frame along which the gauges stand apart: y_T for yaw, x_T for roll."""
 
 
 def readings(
-    T: Array, ball: Array, offsets_mm: Array, test: Literal["yaw", "roll"], link_mm: float, form_mm: Array | float = 0.0
+    T: Array, ball: Array, offsets_mm: Array, test: CircleTest, link_mm: float, form_mm: Array | float = 0.0
 ) -> Array:
     """Gauge readings (n, k) mm, before their zero setting, of k gauges at `offsets_mm` (k,) along the baseline.
 

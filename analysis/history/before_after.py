@@ -7,7 +7,7 @@ compared, the probability that a repair that does nothing seems to do something 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -101,7 +101,10 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
     both = {run.resolve() for run in after} & {run.resolve() for run in before}
     for shared in sorted(both):
         raise FileError(str(shared), "is on both sides", "give it before --against or after it")
-    histories = _known(Path(run).parent for run in (*before, *after))
+    histories: dict[Path, dict[str, Record]] = {}
+    for directory in dict.fromkeys(Path(run).parent.resolve() for run in (*before, *after)):
+        with suppress(Unusable):
+            histories[directory] = read_records(directory / FILE)[0]
     now, then = ([_record(run, histories) for run in side] for side in (after, before))
     records = zip((*before, *after), (*then, *now), strict=True)
     refuse_copies((path, record.readings) for path, record in records)
@@ -117,15 +120,6 @@ def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Differenc
         problem = "both sides have no test, direction, placement and program in common"
         raise FileError("--against", problem, "give runs of one test on both sides")
     return [_difference(key, name, b, a, len(picked), histories) for key, name, b, a in picked]
-
-
-def _known(directories: Iterable[Path]) -> dict[Path, dict[str, Record]]:
-    """What the histories beside the runs hold."""
-    histories: dict[Path, dict[str, Record]] = {}
-    for directory in dict.fromkeys(path.resolve() for path in directories):
-        with suppress(Unusable):
-            histories[directory] = read_records(directory / FILE)[0]
-    return histories
 
 
 def _record(run: Path, histories: dict[Path, dict[str, Record]]) -> Record:

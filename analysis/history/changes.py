@@ -178,7 +178,9 @@ def trend_of(values: Array, u: Array, series: int) -> Trend:
     """The changes in a series of values (n,) with standard uncertainties u (n,), in one unit, in order of time; series:
     how many such series of the robot are looked at."""
     wild = wild_runs(values, u)
-    spread = _spread(values[~wild])
+    # Standard deviation from one run to the next, which a step or a slow rise hardly changes; none of a single run.
+    steps = np.abs(np.diff(values[~wild]))
+    spread = float(_TO_SD * np.median(steps) / np.sqrt(2)) if len(steps) else float("nan")
     kept = np.flatnonzero(~wild)[-NEWEST:]
     candidates = _changes(values[kept], series)
     if spread == 0:
@@ -205,13 +207,6 @@ def wild_runs(values: Array, u: Array) -> Mask:
     return wild
 
 
-def _spread(values: Array) -> float:
-    """Standard deviation from one run to the next, which a step or a slow rise hardly changes."""
-    if len(values) < 2:
-        return float("nan")
-    return float(_TO_SD * np.median(np.abs(np.diff(values))) / np.sqrt(2))
-
-
 def _changes(values: Array, series: int) -> list[Change]:
     count = len(values)
     if count < 2 * FEWEST or np.ptp(values) == 0:
@@ -222,7 +217,17 @@ def _changes(values: Array, series: int) -> list[Change]:
         return []
     step, rise = _refined(values, step), _refined(values, rise)
     best = rise if rise.score > step.score + _SLOWER else step
-    change = _fitted(values, best, float(chance))
+    # The change with its levels, by generalised least squares
+    shape = rises(count, np.array([best.first]), np.array([best.last]))
+    design = best.noise.rows @ np.concatenate([np.ones((count, 1)), shape], axis=1)
+    white = best.noise.rows @ values
+    (level, size), *_ = np.linalg.lstsq(design, white, rcond=None)
+    residuals = white - design @ np.array([level, size])
+    variance = float(residuals @ residuals) / max(count - 4, 1) * np.linalg.inv(design.T @ design)[1, 1]
+    is_last = best.last == count - 1 and best.last - best.first > 1
+    change = Change(
+        best.first, best.last, float(level), float(level + size), float(np.sqrt(variance)), float(chance), is_last
+    )
     earlier = _changes(values[: best.first + 1], series)
     later = _changes(values[best.last :], series)
     # A rise that ends where the runs before the next change end has not reached the last run.
@@ -271,16 +276,3 @@ def _likelihoods(values: Array, noise: Whitening, unit: Array) -> tuple[float, A
     squares = np.maximum(total - (unit.T @ white) ** 2, 1e-12 * total)
     scores: Array = -count / 2 * np.log(squares) - noise.half_log_det
     return -count / 2 * float(np.log(total)) - noise.half_log_det, scores
-
-
-def _fitted(values: Array, best: _Best, chance: float) -> Change:
-    """The change with its levels, by generalised least squares."""
-    count = len(values)
-    shape = rises(count, np.array([best.first]), np.array([best.last]))
-    design = best.noise.rows @ np.concatenate([np.ones((count, 1)), shape], axis=1)
-    white = best.noise.rows @ values
-    (level, size), *_ = np.linalg.lstsq(design, white, rcond=None)
-    residuals = white - design @ np.array([level, size])
-    variance = float(residuals @ residuals) / max(count - 4, 1) * np.linalg.inv(design.T @ design)[1, 1]
-    is_last = best.last == count - 1 and best.last - best.first > 1
-    return Change(best.first, best.last, float(level), float(level + size), float(np.sqrt(variance)), chance, is_last)

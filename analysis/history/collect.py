@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from analysis.batch.each import each
-from analysis.batch.outcomes import Done, Outcome
+from analysis.batch.outcomes import Done
 from analysis.batch.run_directories import run_directories
 from analysis.history.history_file import FILE, Unusable, read_records, write_records
 from analysis.history.records import Record, fingerprint_of, in_time, record_of, record_without_figures
@@ -172,7 +172,14 @@ def _evaluated(jobs: Sequence[Job], progress: Progress, how: Workers) -> Iterato
     outcomes = each(_record, jobs, jobs=1 if len(jobs) <= _FEW and not how.jobs else how.jobs, scheduler=how.scheduler)
     try:
         for done, outcome in enumerate(outcomes, 1):
-            piece.append(_kept(outcome))
+            # The record of a run; of one over which processes were killed without its fingerprint, so that it is tried
+            # again
+            record = (
+                outcome.value
+                if isinstance(outcome, Done)
+                else replace(record_without_figures(outcome.item.run, outcome.error.what), name=outcome.item.name)
+            )
+            piece.append(record)
             progress(done, len(jobs))
             if len(piece) == _SAVED_EVERY:
                 yield piece
@@ -181,14 +188,6 @@ def _evaluated(jobs: Sequence[Job], progress: Progress, how: Workers) -> Iterato
         yield piece
         raise
     yield piece
-
-
-def _kept(outcome: Outcome[Job, Record]) -> Record:
-    """The record of a run; of one over which processes were killed without its fingerprint, so that it is tried
-    again."""
-    if isinstance(outcome, Done):
-        return outcome.value
-    return replace(record_without_figures(outcome.item.run, outcome.error.what), name=outcome.item.name)
 
 
 def _record(job: Job) -> Record:

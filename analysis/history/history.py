@@ -121,29 +121,23 @@ def history_of(
     picked = [
         (title, name, with_figure)
         for title, group in _programs(runs)
-        for name in (_wanted(group, tolerances) if figure is None else [figure])
+        for name in (_watched(group, tolerances) if figure is None else [figure])
         if (with_figure := tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value)))
     ]
-    series = tuple(
-        Series(
-            title, name, with_figure, _trend(with_figure, name, len(picked)), tolerances.of(with_figure[0].test, name)
-        )
-        for title, name, with_figure in picked
-    )
-    return History(collected, series)
+    series = []
+    for title, name, with_figure in picked:
+        quantities = [run.figures[name] for run in with_figure]
+        values, u = (np.array([getattr(quantity, part) for quantity in quantities]) for part in ("value", "u"))
+        trend = trend_of(values, np.nan_to_num(u, posinf=0.0), len(picked))
+        series.append(Series(title, name, with_figure, trend, tolerances.of(with_figure[0].test, name)))
+    return History(collected, tuple(series))
 
 
-def _wanted(group: Sequence[Record], limits: Limits) -> list[str]:
+def _watched(group: Sequence[Record], limits: Limits) -> list[str]:
     """The figures of runs of one test that are watched, and those that have a limit."""
     names = {name for run in group for name in run.figures}
     limited = sorted(name for name in names.difference(WATCHED) if limits.of(group[0].test, name) is not None)
     return [*(name for name in WATCHED if name in names), *limited]
-
-
-def _trend(runs: Sequence[Record], figure: str, series: int) -> Trend:
-    quantities = [run.figures[figure] for run in runs]
-    u = np.array([quantity.u for quantity in quantities])
-    return trend_of(np.array([quantity.value for quantity in quantities]), np.nan_to_num(u, posinf=0.0), series)
 
 
 def title_of(test: str, placement: str, corrected: str) -> str:
@@ -198,16 +192,12 @@ def judge(series: Series) -> Judged | None:
     kept = enumerate(zip(series.runs, series.quantities, series.trend.wild, strict=True))
     runs = [(run, quantity) for k, (run, quantity, is_wild) in kept if not is_wild or k > last]
     standings = [series.limit.standing(quantity.value, quantity.u) for _, quantity in runs]
-    bound = _deciding(series.limit, standings[-1])
+    # The bound that decided: `fail` where a figure is beyond it, else the lower one, in the figure's unit
+    bounds = [size for size in (series.limit.watch, series.limit.fail) if size is not None]
+    bound = bounds[-1] if standings[-1] == "fail" else bounds[0]
     against = [Limit(fail=bound).standing(quantity.value, quantity.u) for _, quantity in runs]
     after, before = _CROSSED[standings[-1]]
     crossed = max((k for k, standing in enumerate(against) if standing == before), default=-1) + 1
     since = next(k for k in range(crossed, len(runs)) if against[k] in after)
     beyond = tuple(run for (run, _), standing in zip(runs, standings, strict=True) if standing == "fail")
     return Judged(series.limit, standings[-1], bound, runs[since][0], runs[-1][0], beyond, len(runs))
-
-
-def _deciding(limit: Limit, standing: Standing) -> float:
-    """The bound that decided: `fail` where a figure is beyond it, else the lower one, in the figure's unit."""
-    bounds = [size for size in (limit.watch, limit.fail) if size is not None]
-    return bounds[-1] if standing == "fail" else bounds[0]

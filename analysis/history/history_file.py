@@ -67,7 +67,21 @@ def read_records(path: Path) -> tuple[dict[str, Record], str]:
             _check_owner(file)
             if _version(file) != VERSION or file.execute("select rig from made_by").fetchall() != [(made_by(),)]:
                 return {}, "was made by another version of rig"
-            return _records(file), ""
+            figures: dict[bytes, dict[str, Quantity]] = {}
+            for run, figure, value, u, unit, samples, noise in file.execute(
+                "select * from figures order by run, figure"
+            ):
+                quantity = Quantity(_number(value), _number(u), unit, samples, noise)
+                figures.setdefault(run, {})[figure] = quantity
+            records = {}
+            for row in file.execute("select * from runs order by name"):
+                name, *label, readings, simulated, corrected = row
+                fields = (os.fsdecode(name), *label, figures.get(name, {}), readings, bool(simulated), corrected)
+                record, problem, started = Record(*fields), label[-1], label[2]
+                if not problem:
+                    datetime.fromisoformat(started)  # raises ValueError, which is damage
+                records[record.name] = record
+            return records, ""
     except (sqlite3.Error, TypeError, ValueError) as error:
         if is_of_the_system(error):
             raise Unusable(str(error)) from None
@@ -140,22 +154,6 @@ def _insert(file: sqlite3.Connection, record: Record) -> None:
 def escaped(text: str) -> str:
     """The text with lone surrogates, which no database stores, as their escapes."""
     return text.encode("utf-8", "backslashreplace").decode()
-
-
-def _records(file: sqlite3.Connection) -> dict[str, Record]:
-    figures: dict[bytes, dict[str, Quantity]] = {}
-    for run, figure, value, u, unit, samples, noise in file.execute("select * from figures order by run, figure"):
-        quantity = Quantity(_number(value), _number(u), unit, samples, noise)
-        figures.setdefault(run, {})[figure] = quantity
-    records = {}
-    for row in file.execute("select * from runs order by name"):
-        name, *label, readings, simulated, corrected = row
-        fields = (os.fsdecode(name), *label, figures.get(name, {}), readings, bool(simulated), corrected)
-        record, problem, started = Record(*fields), label[-1], label[2]
-        if not problem:
-            datetime.fromisoformat(started)  # raises ValueError, which is damage
-        records[record.name] = record
-    return records
 
 
 def _number(value: float | None) -> float:

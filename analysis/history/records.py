@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
@@ -17,14 +18,14 @@ from analysis.history.joint_play import joint_plays
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import result_of
 from analysis.traces.condition import Condition
+from analysis.traces.kind import kind_named
 from analysis.traces.loading import load_measured
 from daq.store import Manifest, RunInfo
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
 from rigs.errors import FileError
 from rigs.files import read_bytes
-from rigs.rig import Rig
-from rigs.schema.vocabulary import CIRCLES
+from rigs.schema.vocabulary import DrivenTest
 
 
 def joint_warmth(condition: Condition) -> dict[str, Quantity]:
@@ -38,7 +39,6 @@ def joint_warmth(condition: Condition) -> dict[str, Quantity]:
     return means | rises
 
 
-_PLACES = {"repeatability": "hemisphere", "radial": "hemisphere"} | dict.fromkeys(CIRCLES, "circle")
 _MOST_BYTES = 1_000_000_000
 """The largest ledger, as the store has it."""
 _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
@@ -106,7 +106,11 @@ def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
             warnings.simplefilter("error", RuntimeWarning)  # a figure that becomes nan is no result
             measured = load_measured(path)
             readings, simulated = measured.run.readings_sha256, measured.is_simulated
-            program = _program(measured.rig, manifest.test)
+            # A digest of what the robot drives; figures of different programs are not comparable
+            is_driven = manifest.test in get_args(DrivenTest)
+            part = getattr(measured.rig.tests, kind_named(manifest.test).part) if is_driven else None
+            driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}
+            program = hashlib.sha256(json.dumps(driven, sort_keys=True).encode()).hexdigest()[:8]
             result = result_of(measured)
             figures = result.figures | joint_plays(result) | joint_warmth(measured.condition)
     except FileError as error:
@@ -140,13 +144,6 @@ def _plain_record(
         figures,
         corrected=manifest.corrected,
     )
-
-
-def _program(rig: Rig, test: str) -> str:
-    """A digest of what the robot drives; figures of different programs are not comparable."""
-    part = getattr(rig.tests, _PLACES[test]) if test in _PLACES else None
-    driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}
-    return hashlib.sha256(json.dumps(driven, sort_keys=True).encode()).hexdigest()[:8]
 
 
 def in_time(records: Iterable[Record]) -> list[Record]:

@@ -19,7 +19,15 @@ _MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept",
 def sentences(history: History) -> list[str]:
     """What lies beyond its limit and since when, then what changed and when, a sentence each; or that nothing did."""
     limited = [line for series in history.series for line in _limit_sentences(series)]
-    groups = _together(history.changed)
+    # Changes of one figure in several tests at one time and in one sense, the most certain first
+    groups: list[list[tuple[Series, Change]]] = []
+    for candidate in history.changed:
+        group = next((group for group in groups if _alike(group[0], candidate)), None)
+        if group is None:
+            groups.append([candidate])
+        else:
+            group.append(candidate)
+    groups = [sorted(group, key=lambda member: member[1].chance) for group in groups]
     if groups:
         return [*limited, *(_sentence(group) for group in groups)]
     if all(is_short(series) for series in history.series):
@@ -141,18 +149,6 @@ def _span(runs: Sequence[Record]) -> str:
 
 def _day(when: date) -> str:
     return f"{when.day} {_MONTHS[when.month - 1]} {when.year}"
-
-
-def _together(changed: Sequence[tuple[Series, Change]]) -> list[list[tuple[Series, Change]]]:
-    """Changes of one figure in several tests at one time and in one sense, the most certain first."""
-    groups: list[list[tuple[Series, Change]]] = []
-    for candidate in changed:
-        group = next((group for group in groups if _alike(group[0], candidate)), None)
-        if group is None:
-            groups.append([candidate])
-        else:
-            group.append(candidate)
-    return [sorted(group, key=lambda member: member[1].chance) for group in groups]
 
 
 def _alike(pair: tuple[Series, Change], other_pair: tuple[Series, Change]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import pairwise
@@ -78,13 +78,14 @@ class FittedTerms:
 @dataclass(frozen=True, eq=False)
 class Background:
     """The background of one state: noise weights (N,) of the readings, prior variances and means (p,) of the
-    coefficients of all columns, and the weighted products X'WX (p, p) of the columns."""
+    coefficients of all columns. `gram` makes the weighted products X'WX (p, p) of the columns, which its factor alone
+    needs, so that a background that is kept does not hold them."""
 
     columns: Columns
     weight: Array
     variance: Array
     mean: Array
-    gram: Array
+    gram: Callable[[], Array]
     _latest: list[tuple[FittedTerms, Weighed]] = field(default_factory=list, init=False, repr=False)
     _weighed: WeakKeyDictionary[Response, Weighed] = field(default_factory=WeakKeyDictionary, init=False, repr=False)
 
@@ -98,7 +99,8 @@ class Background:
         """The lower Cholesky factor (p, p) of M."""
         from scipy.linalg import cholesky  # noqa: PLC0415 - slow to import
 
-        M = self._root[:, None] * self.gram * self._root
+        M = self._root[:, None] * self.gram()
+        M *= self._root
         M[np.diag_indices_from(M)] += 1.0
         return np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
 
@@ -182,6 +184,25 @@ class Background:
         return covariance
 
     @cached_property
+    def variances(self) -> Array:
+        """The diagonal (p,) of the covariance, from half of its work where nothing else of it is needed."""
+        if "covariance" in vars(self):
+            return np.diag(self.covariance)
+        from scipy.linalg.lapack import dtrtri  # noqa: PLC0415 - slow to import
+
+        inverse, _ = dtrtri(self._chol, lower=True)
+        variances: Array = self.variance * np.einsum("kj,kj->j", inverse, inverse)
+        return variances
+
+    def covariance_times(self, vector: Array) -> Array:
+        """Return the product (p,) of the covariance with a vector (p,), without the covariance."""
+        from scipy.linalg import cho_solve  # noqa: PLC0415 - slow to import
+
+        solved = cho_solve((self._chol, True), self._root * vector, check_finite=False)
+        product: Array = self._root * solved
+        return product
+
+    @cached_property
     def spent(self) -> Array:
         """The energy of each band (b,), in variances of the noise, that the uncertainty of the coefficients hides, with
         no terms fitted beside them."""
@@ -248,7 +269,7 @@ class Posterior:
     def variance(self) -> Array:
         """The variances (p,) of the columns of the background."""
         taken = self._taken[:, :-1]
-        variance: Array = np.diag(self.background.covariance) + np.sum(taken @ self.known_covariance * taken, axis=1)
+        variance: Array = self.background.variances + np.sum(taken @ self.known_covariance * taken, axis=1)
         return variance
 
     def covariance_among(self, columns: Integers) -> Array:
@@ -268,7 +289,7 @@ class Posterior:
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the whitened columns of the background with a vector (p,)."""
         taken = self._taken[:, :-1]
-        product: Array = self.background.covariance @ vector + taken @ (self.known_covariance @ (vector @ taken))
+        product: Array = self.background.covariance_times(vector) + taken @ (self.known_covariance @ (vector @ taken))
         return product
 
     @cached_property
@@ -395,7 +416,7 @@ class Posterior:
 def background_of(columns: Columns, weight: Array, variance: Array, mean: Array | None = None) -> Background:
     """Return the background of noise weights (N,), prior variances (p,) and prior means (p,), zero by default."""
     mean = np.zeros(len(variance)) if mean is None else mean
-    return Background(columns, weight, variance, mean, columns.weighted_gram(weight))
+    return Background(columns, weight, variance, mean, partial(columns.weighted_gram, weight))
 
 
 def fault_evidence(values: Array, seen: Array, level: float) -> Array:

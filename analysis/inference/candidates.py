@@ -367,17 +367,21 @@ class Columns:
     @cached_property
     def parts(self) -> list[Array]:
         """The whitened columns (n, p) of each band."""
-        return [self.X[rows] for rows in self.rows]
+        return [self.X] if len(self.rows) == 1 else [self.X[rows] for rows in self.rows]
 
     @cached_property
     def K(self) -> Array:  # noqa: N802 - a matrix
         """The products (b, p, p) of the whitened columns by band."""
-        return np.stack([part.T @ part for part in self.parts])
+        width = self.X.shape[1]
+        products = np.empty((len(self.parts), width, width))
+        for part, out in zip(self.parts, products, strict=True):
+            np.matmul(part.T, part, out=out)
+        return products
 
     @cached_property
     def gram(self) -> Array:
         """The products (p, p) of the whitened columns over all bands."""
-        gram: Array = self.K.sum(axis=0)
+        gram: Array = self.K[0] if len(self.K) == 1 else self.K.sum(axis=0)
         return gram
 
     def weighted_gram(self, weight: Array) -> Array:
@@ -404,9 +408,14 @@ class Columns:
         kept: a search for the strength of the noise changes all weights of a band alike."""
         weights = weight[self.rows[band]]
         shape = np.round(weights / weights.max(), _WEIGHT_DIGITS)
-        part = np.sqrt(shape)[:, None] * self.parts[band]
-        gram = recent(self._uneven, (band, shape.tobytes()), lambda: part.T @ part, _UNEVEN)
-        return np.asarray(weights.max() * gram, dtype=float)
+
+        def compute() -> Array:
+            part = np.sqrt(shape)[:, None] * self.parts[band]
+            gram: Array = part.T @ part
+            return gram
+
+        gram: Array = weights.max() * recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN)
+        return gram
 
     def weighted_products(self, response: Response, weight: Array) -> Array:
         """Return the products (k, p) of a response with the columns, of readings with weights (N,), computed in the

@@ -21,7 +21,7 @@ from analysis.measures.reduction import PHI
 from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.results import Result, result_of
 from analysis.model.predict import Model, SetUp, model_of, path_of, predict
-from analysis.simulation.simulate import with_values
+from analysis.noise.readings import rms
 from analysis.traces.loading import Measured
 from rigs.rig import Rig
 
@@ -48,7 +48,7 @@ class Comparison(Tabular):
 
     def to_table(self) -> pa.Table:
         """The curves side by side: phi_deg, target or place, then measured, simulated and difference in their unit."""
-        where = {"yaw": "phi_deg", "roll": "phi_deg", "radial": "target"}.get(self.result.test, "place")
+        where = self.result.measured.table.kind.along
         curves = {"measured": self.measured_curve, "simulated": self.simulated_curve}
         curves["difference"] = self.measured_curve - self.simulated_curve
         return pa.table({where: self.x} | {f"{name}_{self.unit}": values for name, values in curves.items()})
@@ -180,7 +180,11 @@ def _one(run: Measured, model: Model, setup: SetUp, rows: Integers, residuals_mm
     result = result_of(run)
     values = predict(model, run.table, path_of(model, run.table), setup)
     simulated = evaluate(
-        with_values(run.table, values), model.rig, run.u_lag_s, f"{run.path}, simulated", u_gauge_mm=0.0
+        run.table.kind.with_readings(run.table, values),
+        model.rig,
+        run.u_lag_s,
+        f"{run.path}, simulated",
+        u_gauge_mm=0.0,
     )
     x, measured_curve, unit = curve(result.found)
     _, simulated_curve, _ = curve(simulated)
@@ -195,7 +199,7 @@ def _one(run: Measured, model: Model, setup: SetUp, rows: Integers, residuals_mm
         rows=rows,
         residuals_mm=residuals_mm,
         correlation=correlation,
-        rms_um=float(np.sqrt((residuals_mm**2).mean()) * 1000),
+        rms_um=1000 * rms(residuals_mm),
     )
 
 

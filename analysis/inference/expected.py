@@ -38,7 +38,7 @@ from analysis.traces.tables import CircleTable, Table
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import healthy, healthy_size, is_play, is_wave, one_sided, scaled, size_field, size_of
-from rigs.schema.vocabulary import CIRCLES, TestName
+from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # What is known of each form of each name before anything is measured: the posterior covariance of the forms' sizes in
@@ -210,7 +210,7 @@ ASSUMED_JOINT_DEG = JOINT_DEG.rms
 def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
     """Return the noise that planned runs of tests are assumed to have, rms in µm of one run; a ball that is seated by
     hand scatters as much as a robot that stops at a target."""
-    if set(tests) == {"touch"}:
+    if set(tests) <= set(WITHOUT_GAUGES):
         return {"a touch, each coordinate": 1e3 * TARGET_MM.rms}
     return _ASSUMED_UM
 
@@ -248,12 +248,11 @@ def _tables(rig: Rig, tests: Sequence[TestName]) -> list[Table]:
     """Return the tables of the driven tests, whose readings are not used. Yaw and roll share one motion, and a cw
     program drives the joint angles of the acw program in reverse."""
     tables = [simulate(rig, test, None, None) for test in tests if test not in CIRCLES]
-    if "yaw" in tests or "roll" in tests:
-        acw = simulate(rig, "yaw", "acw", None)
+    if circles := [test for test in CIRCLES if test in tests]:
+        acw = simulate(rig, circles[0], "acw", None)
         assert isinstance(acw, CircleTable)  # noqa: S101 - what simulate makes of a circle
         cw = replace(acw, direction="cw", t_s=acw.t_s[-1] - acw.t_s[::-1], q=acw.q[::-1])
-        tables += [acw, cw] if "yaw" in tests else []
-        tables += [replace(lap, test="roll") for lap in (acw, cw)] if "roll" in tests else []
+        tables += [replace(lap, test=test) for test in circles for lap in (acw, cw)]
     return tables
 
 

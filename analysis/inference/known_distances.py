@@ -16,8 +16,8 @@ import numpy as np
 
 from analysis.inference.blocks import Block
 from analysis.kinematics.arm import Array
-from analysis.measures.touch import SEAT_MM
 from analysis.model.predict import SetUp
+from analysis.noise.cell import SEAT_MM
 from rigs.schema.declared_tests import SocketDistance
 
 _SD_MM = float(np.sqrt(2.0)) * SEAT_MM

@@ -7,8 +7,10 @@ driving.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from operator import attrgetter, itemgetter
 
 import numpy as np
 
@@ -41,29 +43,34 @@ class NamingTests:
         """Return the test that separates an effect from its rival, the cheapest of those that do it for certain; None
         where none does."""
         pairs = ((effect, rival), (rival, effect))
-        sigmas = [
-            min(test.expected.separation_sigma([first], phases(second)) for first, second in pairs)
-            for test in self.possible
-        ]
-        return self._best(sigmas, 1, (name_of(effect), name_of(rival)))
+
+        def sigma(test: PossibleTest) -> float:
+            return min(test.expected.separation_sigma([first], phases(second)) for first, second in pairs)
+
+        return self._cheapest(sigma, 1, (name_of(effect), name_of(rival)))
 
     def for_member(self, effect: Effect, among: int) -> tuple[NamingTest, Cost] | None:
         """Return the test by which an effect among so many is known best at its size; None where none names it."""
-        sigmas = []
-        for test in self.possible:
+
+        def sigma(test: PossibleTest) -> float:
             alike = [form for form in test.expected.candidates if form.name == name_of(effect)]
             sd = test.expected.sd(min(alike, key=lambda form: form.size)) if alike else np.inf
-            sigmas.append(abs(size_of(effect)) / sd)
-        return self._best(sigmas, among, (label_of(effect),))
+            return abs(size_of(effect)) / sd
 
-    def _best(self, sigmas: Sequence[float], among: int, names: tuple[str, ...]) -> tuple[NamingTest, Cost] | None:
-        enough = [k for k, sigma in enumerate(sigmas) if _odds(sigma, among) >= ODDS / (1 + ODDS)]
-        if not enough:
-            return None
-        k = min(enough, key=lambda k: (self.possible[k].minutes, -sigmas[k]))
-        best = self.possible[k]
-        test = NamingTest(best.test, best.why, float(sigmas[k]), _odds(sigmas[k], among), names)
-        return test, Cost(best.minutes, best.programs, best.set_ups)
+        return self._cheapest(sigma, among, (label_of(effect),))
+
+    def _cheapest(
+        self, sigma: Callable[[PossibleTest], float], among: int, names: tuple[str, ...]
+    ) -> tuple[NamingTest, Cost] | None:
+        """Return the test that takes the fewest minutes of those of enough sigmas. Each is simulated whole for its
+        sigmas, some seconds for a circle: those that take longer than one that does are not."""
+        by_minutes = attrgetter("minutes")
+        for _, group in groupby(sorted(self.possible, key=by_minutes), key=by_minutes):
+            best, sigmas = max(((test, sigma(test)) for test in group), key=itemgetter(1))
+            if (odds := _odds(sigmas, among)) >= ODDS / (1 + ODDS):
+                test = NamingTest(best.test, best.why, float(sigmas), odds, names)
+                return test, Cost(best.minutes, best.programs, best.set_ups)
+        return None
 
 
 def _odds(sigma: float, among: int) -> float:

@@ -24,6 +24,7 @@ from analysis.inference.expected import (
 from analysis.inference.responses import Linearisation, beside
 from analysis.kinematics.arm import Array, transform
 from analysis.model.predict import SetUp
+from analysis.traces.kind import kinds
 from rigs.effects import Effect, turned
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
@@ -66,17 +67,10 @@ def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
     if missing and rig.tests.circle:
         words = f"{' and '.join(missing)} on the circle"
         further.append(FurtherTest(missing, "the tool's other tilt", ((words, rig),)))
-    if rig.tests.hemisphere:
-        if "radial" not in tests:
-            further.append(
-                FurtherTest(("radial",), "many postures, by distance alone", (("hemisphere (radial)", rig),))
-            )
-        if "repeatability" not in tests:
-            further.append(
-                FurtherTest(("repeatability",), "the same places from both sides", (("repeatability", rig),))
-            )
-    if rig.tests.touch and "touch" not in tests:
-        further.append(FurtherTest(("touch",), "one place in many postures, without gauges", (("touch", rig),)))
+    for kind in kinds():
+        if kind.further and getattr(rig.tests, kind.part, None) and kind.test not in tests:
+            words, why = kind.further
+            further.append(FurtherTest((kind.test,), why, ((words, rig),)))
     # Of tests that add equally much the first is reported, so tests of the rig file precede new set-ups.
     return further + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])
 
@@ -502,7 +496,7 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
         if rig.tests.touch and not circle and not rig.tests.hemisphere:
             return ("touch",)
         return (*circle, "radial") if rig.tests.hemisphere else circle or CIRCLES
-    every: tuple[TestName, ...] = (*CIRCLES, "radial", "repeatability", "touch")
+    every: tuple[TestName, ...] = (*CIRCLES, *(kind.test for kind in kinds() if kind.further))
     asked = [name.strip() for name in names.split(",")]
     for name in asked:
         if name not in every:

@@ -38,6 +38,7 @@ from analysis.measures.columns import FigureColumn, figure_columns
 from analysis.measures.pose import SAME_RAD, groups
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, borrowers, by_test, evaluated_again, result_of
+from analysis.traces.kind import kind_named
 from analysis.traces.loading import Measured
 from rigs.calibration import Judged
 from rigs.effects import Effect
@@ -138,8 +139,6 @@ _NEGLIGIBLE = 1e-4
 """Odds of rivals that are not listed."""
 _NO_WORSE = 0.97
 """Ratio below which a gap is smaller than another: 3 % of an rms is more than a set-up fitted again gains by chance."""
-_BY_DISTANCE = ("pose", "touch")
-"""Tests of which a reading is a distance of three coordinates."""
 _FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
 """At another place: times the noise floor from which a gap is one, the factor by which the calibrated model must be
 worse than the names alone, and the least share of the energy that a right model gains. Source: a rule that was tried on
@@ -451,7 +450,7 @@ def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps) -> Judged:
     handed over."""
     judged = gaps.judged
     excess_um2 = max(judged.calibrated_um**2 - judged.noise_floor_um**2, 0.0)
-    coordinates = 3 if all(test in _BY_DISTANCE for test in (tested.test for tested in judged.tests)) else 1
+    coordinates = 3 if all(kind_named(tested.test).of_places for tested in judged.tests) else 1
     return Judged(
         condition=diagnosis.condition, place=diagnosis.accuracy.place,
         before_um=judged.before_um, names_um=judged.after_um,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from analysis.kinematics.arm import Arm, Array, blocks, pose_error
 from analysis.kinematics.closed_form import branches, canonical
 from analysis.kinematics.inverse import inverse
-from analysis.kinematics.limits import within_limits, wrapped
+from analysis.kinematics.limits import SAME_RAD, within_limits, wrapped
 from analysis.kinematics.newton import LENGTH_MM, REACHED_MM, cancelling_axes, conditioning, from_nearby, newton
 from rigs.errors import PathError
 
@@ -24,7 +24,6 @@ Indices = NDArray[np.intp]
 _KNOT_TURN = np.radians(4.0)
 _JUMP = 10 * _KNOT_TURN
 """How far a joint may leave the straight line between knots."""
-_SAME_RAD = 1e-6
 
 
 def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
@@ -72,7 +71,7 @@ def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Arra
     path = np.unwrap(path, axis=0)
     path += 2 * np.pi * np.rint((theta - path[0]) / (2 * np.pi))
     path, off_mm, _ = from_nearby(arm, poses, (path - arm.offset) @ np.linalg.inv(arm.coupling).T)
-    if not (off_mm < REACHED_MM).all() or np.abs(path[0] - start).max() > _SAME_RAD:
+    if not (off_mm < REACHED_MM).all() or np.abs(path[0] - start).max() > SAME_RAD:
         return None
     # What turns by less than a jump from knot to knot leaves the straight line between them by less.
     swing = np.maximum.reduceat(path, knots) - np.minimum.reduceat(path, knots)

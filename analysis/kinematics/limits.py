@@ -64,7 +64,8 @@ def impossible_rad(q: Array) -> float:
 
 
 _TOLERANCE_MM, _TOLERANCE_RAD = 1e-8, 1e-10
-_SAME_RAD = 1e-6
+SAME_RAD = 1e-6
+"""Joint angles and turns that differ by less are meant to be the same, and rounded."""
 _WEIGHTS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 """Weights of the six angles in one number of a solution: no sum of few of them is that of others."""
 
@@ -93,7 +94,7 @@ def distinct(arm: Arm, q: Array, solved: Mask) -> tuple[Array, Mask]:
     turned = q @ arm.coupling.T
     for slot in range(1, q.shape[1]):
         apart = np.abs(wrapped(turned[:, :slot] - turned[:, slot, None])).max(axis=2)
-        solved[:, slot] &= ~((apart < _SAME_RAD) & solved[:, :slot]).any(axis=1)
+        solved[:, slot] &= ~((apart < SAME_RAD) & solved[:, :slot]).any(axis=1)
     return np.where(solved[..., None], q, np.nan), solved
 
 
@@ -103,5 +104,5 @@ def may_hold_twins(turned: Array, solved: Mask) -> Mask:
     number = np.einsum("i,kin->kn", _WEIGHTS, np.abs(turned))
     number = np.sort(np.where(solved, number, np.inf), axis=0)
     with np.errstate(invalid="ignore"):  # inf - inf, where two are missing
-        twins: Mask = (np.diff(number, axis=0) <= 2 * _SAME_RAD * _WEIGHTS.sum()).any(axis=0)
+        twins: Mask = (np.diff(number, axis=0) <= 2 * SAME_RAD * _WEIGHTS.sum()).any(axis=0)
     return twins

@@ -58,7 +58,11 @@ class Canvas:
         cells = self._cells[row]
         width = get_character_cell_size(character)
         for place in range(column, min(column + width, self.width)):
-            self._clear(cells, place)
+            if cells[place][0] == "" and place:
+                cells[place - 1] = (" ", "")
+            if place + 1 < self.width and cells[place + 1][0] == "":
+                cells[place + 1] = (" ", "")
+            cells[place] = (" ", "")
         cells[column] = (character, style)
         if width == 2:
             cells[column + 1] = ("", style)
@@ -66,13 +70,6 @@ class Canvas:
     def dim(self, row: int, column: int) -> None:
         """Show a cell dim, in no colour."""
         self._cells[row][column] = (self.at(row, column), "dim")
-
-    def _clear(self, cells: list[_Cell], place: int) -> None:
-        if cells[place][0] == "" and place:
-            cells[place - 1] = (" ", "")
-        if place + 1 < self.width and cells[place + 1][0] == "":
-            cells[place + 1] = (" ", "")
-        cells[place] = (" ", "")
 
 
 @dataclass(frozen=True)
@@ -150,13 +147,10 @@ class Dots:
         lit[row[inside], column[inside]] = True
         cells = lit.reshape(self._area.height, 4, self._area.width, 2).transpose(0, 2, 1, 3)
         bits = (cells * _BITS).sum(axis=(2, 3))
-        for r, c in zip(*np.nonzero(bits), strict=True):
-            self._merge(int(r), int(c), int(bits[r, c]), style)
-
-    def _merge(self, row: int, column: int, bits: int, style: str) -> None:
-        before = self._area.canvas.at(self._area.top + row, self._area.left + column)
-        old = ord(before) - _BRAILLE if len(before) == 1 and _BRAILLE <= ord(before) < _BRAILLE + 256 else 0
-        self._area.put(row, column, chr(_BRAILLE + (old | bits)), style)
+        for r, c in np.argwhere(bits).tolist():
+            before = self._area.canvas.at(self._area.top + r, self._area.left + c)
+            old = ord(before) - _BRAILLE if len(before) == 1 and _BRAILLE <= ord(before) < _BRAILLE + 256 else 0
+            self._area.put(r, c, chr(_BRAILLE + (old | int(bits[r, c]))), style)
 
 
 GAUGE_COLOURS = ("bright_cyan", "bright_yellow")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 from analysis.live.view import LiveView, Reading
-from rigs.schema.vocabulary import CIRCLES, Direction, TestName
+from rigs.schema.vocabulary import CIRCLES, OF_ISO9283, Direction, TestName
 
 REDRAW = "\x0c"
 """Ctrl-L."""
@@ -37,7 +37,7 @@ KEYS = (
     ("?  h", "this help"),
     ("q", "quit"),
 )
-_TESTS = tuple(test for test in get_args(TestName) if test not in ("pose", "path"))
+_TESTS = tuple(test for test in get_args(TestName) if test not in OF_ISO9283)
 _ZEROED = "zero: an offset of this view, noted in a run that s starts; recorded readings stay as they are"
 _LABEL = "a label is NAME TEST [acw or cw], for example: monday yaw acw"
 

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from analysis.kinematics.arm import Array
 from analysis.live.canvas import ACW_COLOUR, CW_COLOUR, GAUGE_COLOURS, Area, Dots
 from analysis.live.circle_panel import scale_of, unit_of
 from analysis.live.controls import Controls
@@ -38,8 +37,11 @@ def draw_trace(area: Area, view: LiveView, controls: Controls) -> None:
     x = dots.width_dots - 1 - (recent.t_s[-1] - recent.t_s) / seconds * dots.width_dots
     for k, line in lines.items():
         y = (dots.height_dots - 1) * (0.5 - 0.48 * line / reach_mm)
-        for piece in _without_gaps(line):
-            dots.polyline(x[piece], y[piece], GAUGE_COLOURS[k])
+        # The stretches of a line (n,) without nan
+        finite = np.concatenate([[False], np.isfinite(line), [False]])
+        begins, ends = np.flatnonzero(finite[1:] & ~finite[:-1]), np.flatnonzero(finite[:-1] & ~finite[1:])
+        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+            dots.polyline(x[begin:end], y[begin:end], GAUGE_COLOURS[k])
 
 
 def draw_straight(area: Area, view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
@@ -70,10 +72,3 @@ def draw_straight(area: Area, view: LiveView, controls: Controls, curves: tuple[
             x = curve.phi[piece] / (2 * math.pi) * dots.width_dots
             y = (dots.height_dots - 1) * (0.5 - 0.5 * curve.error[piece] / scale)
             dots.polyline(x, y, colour, every)
-
-
-def _without_gaps(line: Array) -> list[slice]:
-    """The stretches of a line (n,) without nan."""
-    finite = np.concatenate([[False], np.isfinite(line), [False]])
-    begins, ends = np.flatnonzero(finite[1:] & ~finite[:-1]), np.flatnonzero(finite[:-1] & ~finite[1:])
-    return [slice(begin, end) for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]

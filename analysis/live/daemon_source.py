@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.live.cell import Cell, cell_of
+from analysis.live.cell import cell_of
 from analysis.live.rows import GAUGES, NO_TRACKS, ROBOT, Joiner, Track
 from analysis.live.view import Reading, Update
 from daq.service.client import Client
@@ -52,7 +52,10 @@ class Asking:
         self._after = {name: stream["newest"] for name, stream in answer["streams"].items()}
         cell, notice = None, ""
         if not self._knows_rig and answer["rig_lines"] != self.rig_lines:
-            cell, notice = _cell(answer["rig_lines"])
+            try:
+                cell = cell_of(parse("\n".join(answer["rig_lines"]), "the rig file of rigd"))
+            except RigError as error:
+                notice = f"no circle and no angle: {error}"
             self.rig_lines, self.signs = answer["rig_lines"], cell.signs if cell else (1, 1)
         self._knows_rig = True
         state = None
@@ -176,11 +179,3 @@ def _further_of(streams: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
 def _track(t_ns: Array, values: Array) -> Track:
     complete = np.isfinite(values).all(axis=1)
     return Track(t_ns[complete] / 1e9, values[complete])
-
-
-def _cell(rig_lines: list[str]) -> tuple[Cell | None, str]:
-    """What the daemon's rig file says, or why it cannot be read here."""
-    try:
-        return cell_of(parse("\n".join(rig_lines), "the rig file of rigd")), ""
-    except RigError as error:
-        return None, f"no circle and no angle: {error}"

@@ -93,13 +93,15 @@ def figures(view: LiveView) -> dict[str, Any]:
     for k, name in enumerate(("g1", "g2")):
         if name in view.readings:
             reading, extremes = view.readings[name], view.extremes_mm
-            low, high = (None, None) if extremes is None else (_known(extremes[k, 0]), _known(extremes[k, 1]))
+            low, high = (
+                (None, None) if extremes is None else (_finite_or_none(extremes[k, 0]), _finite_or_none(extremes[k, 1]))
+            )
             gauges[name] = {
                 "mm": reading.mm,
                 "age_s": round(reading.age_s, 3),
                 "min_mm": low,
                 "max_mm": high,
-                "trend_mm_s": _known(float(view.trends_mm_s[k])),
+                "trend_mm_s": _finite_or_none(float(view.trends_mm_s[k])),
             }
     for name in sorted(view.readings.keys() - gauges.keys()):
         gauges[name] = {"mm": view.readings[name].mm, "age_s": round(view.readings[name].age_s, 3)}
@@ -117,10 +119,10 @@ def figures(view: LiveView) -> dict[str, Any]:
         "sense": {1: "acw", -1: "cw", 0: None}[view.lap.sense],
         "lap_share": lap_share(view),
         f"band_{'deg' if view.cell is not None and view.cell.has_angle else 'mm'}": {
-            name: _known(curve.band) if len(curve.phi) else None
+            name: _finite_or_none(curve.band) if len(curve.phi) else None
             for name, curve in zip(("acw", "cw"), shown_curves(view), strict=True)
         },
-        "joints_deg": [_known(float(np.degrees(q))) for q in view.rows.q[-1]] if len(view.rows) else [],
+        "joints_deg": [_finite_or_none(float(np.degrees(q))) for q in view.rows.q[-1]] if len(view.rows) else [],
         "joints_sense": [moves(float(speed)) for speed in speeds(view.rows)],
         "reversals": sum(view.reversal_counts),
         "joints_reversals": list(view.reversal_counts),
@@ -158,5 +160,5 @@ def plain_line(view: LiveView, units: Units, zero_mm: tuple[float, float] = (0.0
     return "; ".join(parts)
 
 
-def _known(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return round(float(value), 6) if math.isfinite(value) else None

@@ -6,19 +6,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
-from analysis.kinematics.arm import Array
 from analysis.live.cell import Cell, cell_of
 from analysis.live.rows import Rows
 from analysis.live.view import LiveView, Played, Reading, Update
 from analysis.traces.align import align
 from analysis.traces.csv_tables import table_from
 from analysis.traces.tables import CircleTable
-from daq.store import Run, read_run
+from daq.store import read_run
 from rigs.errors import FileError
 from rigs.load import parse
-from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
 
 _MOST_HZ = 100.0
@@ -74,7 +71,9 @@ class PlayedRun:
         new = replace(new, t_s=new.t_s + self.begins_s)
         run = replace(self, at_s=at_s, shown=max(until, self.shown))
         played = Played(self.name, at_s, float(self.rows.t_s[-1]), self.speed, self.paused, run.ended)
-        return run, Update(rows=new, readings=_readings(self.rows, run.shown), played=played)
+        last = self.rows.g_mm[run.shown - 1] if run.shown else ()
+        readings = {f"g{k}": Reading(float(mm), 0.0) for k, mm in enumerate(last, start=1) if np.isfinite(mm)}
+        return run, Update(rows=new, readings=readings, played=played)
 
     def sped(self, factor: float) -> PlayedRun:
         """Return the run at another speed, within `SPEEDS`."""
@@ -85,7 +84,18 @@ def played_run(path: Path, speed: float) -> PlayedRun:
     """Read a run to be played. Raises FileError where it cannot be read, or holds no times."""
     run = read_run(path)
     rig = parse(run.manifest.rig_text, f"{path}, rig file")
-    rows = _recorded(path, run, rig) if run.table is None else _imported(path, run, run.table)
+    if run.table is None:
+        aligned = align(path, run, rig)
+        t_s, q, readings = aligned.t_s, aligned.q, aligned.g_mm
+    else:
+        table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
+        if not isinstance(table, CircleTable):
+            problem = f"is a {run.manifest.test} table, which holds targets and no motion"
+            raise FileError(str(path), problem, "play a circle, or a run that rigd recorded")
+        t_s, q, readings = table.t_s, table.q, table.g_mm
+    g_mm = np.full((len(readings), 2), np.nan)  # nan for a gauge that the test does not use
+    g_mm[:, : readings.shape[1]] = readings
+    rows = Rows(t_s, g_mm, q)
     step = max(1, int(np.ceil(len(rows) / max(float(np.ptp(rows.t_s)), 1e-9) / _MOST_HZ)))
     rows = rows.taken(slice(None, None, step))
     rows = replace(rows, t_s=rows.t_s - rows.t_s[0])
@@ -93,30 +103,3 @@ def played_run(path: Path, speed: float) -> PlayedRun:
     zero_mm = manifest.view_zero_mm or (0.0, 0.0)
     label = (manifest.name, manifest.test, manifest.direction)
     return PlayedRun(*label, cell_of(rig), manifest.rig_sha256, rows, speed, zero_mm)
-
-
-def _recorded(path: Path, run: Run, rig: Rig) -> Rows:
-    aligned = align(path, run, rig)
-    return Rows(aligned.t_s, _two(aligned.g_mm), aligned.q)
-
-
-def _imported(path: Path, run: Run, rows: pa.Table) -> Rows:
-    table = table_from(rows, run.manifest.test, run.manifest.direction, str(path))
-    if not isinstance(table, CircleTable):
-        problem = f"is a {run.manifest.test} table, which holds targets and no motion"
-        raise FileError(str(path), problem, "play a circle, or a run that rigd recorded")
-    return Rows(table.t_s, _two(table.g_mm), table.q)
-
-
-def _two(g_mm: Array) -> Array:
-    """Readings (n, 2) mm of readings (n, k): nan for a gauge that the test does not use."""
-    both = np.full((len(g_mm), 2), np.nan)
-    both[:, : g_mm.shape[1]] = g_mm
-    return both
-
-
-def _readings(rows: Rows, shown: int) -> dict[str, Reading]:
-    if not shown:
-        return {}
-    last = rows.g_mm[shown - 1]
-    return {f"g{k + 1}": Reading(float(mm), 0.0) for k, mm in enumerate(last) if np.isfinite(mm)}

@@ -64,7 +64,12 @@ class Joiner:
 
     def joined(self, new: Mapping[str, Track]) -> tuple[Joiner, Rows]:
         """Return the joiner with new samples of the instruments, and the rows that can be made now."""
-        tracks = {**self.tracks, **{name: _later(self.tracks.get(name), track) for name, track in new.items()}}
+        tracks = {**self.tracks, **new}
+        for name, newer in new.items():
+            if (track := self.tracks.get(name)) is not None and len(track.t_s):
+                later = newer.t_s > track.t_s[-1]  # what is out of order is left out
+                values = np.concatenate([track.values, newer.values[later]], axis=0)
+                tracks[name] = Track(np.concatenate([track.t_s, newer.t_s[later]]), values)
         tracks = {name: track for name, track in tracks.items() if len(track.t_s)}
         if not tracks:
             return self, NO_ROWS
@@ -76,27 +81,15 @@ class Joiner:
         gauges = [_at(t_s, awake.get(name), 1) for name in GAUGES]
         rows = Rows(t_s, np.concatenate(gauges, axis=1), _at(t_s, awake.get(ROBOT), 6))
         until_s = float(t_s[-1]) if len(t_s) else self.until_s
-        kept = {name: _since(track, ready_s - _SILENT_S) for name, track in tracks.items()}
+        kept = {}
+        for name, track in tracks.items():
+            # The last sample before the others, from which the next rows are interpolated, stays as well.
+            first = max(0, int(np.searchsorted(track.t_s, ready_s - _SILENT_S)) - 1)
+            kept[name] = Track(track.t_s[first:], track.values[first:])
         return replace(self, tracks=kept, until_s=until_s), rows
 
 
 NO_TRACKS = Joiner({})
-
-
-def _later(track: Track | None, newer: Track) -> Track:
-    """A track with newer samples; what is out of order is left out."""
-    if track is None or not len(track.t_s):
-        return newer
-    later = newer.t_s > track.t_s[-1]
-    return Track(
-        np.concatenate([track.t_s, newer.t_s[later]]), np.concatenate([track.values, newer.values[later]], axis=0)
-    )
-
-
-def _since(track: Track, since_s: float) -> Track:
-    """The samples from a time on, and the last before it, from which the next rows are interpolated."""
-    first = max(0, int(np.searchsorted(track.t_s, since_s)) - 1)
-    return Track(track.t_s[first:], track.values[first:])
 
 
 def _at(t_s: Array, track: Track | None, count: int) -> Array:

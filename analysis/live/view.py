@@ -204,7 +204,11 @@ class LiveView:
         phi = self.cell.phi(rows.q)
         lap, sense, share = self.lap.after(phi, self.cell.start_rad, self.cell.lead_rad)
         joints, turned = self.joints.after(rows, phi, sense)
-        values = np.where(_is_in_lap(share, self.cell.lead_rad), self.cell.error_source(rows.g_mm), np.nan)
+        # Whether rows at shares (n,) of a lap belong to it. The lead-in does not, nor does what may be the lead-out:
+        # there joints have turned back that had not at the same place of the lap
+        lead = self.cell.lead_rad / (2 * np.pi)
+        inside: Mask = (share >= 0) & ((share < 1) | (share % 1 > lead))
+        values = np.where(inside, self.cell.error_source(rows.g_mm), np.nan)
         return replace(
             view._with_reversals(turned),
             lap=lap,
@@ -226,14 +230,6 @@ class LiveView:
     def _swept(self, sweep: Sweep, direction: Direction, phi: Array, values: Array) -> Sweep:
         """A way back between two laps is no measurement in the other direction."""
         return sweep if self.direction not in (None, direction) else sweep.after(phi, values)
-
-
-def _is_in_lap(share: Array, lead_rad: float) -> Mask:
-    """Whether rows at shares (n,) of a lap belong to it. The lead-in does not, nor does what may be the lead-out: there
-    joints have turned back that had not at the same place of the lap."""
-    lead = lead_rad / (2 * np.pi)
-    inside: Mask = (share >= 0) & ((share < 1) | (share % 1 > lead))
-    return inside
 
 
 def _recording_changes(before: dict[str, Any] | None, state: dict[str, Any]) -> list[str]:

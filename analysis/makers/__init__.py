@@ -18,7 +18,7 @@ all, so a person gives them. Without them a change is stated in degrees of the r
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -160,20 +160,14 @@ def maker_by(name: MakerName) -> Maker:
     return Maker(name, package)
 
 
-def _files() -> Iterator[tuple[Maker, ProgramFiles]]:
-    """Each maker with the files of its programs; one of another package that cannot be used has none."""
-    for name in makers():
-        maker = maker_by(name)
-        try:
-            yield maker, maker.files
-        except UseError:
-            continue
-
-
 def maker_of_file(name: str | Path) -> Maker | None:
     """Return the maker whose controllers drive a file, by its suffix; None for a file without motion."""
     suffix = Path(name).suffix.lower()
-    return next((maker for maker, files in _files() if suffix in files.suffixes), None)
+    for maker in map(maker_by, makers()):
+        with suppress(UseError):  # one of another package that cannot be used has no files
+            if suffix in maker.files.suffixes:
+                return maker
+    return None
 
 
 def suffixes_in_words() -> str:

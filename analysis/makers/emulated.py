@@ -275,7 +275,10 @@ class Machine:
     @tool.setter
     def tool(self, tool: Pose) -> None:
         old, self._tool = self._tool, _finite(tool)
-        if old and self._pose and not _same(old, tool):
+        if not old or not self._pose:
+            return
+        away_mm, turned = np.abs(old.place - tool.place).max(), (old.turn.inv() * tool.turn).magnitude()
+        if away_mm >= _SAME_MM or turned >= _SAME_RAD:
             turn = self._pose.turn * old.turn.inv()
             self._pose = Pose(self._pose.place + turn.apply(tool.place - old.place), turn * tool.turn)
 
@@ -317,12 +320,6 @@ class Machine:
         if not 0 <= seconds < np.inf:
             raise ProgramError(f"{seconds} s is no time to wait")
         self.events.append(Waited(seconds))
-
-
-def _same(first: Pose, second: Pose) -> bool:
-    return bool(
-        np.abs(first.place - second.place).max() < _SAME_MM and (first.turn.inv() * second.turn).magnitude() < _SAME_RAD
-    )
 
 
 def _finite(pose: Pose) -> Pose:

@@ -12,11 +12,14 @@ parts that it may change are unknown everywhere.
 from __future__ import annotations
 
 import heapq
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 OFF = "off"
 """The value of a part, such as a displacement, that does nothing."""
+BEGIN = "\0begin"
+"""The place at which the arm stands when a person starts the program."""
 HERE = " here"
 """Parts whose name ends so are set for the next move alone."""
 _MOST_STATES = 64
@@ -146,7 +149,7 @@ class Program:
 
     A part of the families `kept` stays what any routine, also one without a call, has made it: a program may have
     been stopped anywhere, and a routine started by hand or by an event. Where a program `cycles`, it begins again with
-    all parts as they are where it ends."""
+    all parts as they are where it ends. `starts` is the routine with which a person starts it, if that is certain."""
 
     routines: Mapping[str, tuple[Statement, ...]]
     initial: Callable[[str], Value]
@@ -154,6 +157,7 @@ class Program:
     broken: tuple[Call, ...] = ()
     kept: tuple[str, ...] = ()
     cycles: bool = False
+    starts: str | None = None
 
 
 @dataclass(frozen=True)
@@ -257,10 +261,11 @@ class _Machine:
     def join(self, first: State, second: State, place: Unknown) -> State:
         if first is second:
             return first
-        values = {
-            part: _joined(self.value(first, part), self.value(second, part), place)
-            for part in first.values.keys() | second.values.keys()
-        }
+        values: dict[str, Value] = {}
+        for part in first.values.keys() | second.values.keys():
+            both = self.value(first, part), self.value(second, part)
+            unknown = [value for value in both if isinstance(value, Unknown)]
+            values[part] = both[0] if both[0] == both[1] else min(unknown, default=place)
         lost = dict(first.lost)
         for name, why in second.lost.items():
             lost[name] = min(lost.get(name, why), why)
@@ -355,7 +360,7 @@ class _Machine:
         begins = [name for name in self.program.routines if name not in called and name not in names_beside]
         begin = State(*self._kept(), frozenset({None}))
         for name in begins or list(self.program.routines)[:1]:  # if they only call each other, it begins at the first
-            self._cycle(name, begin)
+            self._cycle(name, replace(begin, stands=frozenset({BEGIN})) if name == self.program.starts else begin)
         self.later |= {name for name in names_beside if name in self.program.routines}
         self._in_any_state()
         reached = {context.routine for context in self.contexts}
@@ -455,13 +460,6 @@ def family_of(part: str) -> str:
     return part.partition("[")[0]
 
 
-def _joined(first: Value, second: Value, place: Unknown) -> Value:
-    if first == second:
-        return first
-    unknown = [value for value in (first, second) if isinstance(value, Unknown)]
-    return min(unknown) if unknown else place
-
-
 def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:
     """Return what is said where ways with different values come together: before the next move or call."""
     for statement in body[at:]:
@@ -514,6 +512,17 @@ class Blocks:
         """Begin a block whose branches are cases; without one for all others it may be passed by."""
         self._open.append(("branch", self._label(), self._label()))
         self.add(Jump((self._open[-1][1],)))
+
+    def perhaps(self, *statements: Statement) -> None:
+        """Take statements that a condition may skip."""
+        self.branch()
+        self.add(*statements)
+        self.close()
+
+    def evaluated(self, before: str, call: Statement) -> None:
+        """Take what an expression calls after the text `before`: behind `and` and `or` it may be left out, since no
+        manual says that both sides are evaluated."""
+        (self.perhaps if re.search(r"\b(?:and|or)\b", before, re.IGNORECASE) else self.add)(call)
 
     def other(self) -> None:
         """Begin another branch of the block; without a guard it is taken where no other is."""

@@ -13,8 +13,8 @@ from typing import Literal, Protocol
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.makers.machine import OFF, Program, Ref, Unknown, Usage, Value, usages_of
-from analysis.makers.target import Left, Named, Parsed, Reason, Step, Target
+from analysis.makers.machine import BEGIN, OFF, Program, Ref, Unknown, Usage, Value, usages_of
+from analysis.makers.target import AT_BEGIN, Left, Named, Parsed, Reason, Step, Target
 
 _BY_PART: dict[str, Reason] = {
     "shift": "displaced",
@@ -120,7 +120,7 @@ class Points:
         steps = tuple(
             Step(
                 places[usage.move.key],
-                frozenset(None if key is None else places.get(key) for key in usage.comes_from),
+                frozenset(AT_BEGIN if key == BEGIN else places.get(key or "") for key in usage.comes_from),
                 "joint" if usage.move.way == "joint" else "line",
                 usage.trusts == "on",
             )
@@ -135,7 +135,7 @@ class Points:
         for usage in usages:
             key = usage.move.key
             for source in usage.comes_from:
-                if source is not None and (key in places) != (source in places):
+                if source not in (None, BEGIN) and (key in places) != (source in places):
                     yield places[key if key in places else source]
 
 
@@ -202,7 +202,7 @@ def _with_state(target: Target, usages: Sequence[Usage], skip: _Leave) -> Target
         tool=_tool(first.tool, target.tool),
         frame=_tool(first.frame, target.frame),
         near=first.move.near,
-        flags=target.flags if any(usage.trusts in ("on", "checked") for usage in usages) else None,
+        flags=target.flags if any(usage.trusts != OFF for usage in usages) else None,
     )
 
 

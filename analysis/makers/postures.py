@@ -16,8 +16,9 @@ import numpy as np
 from analysis.kinematics.arm import Arm, Array, Mask, forward
 from analysis.kinematics.follow import follow
 from analysis.kinematics.inverse import inverse
-from analysis.kinematics.limits import within_limits
-from analysis.makers.target import Flags, Reason, Step, Target, Way
+from analysis.kinematics.limits import SAME_RAD, within_limits
+from analysis.kinematics.newton import conditioning
+from analysis.makers.target import AT_BEGIN, Flags, Reason, Step, Target, Way
 from analysis.robot_programs.ways import straight
 from rigs.errors import FileError
 
@@ -37,22 +38,30 @@ _NEAR_RAD = np.radians(60.0)
 joint by 180° less than twice axis 5."""
 _CLEARLY = 2.0
 """The next solution is farther by this factor than the nearest, or which one is meant is not clear. Chosen."""
-_SAME_RAD = 1e-6
 _ANY_MM_S = 100.0
 """A way has the same places at any speed."""
+_PAST_SINGULARITY = 0.01
+"""Conditioning below which the end of a straight line is not certain: an axis 5 below 2.3°, 4 mm at the wrist, which
+a robot drives between two set points of its controller. On which side the wrist leaves is the controller's then."""
 _LONGEST_MM = 1e4
 """No line of an arm is longer: 10 m."""
 
 
 def solved(
-    arm: Arm, targets: Sequence[Target], poses: Array, joint_angles: Array, steps: Sequence[Step]
+    arm: Arm,
+    targets: Sequence[Target],
+    poses: Array,
+    joint_angles: Array,
+    steps: Sequence[Step],
+    start: Sequence[float] | None = None,
 ) -> tuple[Array, dict[int, Reason]]:
     """Return joint angles (n, 6) rad of targets, with the reason where there are none.
 
     `poses` (n, 4, 4) are those of the arm's tool in the world, and `joint_angles` (n, 6) rad those of joint targets,
-    each nan where the target is of the other kind.
+    each nan where the target is of the other kind. `start` (6,) rad are those at which the arm stands when the program
+    begins, if they are known.
     """
-    q = joint_angles.copy()
+    q = np.vstack([joint_angles, np.full(6, np.nan) if start is None else start])  # the last at AT_BEGIN
     reasons: dict[int, Reason] = {}
     asked = [k for k, target in enumerate(targets) if not target.joints and np.isfinite(poses[k]).all()]
     branches = dict(zip(asked, _branches(arm, poses[asked]), strict=True)) if asked else {}
@@ -70,7 +79,7 @@ def solved(
     for k in asked:
         if k not in reasons and not np.isfinite(q[k]).all():
             reasons[k] = "no_posture"
-    return q, reasons
+    return q[:AT_BEGIN], reasons
 
 
 def _branches(arm: Arm, poses: Array) -> list[Array | Reason]:
@@ -185,7 +194,7 @@ def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Re
         arrived = ways.reached(source, k, step.way)
         if isinstance(arrived, str):
             return arrived
-        if np.abs(np.sin((arrived - ways.q[k]) / 2) if not by_way else arrived - ways.q[k]).max() > _SAME_RAD:
+        if np.abs(np.sin((arrived - ways.q[k]) / 2) if not by_way else arrived - ways.q[k]).max() > SAME_RAD:
             return "two_postures"
     return None
 
@@ -199,7 +208,10 @@ def _reached(arm: Arm, stands: Array, pose: Array, solutions: Array, *, linear: 
         return "unreachable"
     try:
         way = straight(begin, pose, _ANY_MM_S).poses
-        end: Array = follow(arm, way, stands, "a move")[-1]
+        path = follow(arm, way, stands, "a move")
     except FileError:
         return "ambiguous"
+    if conditioning(arm, path).min() < _PAST_SINGULARITY:
+        return "past_singularity"
+    end: Array = path[-1]
     return solutions[np.abs(solutions - end).max(axis=1).argmin()] if len(solutions) else "unreachable"

@@ -58,19 +58,17 @@ def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
     data = maker.files.data
     beside = [path.with_suffix(suffix) for suffix in (data, data.upper(), data.title()) if suffix]
     files = [path, *(file for file in beside if file.exists())][:2]
-    return maker, {file.name: _text(file) for file in files}
-
-
-def _text(path: Path) -> str:
-    try:
-        data = read_bytes(path, MOST_BYTES)
-    except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
-    if b"\0" in data:
-        raise FileError(
-            str(path), "is a binary file or UTF-16 text", "give the program as ASCII, Latin-1 or UTF-8 text"
-        )
-    return data.decode(ENCODING)
+    texts = {}
+    for file in files:
+        try:
+            content = read_bytes(file, MOST_BYTES)
+        except OSError as error:
+            raise FileError(str(file), error.strerror or str(error), "check the path and its permissions") from None
+        if b"\0" in content:
+            remedy = "give the program as ASCII, Latin-1 or UTF-8 text"
+            raise FileError(str(file), "is a binary file or UTF-16 text", remedy)
+        texts[file.name] = content.decode(ENCODING)
+    return maker, texts
 
 
 def read_program(path: Path) -> tuple[Maker, Texts]:

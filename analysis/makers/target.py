@@ -23,6 +23,7 @@ Reason = Literal[
     "computed",
     "not_literal",
     "handed",
+    "array",
     "arc",
     "changed",
     "offset",
@@ -44,6 +45,7 @@ Reason = Literal[
     "ambiguous",
     "other_flags",
     "two_postures",
+    "past_singularity",
     "unreachable",
     "beyond_limits",
     "singular",
@@ -55,6 +57,7 @@ WHY: dict[Reason, str] = {
     "computed": "is computed by the program",
     "not_literal": "is not a point with numbers in this program",
     "handed": "is given to a routine, which may move to it in a tool, a frame or a posture of its own",
+    "array": "is in an array, whose elements are not followed",
     "arc": "is of an arc of a number of degrees, which does not end at its target",
     "changed": "is also used, or assigned, elsewhere in the program",
     "offset": "is used with an offset that is not known, or whose place needs another correction than the point",
@@ -77,6 +80,7 @@ WHY: dict[Reason, str] = {
     "ambiguous": "can be reached in several postures, and the program does not say clearly which",
     "other_flags": "has flags of posture that no solution of the nominal arm has",
     "two_postures": "is reached in two postures, which need two corrections",
+    "past_singularity": "is reached past a singularity, where the controller decides how the wrist goes on",
     "unreachable": "is out of the nominal arm's reach",
     "beyond_limits": "is, or would be, beyond a joint's limits",
     "singular": "is at a singularity or at a limit, where no correction exists",
@@ -150,10 +154,15 @@ class Left:
     because: tuple[Unknown, ...] = ()
 
 
+AT_BEGIN = -1
+"""The place in the list of targets for where the arm stands when the program begins."""
+
+
 @dataclass(frozen=True)
 class Step:
     """A move to a target, given by its place in the list, from any of others, None for where the arm stands at no
-    certain place; by its flags of posture, or else in the posture in which the arm comes."""
+    certain place, AT_BEGIN for where it stands at the beginning; by its flags of posture, or else in the posture in
+    which the arm comes."""
 
     target: int
     comes_from: frozenset[int | None]
@@ -234,6 +243,16 @@ def brackets(text: str) -> dict[int, int]:
     return closes
 
 
+def in_one_line(text: str, closes: dict[int, int]) -> str:
+    """Return a text of the same length in which what stands in brackets, which close there, is one line."""
+    parts, at = [], 0
+    for opening in sorted(closes):
+        if opening >= at:
+            parts += [text[at:opening], text[opening : closes[opening]].replace("\n", " ")]
+            at = closes[opening]
+    return "".join((*parts, text[at:]))
+
+
 def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
     """Return the places of what commas outside of brackets separate, without the spaces around it."""
     places, depth, start = [], 0, begin
@@ -244,12 +263,11 @@ def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
         elif match[0] != ",":
             depth += 1 if match[0] in "([{" else -1
     places.append((start, end))
-    return [_stripped(text, *place) for place in places]
-
-
-def _stripped(text: str, begin: int, end: int) -> tuple[int, int]:
-    inside = text[begin:end]
-    return begin + len(inside) - len(inside.lstrip()), end - len(inside) + len(inside.rstrip())
+    stripped = []
+    for first, stop in places:
+        inside = text[first:stop]
+        stripped.append((first + len(inside) - len(inside.lstrip()), stop - len(inside) + len(inside.rstrip())))
+    return stripped
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,11 @@ def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: 
     """Figures of a run with what its certificates leave uncertain added in quadrature."""
     if systematic == NO_CERTIFICATE or test in WITHOUT_GAUGES:
         return figures
-    of_test = _of_circle(figures, systematic, rig, test) if test in CIRCLES else _of_targets(figures, systematic)
+    of_test = _of_circle(figures, systematic, rig) if test in CIRCLES else _of_targets(figures, systematic)
     return {name: replace(one, u=math.hypot(one.u, of_test(name, one))) for name, one in figures.items()}
 
 
-def _of_circle(figures: Figures, systematic: Systematic, rig: Rig, test: TestName) -> Callable[[str, Quantity], float]:
+def _of_circle(figures: Figures, systematic: Systematic, rig: Rig) -> Callable[[str, Quantity], float]:
     """Standard uncertainty of each figure of a circle, in its unit."""
     gauges_mm = math.hypot(*systematic.gauge_mm)
     angle_rad, distance_mm = gauges_mm / rig.gauges.baseline_mm, gauges_mm / 2
@@ -48,7 +48,7 @@ def _of_circle(figures: Figures, systematic: Systematic, rig: Rig, test: TestNam
             ends = 2 if name.startswith("range") else 1  # of the whole curve, whose two ends may be wrong oppositely
             return ends * math.degrees(angle_rad)
         if "eccentricity" in name:
-            by_angle = test == "yaw" and not name.startswith("distance_")
+            by_angle = f"distance_{name}" in figures
             return radius_mm * angle_rad if by_angle else distance_mm
         return math.hypot(distance_mm, math.sqrt(2) * systematic.ball_mm)
 

@@ -48,22 +48,15 @@ def by_pose(pose: Integers, plain: Callable[[Array], dict[str, Array]]) -> Calla
 
 def distance_figures(pose: Integers, xyz_mm: Array, cube: Cube | None) -> dict[str, Quantity]:
     """AD and RD, from places xyz_mm (n, 3) of rows in order of time, pose (n,) of the cube; none below three cycles."""
-    distances = _distances(pose, xyz_mm)
-    n = len(distances)
-    if cube is None or n < FEWEST_CYCLES:
+    second, fourth = np.flatnonzero(pose == 2), np.flatnonzero(pose == 4)
+    if cube is None or not len(second) or len(fourth) < FEWEST_CYCLES:
         return {}
+    # Of each P4 from the P2 that was measured nearest to it in time, in its own cycle.
+    nearest = second[np.abs(fourth[:, None] - second).argmin(axis=1)]
+    distances, n = np.linalg.norm(xyz_mm[fourth] - xyz_mm[nearest], axis=1), len(fourth)
     s = float(distances.std(ddof=1))
     u = student_factor(n - 1) * s / float(np.sqrt(n))
     return {
         "ad_mm": Quantity(float(distances.mean()) - cube.distance_mm, u, "mm", n),
         "rd_mm": Quantity(3 * s, 3 * s / float(np.sqrt(2 * (n - 1))), "mm", n),
     }
-
-
-def _distances(pose: Integers, xyz_mm: Array) -> Array:
-    """The distance (n,) mm of each P4 from the P2 that was measured nearest to it in time, in its own cycle."""
-    second, fourth = np.flatnonzero(pose == 2), np.flatnonzero(pose == 4)
-    if not len(second):
-        return np.empty(0)
-    own = second[np.abs(fourth[:, None] - second).argmin(axis=1)]
-    return np.asarray(np.linalg.norm(xyz_mm[fourth] - xyz_mm[own], axis=1))

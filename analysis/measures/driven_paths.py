@@ -98,9 +98,11 @@ def _sorted(
     for move in moves:
         name = next((name for name, command in commands.items() if _is_of(move, command)), None)
         if name == "circle":
-            own = _around(table.xyz_mm[move.first : move.last])
-            around = own if around is None else around
-            name = "circle" if own @ around > 0 else "circle_cw"
+            away = table.xyz_mm[move.first : move.last]
+            away = away - away.mean(axis=0)
+            area: Array = np.cross(away[:-1], away[1:]).sum(axis=0)  # anticlockwise about it
+            around = area if around is None else around
+            name = "circle" if area @ around > 0 else "circle_cw"
         if name is not None:
             found.setdefault(name, []).append(move)
     return found
@@ -110,13 +112,6 @@ def _is_of(move: Moved, command: CommandPath) -> bool:
     length = command.length_mm
     chord = float(np.linalg.norm(np.diff(command.at(np.array([0.0, length])), axis=0)))
     return abs(move.length_mm - length) < _LENGTH * length and abs(move.chord_mm - chord) < _CHORD * length
-
-
-def _around(places: Array) -> Array:
-    """The vector (3,) of the area that places (n, 3) go around, anticlockwise about it."""
-    away = places - places.mean(axis=0)
-    area: Array = np.cross(away[:-1], away[1:]).sum(axis=0)
-    return area
 
 
 def _nothing(moves: list[Moved], commands: Mapping[PathName, CommandPath]) -> str:
@@ -141,13 +136,10 @@ def _fitted(places: Mapping[PathName, list[Array]], commands: Mapping[PathName, 
             goals.append(commands[name].at(way / way[-1] * commands[name].length_mm))
     T = best_rigid(seen, np.concatenate(goals))
     for _ in range(_ROUNDS):
-        goals = [_nearest(commands[name], in_frame(T, one)) for name, own in some.items() for one in own]
+        placed = [(commands[name], in_frame(T, one)) for name, own in some.items() for one in own]
+        goals = [command.at(command.nearest(one)) for command, one in placed]
         T = best_rigid(seen, np.concatenate(goals))
     return T
-
-
-def _nearest(command: CommandPath, places: Array) -> Array:
-    return command.at(command.nearest(places))
 
 
 def _driven(command: CommandPath, places: list[Array], times: list[Array]) -> Driven | None:

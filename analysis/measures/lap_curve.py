@@ -173,12 +173,10 @@ def figures(
     lost = {name: max(float(values[name] - dulled[name]), 0.0) for name in excess}
     source = least_known(curve.noise.source for curve in curves)
     found = figures_of(values, draws, samples, excess, RANGE_U, source)
-    return found | {name: _sharpened(found[name], lost[name]) for name in lost}
-
-
-def _sharpened(figure: Quantity, lost: float) -> Quantity:
-    """A range with what a blur took off it, which is known no better than to itself."""
-    return replace(figure, value=figure.value + lost, u=float(np.hypot(figure.u, lost)))
+    for name, off in lost.items():  # which is known no better than to itself
+        figure = found[name]
+        found[name] = replace(figure, value=figure.value + off, u=float(np.hypot(figure.u, off)))
+    return found
 
 
 def blurred(y: Array, blur: float) -> Array:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from analysis.conventions.place import STAMPS, stamp_findings
 from analysis.conventions.units import circle_gauges, impossible
 from analysis.geometry.ball_link import angle, readings
 from analysis.geometry.circle import frame_of
-from analysis.geometry.programs import circle_of
+from analysis.geometry.programs import circle_laps, circle_of
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.checks import hold_alive, hold_numbers, hold_radius
 from analysis.measures.circularity import Circularity
@@ -30,6 +29,7 @@ from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, curve_of,
 from analysis.measures.quantity import Quantity
 from analysis.measures.reduction import PHI, Reduced, nodes_of, reduced
 from analysis.measures.result_curves import CircleCurve
+from analysis.measures.simulated_gauges import Simulation, hold_gauged, read_by_gauges
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, SetUp, gauged
 from analysis.model.scene import Scene, apply
@@ -42,7 +42,7 @@ from analysis.traces.table_layout import JOINTS, TIME_U, Layout
 from analysis.traces.tables import CircleTable
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Direction
+from rigs.schema.vocabulary import CircleTest, Direction
 
 
 def angle_of_gauges(g_mm: Array, baseline_mm: float) -> Array:
@@ -267,6 +267,16 @@ def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
     hold_alive(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
 
 
+GAUGE_RATE_HZ = 50.0
+"""Readings a second of a simulated circle: what a 4800 baud line gives."""
+
+
+def planted_setup(rig: Rig) -> SetUp:
+    """Return the set-up that simulations and emulated cells have on a circle: the ball where the rig file plants it."""
+    ball = np.array(circle_of(rig).centre_mm) + np.array(circle_of(rig).eccentricity_mm)
+    return SetUp(ball, np.zeros(2), np.eye(4), np.eye(4))
+
+
 class CircleKind(Kind[CircleTable]):
     """Yaw or roll."""
 
@@ -274,15 +284,17 @@ class CircleKind(Kind[CircleTable]):
     certified = ("g1", "g2", "ball")
     swept = in_order_of_time = True
     setup_terms = 5
+    example = ("circular_deviation_mm", 0.05, 0.10)
+    part, along = "circle", "phi_deg"
 
     def __init__(
         self,
-        test: Literal["yaw", "roll"],
+        test: CircleTest,
         angle: AngleTest,
         *finders: tuple[str, Callable[[CircleTable, Rig], Iterable[Finding]]],
     ) -> None:
         super().__init__(test)
-        self._test: Literal["yaw", "roll"] = test
+        self._test: CircleTest = test
         self._angle, self.finders = angle, ((STAMPS, stamp_findings), *finders)
 
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
@@ -325,6 +337,18 @@ class CircleKind(Kind[CircleTable]):
         scene = apply(model.effects, "setup", replace(scene, contact=contact, offsets_mm=offsets))
         g_mm = readings(scene.T, setup.ball, scene.offsets_mm, table.test, circle.radius, scene.form_mm)
         return gauged(model, path, scene, setup, g_mm)
+
+    def with_readings(self, table: CircleTable, values: Array) -> CircleTable:
+        return replace(table, g_mm=values)
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> CircleTable:
+        hold_gauged(rig, self.test)
+        if direction is None:
+            raise FileError(f"{self.test} test", "needs a direction", "give --direction cw, acw or both")
+        laps = circle_laps(rig, direction)
+        t_s = np.arange(0.0, laps.end_s, 1.0 / GAUGE_RATE_HZ)
+        table = CircleTable(self._test, direction, t_s, laps.at(t_s), np.empty((0, 2)))
+        return replace(table, g_mm=read_by_gauges(rig, table, planted_setup(rig), run))
 
     def unit_findings(self, table: CircleTable, rig: Rig, T_tool: Array) -> Iterable[Finding]:
         return impossible(circle_gauges(table, rig, T_tool))

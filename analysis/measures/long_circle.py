@@ -134,7 +134,11 @@ def _together(
     if not parts:
         return None
     first_ns, rows = parts[0].shown.t_s[0], [part.count for part in parts]
-    table = _table_of([part.shown for part in parts], first_ns)
+    tables = [part.shown for part in parts]
+    t_s = (np.concatenate([table.t_s for table in tables]) - first_ns) / 1e9
+    q, g_mm = (np.concatenate([getattr(table, name) for table in tables]) for name in ("q", "g_mm"))
+    u_t_s = np.concatenate([table.u_t_s for table in tables if table.u_t_s is not None])
+    table = CircleTable(tables[0].test, tables[0].direction, t_s, q, g_mm, u_t_s)
     laps = laps_of(table, rig, str(run.path))
     seen = {name: reduce(Seen.then, (piece.seen[name] for piece in pieces)) for name in pieces[0].seen}
     beyond = {name: sum(part.beyond[name] for part in parts) for name in parts[0].beyond}
@@ -159,7 +163,7 @@ def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
     step = -(-total // _SHOWN)
     shown = np.arange(-taken % step, len(rows_ns), step)  # copies: a view would keep all rows
     q, own_u_s = joined.q_at(rows_ns[shown]), joined.own_u_s[inside][shown]
-    assert manifest.direction is not None and (manifest.test == "yaw" or manifest.test == "roll")  # noqa: S101, PLR1714
+    assert manifest.direction is not None and manifest.test in CIRCLES  # noqa: S101 - a circle has one
     table = CircleTable(manifest.test, manifest.direction, rows_ns[shown], q, g_mm[shown], own_u_s)
     middle = max(0, (len(rows_ns) - _SAMPLE) // 2)
     steps = tuple(step_of(column[middle:]) for column in g_mm.T)
@@ -225,14 +229,6 @@ def _shown_of_robot(part: Part, manifest: Manifest) -> dict[str, Array]:
         if step > 1 and state in columns:
             shown[1:] |= np.diff(columns[state]) != 0
     return {name: column[shown] for name, column in columns.items()}
-
-
-def _table_of(shown: Sequence[CircleTable], first_ns: float) -> CircleTable:
-    """The tables of all parts as one, with times in s."""
-    t_s = (np.concatenate([table.t_s for table in shown]) - first_ns) / 1e9
-    q, g_mm = (np.concatenate([getattr(table, name) for table in shown]) for name in ("q", "g_mm"))
-    u_t_s = np.concatenate([table.u_t_s for table in shown if table.u_t_s is not None])
-    return CircleTable(shown[0].test, shown[0].direction, t_s, q, g_mm, u_t_s)
 
 
 def _rows_in(laps: Laps, parts: Sequence[_Rows], first_ns: float, start: float) -> LapRows:

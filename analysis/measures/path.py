@@ -30,6 +30,8 @@ from analysis.measures.iso_figures import FEWEST_CYCLES, rp
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import PathCurve
 from analysis.measures.scatter_figures import half_width
+from analysis.measures.simulated_gauges import Simulation
+from analysis.measures.simulated_iso9283 import simulated_path
 from analysis.traces.csv_tables import Rows
 from analysis.traces.kind import Kind
 from analysis.traces.table_layout import PLACE, Layout
@@ -229,6 +231,7 @@ class Paths(Kind[PathTable]):
     """The path test."""
 
     in_order_of_time = True
+    example = ("line_at_mm", 0.5, 1.0)
     without_joints = "is a path, without the joints at each place, so it shows nothing of single joints"
     finders = ((WILDNESS, wild_places), (DUPLICATES, repeated_places))
 
@@ -243,6 +246,9 @@ class Paths(Kind[PathTable]):
 
     def readings(self, table: PathTable) -> Array:
         return table.xyz_mm
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> PathTable:
+        return PathTable(*simulated_path(rig, run.seed, run.effects))
 
     def evaluate(self, table: PathTable, rig: Rig, where: str, instruments: Instruments) -> PathResult:
         declared = iso9283_of(rig)

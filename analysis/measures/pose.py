@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.conventions.finding import Finding
-from analysis.conventions.joints import FEWEST, Verdict, judged_by_poses
+from analysis.conventions.joints import FEWEST, Verdict, judged_by_places
 from analysis.conventions.lost_poses import (
     DUPLICATES,
     WILDNESS,
@@ -50,8 +50,10 @@ from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
 from analysis.measures.scatter_figures import of_scatter
+from analysis.measures.simulated_gauges import Simulation
+from analysis.measures.simulated_iso9283 import simulated_cube
 from analysis.measures.stops import PlaceKind
-from analysis.noise.cell import TARGET_MM, LogUniform
+from analysis.noise.cell import TARGET_MM, TRACKER_U_MM, LogUniform
 from analysis.noise.spectrum import DRAWS
 from analysis.noise.target_scatter import Scatter, scatter_of
 from analysis.noise.wild import FITTED_SPREADS
@@ -69,8 +71,6 @@ if TYPE_CHECKING:
 
 SAME_RAD = float(np.radians(0.1))
 """Poses whose joints all lie within this are visits of one pose; what they still differ by is taken off."""
-TRACKER_U_MM = 0.02
-"""Standard uncertainty of one coordinate of a laser tracker at some metres, where a table says nothing of it."""
 _FEWEST = 6
 _FEW_POSES = 20
 """Poses of which a fit of frame and tool, nine numbers, takes a good part of the error. Chosen."""
@@ -154,7 +154,7 @@ def evaluate(
     figures = _position_figures(position, setup, _noise(place, group, again, u_mm, TARGET_MM)) | figures
     if rotation is not None:
         of_turn = _noise(turn, group, again, np.nan)
-        figures |= _rotation_figures(rotation, np.radians(of_turn))
+        figures |= figures_of(_angles(rotation), _angles(rotation + np.radians(of_turn)), len(rotation))
     if place is None:
         figures = {name: replace(figure, noise="assumed") for name, figure in figures.items()}
     if rotation is not None and not np.isfinite(figures["rms_deg"].u):
@@ -256,10 +256,6 @@ def _position_figures(position: Array, setup: PoseSetUp, noise_mm: Array) -> dic
     noise = noise_mm.reshape(len(noise_mm), -1)
     drawn = position + (noise - noise @ basis @ basis.T).reshape(noise_mm.shape)
     return figures_of(_lengths(position), _lengths(drawn), len(position))
-
-
-def _rotation_figures(rotation: Array, noise: Array) -> dict[str, Quantity]:
-    return figures_of(_angles(rotation), _angles(rotation + noise), len(rotation))
 
 
 def _lengths(vectors: Array) -> dict[str, Array]:
@@ -419,7 +415,7 @@ class Pose(PlaceKind[PoseTable]):
         return "" if sound >= FEWEST else f"{sound} poses are too few; {FEWEST} are needed"
 
     def judged_joints(self, table: PoseTable, rig: Rig) -> Verdict:
-        return judged_by_poses(table, rig)
+        return judged_by_places(rig, table.q, table.xyz_mm, table.rpy)
 
     def off_path(self, table: PoseTable, rig: Rig, T_tool: Array) -> Off | None:
         return off_places(T_tool, table.xyz_mm)
@@ -430,6 +426,9 @@ class Pose(PlaceKind[PoseTable]):
         return evaluate(
             table, arm_of(rig.robot), TRACKER_U_MM, where, cube=cube, instrument=iso.instrument if iso else None
         )
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> PoseTable:
+        return PoseTable(*simulated_cube(rig, run.seed, run.effects), None)
 
     def far(self, table: PoseTable, arm: Arm) -> Far:
         return far_poses(table, without_setup(arm))

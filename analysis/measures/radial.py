@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.geometry.programs import hemisphere_of
+from analysis.geometry.programs import hemisphere_of, radial_program
 from analysis.kinematics.arm import Array, Integers, Mask
 from analysis.measures.checks import hold_alive, hold_numbers, hold_radius
 from analysis.measures.evaluate import Instruments
@@ -30,6 +30,7 @@ from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import RadialCurve
 from analysis.measures.scatter_figures import assumed, coarse, half_width, of_scatter
+from analysis.measures.simulated_gauges import visit_times
 from analysis.measures.sphere import PARAMETERS, Sphere, far_off, free_sphere
 from analysis.measures.stops import TargetKind, another_visit, hold_targets, target_count, timed
 from analysis.noise.certificate import link_excess_mm
@@ -38,7 +39,8 @@ from analysis.noise.sphere_level import SphereLevel
 from analysis.noise.target_scatter import Scatter, scatter_of
 from analysis.traces.align import Aligned
 from analysis.traces.csv_tables import Rows, joint_cells
-from analysis.traces.dwells import radial_table
+from analysis.traces.dwells import at_targets, visits_of
+from analysis.traces.stands import stands_of
 from analysis.traces.table_layout import JOINTS, Layout
 from analysis.traces.tables import RadialTable
 from rigs.errors import FileError
@@ -323,6 +325,9 @@ class Radial(TargetKind[RadialTable]):
     """The radial test."""
 
     certified = ("g1", "ball", "link")
+    example = ("band_mm", 0.2, 0.3)
+    further = ("hemisphere (radial)", "many postures, by distance alone")
+    along = "target"
 
     def directions(self, table: RadialTable, hemisphere: Hemisphere) -> tuple[Array, Array]:
         """The angles (n,) rad of the table."""
@@ -348,8 +353,22 @@ class Radial(TargetKind[RadialTable]):
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str
     ) -> tuple[RadialTable, list[str]]:
         """The stands at targets, with what the link is longer than the radius by its certificate."""
-        table, doubts = radial_table(data, rig, where)
-        return replace(table, g_mm=table.g_mm + link_excess_mm(rig)), doubts
+        stands, program = stands_of(data.t_s, data.q, data.g_mm), radial_program(rig)
+        at = at_targets(stands, program, rig)
+        wanted = list(zip(program.target.tolist(), program.orientation.tolist(), strict=True))
+        once = len(wanted) // hemisphere_of(rig).visits
+        visits = visits_of(at, [wanted[row] for _, row in at], wanted, once, program, where)
+        elsewhere, rows = len(stands) - len(at), visits.rows
+        doubts = [f"{elsewhere} stands are left out because they are not at a target"] if elsewhere else []
+        table = RadialTable(
+            program.target[rows], program.polar[rows], program.azimuth[rows], program.orientation[rows],
+            visits.t_s, visits.q, visits.g_mm + link_excess_mm(rig),
+        )  # fmt: skip
+        return table, doubts + visits.doubts
+
+    def driven(self, rig: Rig) -> RadialTable:
+        at, none = radial_program(rig), np.empty(0)
+        return RadialTable(at.target, at.polar, at.azimuth, at.orientation, visit_times(len(at.q)), at.q, none)
 
     def evaluate(self, table: RadialTable, rig: Rig, where: str, instruments: Instruments) -> RadialResult:
         hold_targets(table, rig, where)

@@ -9,20 +9,23 @@ number of readings and targets. The largest of ranges grows with both; 4 s does 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles
-from analysis.geometry.programs import beside, hemisphere_of, repeatability_of
-from analysis.kinematics.arm import Array, Integers, Mask
+from analysis.geometry.programs import beside, hemisphere_of, repeatability_of, repeatability_program
+from analysis.kinematics.arm import Array, Integers, Mask, arm_of, forward
 from analysis.measures.checks import hold_alive, hold_numbers
 from analysis.measures.evaluate import Instruments
 from analysis.measures.iso_figures import RANGE_VISITS, RP_VISITS, reversal, rp
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import RepeatabilityCurve
 from analysis.measures.scatter_figures import assumed, coarse, exact, of_scatter
+from analysis.measures.simulated_gauges import visit_times
 from analysis.measures.stops import TargetKind, another_visit, hold_targets, timed
 from analysis.model.predict import Model, Path, stops
 from analysis.noise.cell import TARGET_MM
@@ -31,7 +34,8 @@ from analysis.noise.target_scatter import scatter_of
 from analysis.noise.wild import SPREADS, spreads_of
 from analysis.traces.align import Aligned
 from analysis.traces.csv_tables import Rows, joint_cells
-from analysis.traces.dwells import repeatability_table
+from analysis.traces.dwells import at_targets, visits_of
+from analysis.traces.stands import Stand, stands_of
 from analysis.traces.table_layout import JOINTS, Layout
 from analysis.traces.tables import RepeatabilityTable
 from rigs.errors import FileError
@@ -167,10 +171,23 @@ def _hold(table: RepeatabilityTable, where: str) -> None:
         )
 
 
+def _came_from(at: Sequence[tuple[Stand, int]], outwards_mm: Array, limit_mm: float) -> list[str]:
+    """The side of approach of each stand at a row of the program: where the tool was, beyond a limit, since the last at
+    the same row."""
+    sides = ["none"]
+    for (before, last), (now, row) in pairwise(at):
+        way = outwards_mm[before.end : now.begin]
+        furthest = way[np.argmax(np.abs(way))] if len(way) else 0.0
+        sides.append("none" if last != row or abs(furthest) < limit_mm else "out" if furthest > 0 else "in")
+    return sides[: len(at)]
+
+
 class Repeatability(TargetKind[RepeatabilityTable]):
     """The repeatability test."""
 
     certified = ("g1", "ball")
+    example = ("bi_mm", 0.05, 0.10)
+    further = ("repeatability", "the same places from both sides")
 
     def directions(self, table: RepeatabilityTable, hemisphere: Hemisphere) -> tuple[Array, Array] | None:
         """The angles (n,) rad of the targets of its numbers."""
@@ -197,7 +214,25 @@ class Repeatability(TargetKind[RepeatabilityTable]):
     def recorded(
         self, data: Aligned, rig: Rig, direction: Direction | None, where: str
     ) -> tuple[RepeatabilityTable, list[str]]:
-        return repeatability_table(data, rig, where)
+        """The stands at targets, each with the side that it was approached from."""
+        stands, program = stands_of(data.t_s, data.q, data.g_mm), repeatability_program(rig)
+        frame, arm = hemisphere_frame(hemisphere_of(rig)), arm_of(rig.robot)
+        limit_mm = repeatability_of(rig).approach_mm / 2
+        outwards_mm = np.linalg.norm(forward(arm, data.q)[:, :3, 3] - frame.centre, axis=1) - frame.radius
+        at = at_targets(stands, program, rig, np.pi)
+        at = [(stand, row) for stand, row in at if abs(outwards_mm[stand.begin : stand.end].mean()) < limit_mm]
+        sides = _came_from(at, outwards_mm, limit_mm)
+        places = [(row, side) for (_, row), side in zip(at, sides, strict=True)]
+        order = ["none", *["out", "in"] * repeatability_of(rig).rounds]
+        wanted = [(row, side) for row in range(len(program.target)) for side in order]
+        visits = visits_of(at, places, wanted, len(wanted), program, where)
+        times, rounds = Counter[tuple[int, str]](), list[int]()  # a round is the count of a side at a target
+        for place in (places[k] for k in visits.number):
+            times[place] += 1
+            rounds.append(times[place])
+        came_from = np.array([sides[k] for k in visits.number])
+        target, number = program.target[visits.rows], np.array(rounds, dtype=np.int64)
+        return RepeatabilityTable(target, came_from, number, visits.t_s, visits.q, visits.g_mm), visits.doubts
 
     def path(self, model: Model, table: RepeatabilityTable) -> Path:
         """The stops at targets, each from outside, from inside, or from the target itself where that is unknown."""
@@ -207,6 +242,21 @@ class Repeatability(TargetKind[RepeatabilityTable]):
         away = (side * repeatability_of(model.rig).approach_mm)[:, None]
         came_from = beside(model.arm, table.q, away * hemisphere_frame(hemisphere).direction(polar, azimuth))
         return stops(table.q, table.t_s, came_from)
+
+    def driven(self, rig: Rig) -> RepeatabilityTable:
+        """One reading at each target, then rounds of one approach from outside and one from inside."""
+        at, rounds = repeatability_program(rig), repeatability_of(rig).rounds
+        approach = np.array(["none", *["out", "in"] * rounds])
+        number = np.array([1, *np.repeat(np.arange(1, rounds + 1), 2)])
+        k = len(approach)
+        return RepeatabilityTable(
+            np.repeat(at.target, k),
+            np.tile(approach, len(at.q)),
+            np.tile(number, len(at.q)),
+            visit_times(k * len(at.q)),
+            np.repeat(at.q, k, axis=0),
+            np.empty(0),
+        )
 
     def evaluate(
         self, table: RepeatabilityTable, rig: Rig, where: str, instruments: Instruments

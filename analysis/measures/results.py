@@ -233,5 +233,6 @@ def _same_cell(one: Result, other: Result) -> bool:
         return False
     if one.measured.run.manifest.placement != other.measured.run.manifest.placement:
         return False
-    place = "circle" if isinstance(one.found, CircleResult) else "hemisphere"
-    return rig.robot == its.robot and getattr(rig.tests, place) == getattr(its.tests, place)
+    kind = one.measured.table.kind  # without gauges there is no place that a rig file knows
+    same_place = not kind.gauges or getattr(rig.tests, kind.part) == getattr(its.tests, kind.part)
+    return same_place and rig.robot == its.robot

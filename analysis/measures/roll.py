@@ -29,16 +29,12 @@ def _notes(result: CircleResult) -> tuple[str, ...]:
     note = (
         f"the offset is the ball {height:.3f} mm along n, or the gauges' zeros, or both: roll cannot distinguish them"
     )
-    return (note, *_like_yaw(result))
-
-
-def _like_yaw(result: CircleResult) -> tuple[str, ...]:
-    """Whether the angle's sine is that which a yaw run shows of the ball where the distance puts it."""
     as_yaw, by_distance = eccentricities(result)
     size = float(np.linalg.norm(by_distance))
     if size < _CLEAR_MM or np.linalg.norm(as_yaw - by_distance) > _ALIKE * size:
-        return ()
-    return (f"this looks like a yaw run: the angle's sine is that of the {size:.2f} mm that the ball is off centre",)
+        return (note,)
+    as_of_yaw = f"the angle's sine is that of the {size:.2f} mm that the ball is off centre"
+    return note, f"this looks like a yaw run: {as_of_yaw}"
 
 
 def range_figures(y: Array, _radius_mm: float) -> dict[str, Array]:

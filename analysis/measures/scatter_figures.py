@@ -43,7 +43,9 @@ def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array 
         middle = middle + scatter.step_mm * rng.uniform(-0.5, 0.5, (len(few.tail), *mean.shape))
     tests = [middle + few.again(rng, readings.shape[1:]) for _ in range(_TESTS)]
     figures_without = [plain(test) for test in tests]
-    figures_with = [plain(_in_steps(test, scatter.step_mm)) for test in tests] if scatter.step_mm else figures_without
+    step_mm, figures_with = scatter.step_mm, figures_without
+    if step_mm:
+        figures_with = [plain(np.round(test / step_mm) * step_mm) for test in tests]
     samples = int(np.isfinite(readings).sum())
     figures = {}
     for name, value in plain(readings).items():
@@ -51,11 +53,6 @@ def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array 
         u = half_width(np.array([test[name] for test in figures_with]) - expected) * np.sqrt(_TESTS / (_TESTS - 1))
         figures[name] = Quantity(float(value), u, name.rsplit("_", 1)[1], samples, scatter.noise)
     return figures
-
-
-def _in_steps(readings: Array, step_mm: float) -> Array:
-    in_steps: Array = np.round(readings / step_mm) * step_mm
-    return in_steps
 
 
 def exact(plain: Plain, readings: Array) -> dict[str, Quantity]:

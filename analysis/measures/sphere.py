@@ -45,7 +45,7 @@ class Sphere:
 
 def free_sphere(points: Array) -> Sphere:
     """Through points (n, 3) mm, centre and radius free (geometric distance, Gauss-Newton)."""
-    x = _start(points)
+    x = np.append(np.zeros(3), np.linalg.norm(points, axis=1).mean())
     for _ in range(_STEPS):
         x = x + _slopes(_design(points, x[:3])) @ _off(points, x)
     design = _design(points, x[:3])
@@ -100,10 +100,6 @@ def _unknown(design: Array) -> tuple[str, ...]:
     _, s, V = np.linalg.svd(design, full_matrices=False)
     share = (V[s < _WEAK * s[0]] ** 2).sum(axis=0)
     return tuple(name for name, hidden in zip(PARAMETERS, share, strict=True) if hidden > _WEAK)
-
-
-def _start(points: Array) -> Array:
-    return np.append(np.zeros(3), np.linalg.norm(points, axis=1).mean())
 
 
 def _spread(residual: Array) -> float:

@@ -17,22 +17,25 @@ from analysis.conventions.units import target_units
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles
 from analysis.geometry.programs import hemisphere_of
 from analysis.kinematics.arm import Array, Integers, Mask
+from analysis.measures.simulated_gauges import Simulation, hold_gauged, read_by_gauges
 from analysis.model.predict import Model, Path, SetUp, gauged, stops
 from analysis.model.scene import Scene, apply
 from analysis.traces.kind import Kind
 from analysis.traces.single_stands import STANDS_MM
-from analysis.traces.tables import PlaceTable, RadialTable, RepeatabilityTable
+from analysis.traces.tables import PlaceTable, TargetTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Hemisphere
+from rigs.schema.vocabulary import Direction
 
-H = TypeVar("H", RadialTable, RepeatabilityTable)
+H = TypeVar("H", bound=TargetTable)
 
 
 class TargetKind(Kind[H]):
     """A test at targets."""
 
     gauges = ("g1",)
+    part = "hemisphere"
     finders = ((PLACE, place_findings),)
 
     @abstractmethod
@@ -41,6 +44,18 @@ class TargetKind(Kind[H]):
 
     def readings(self, table: H) -> Array:
         return table.g_mm[:, None]
+
+    @abstractmethod
+    def driven(self, rig: Rig) -> H:
+        """Return the table of the program, its readings still missing."""
+
+    def with_readings(self, table: H, values: Array) -> H:
+        return replace(table, g_mm=values[:, 0])
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> H:
+        hold_gauged(rig, self.test)
+        table = self.driven(rig)
+        return self.with_readings(table, read_by_gauges(rig, table, self.setup(rig), run))
 
     def setup(self, rig: Rig) -> SetUp:
         return SetUp(np.array(hemisphere_of(rig).centre_mm), np.zeros(1), np.eye(4), np.eye(4))
@@ -91,7 +106,7 @@ class TargetKind(Kind[H]):
         return polar[table.target - 1], azimuth[table.target - 1]
 
 
-def hold_targets(table: RadialTable | RepeatabilityTable, rig: Rig, where: str) -> None:
+def hold_targets(table: TargetTable, rig: Rig, where: str) -> None:
     """Raises FileError for a target number that the rig's hemisphere does not have."""
     if rig.tests.hemisphere is None:
         return
@@ -108,7 +123,7 @@ def target_count(hemisphere: Hemisphere) -> int:
     return len(target_angles(hemisphere)[0])
 
 
-def another_visit(table: RadialTable | RepeatabilityTable, labels: Array) -> Mask:
+def another_visit(table: TargetTable, labels: Array) -> Mask:
     """A mask (n - 1,) of the rows with other labels (n, k) than the row before, or another reading."""
     differs: Mask = (np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDS_MM)
     return differs
@@ -126,6 +141,7 @@ class PlaceKind(Kind[P]):
     """A test of places."""
 
     of_places = True
+    example = ("rms_mm", 0.5, 1.0)
 
     def readings(self, table: P) -> Array:
         return table.xyz_mm

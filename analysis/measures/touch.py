@@ -28,9 +28,12 @@ from analysis.measures.evaluate import Instruments
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
+from analysis.measures.simulated_gauges import Simulation
+from analysis.measures.simulated_touches import simulated_touches
 from analysis.measures.stops import PlaceKind
 from analysis.model.predict import Model, Path, SetUp, model_of, moved, path_of, stops
-from analysis.noise.cell import TARGET_MM
+from analysis.noise.cell import SEAT_MM, TARGET_MM
+from analysis.noise.readings import rms
 from analysis.noise.spectrum import DRAWS
 from analysis.traces.csv_tables import Rows, joint_cells
 from analysis.traces.table_layout import RAIL, RAIL_FROM, SOCKET, Layout, came_from_columns, joint_columns
@@ -39,9 +42,6 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
 
-SEAT_MM = 0.01
-"""Standard uncertainty of a coordinate of a ball that is seated in a cone or three balls by a magnet: kinematic seats
-repeat to some micrometres, and dust and oil are a hundredth of a millimetre."""
 _FEWEST = 6
 """Touches of two sockets, or of one, that are more than the unknowns."""
 _BLIND = 1e-3
@@ -100,7 +100,7 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     counted = socket.ravel(), len(names)
     figures = figures_of(_plain(left, *counted), _plain(drawn, *counted), len(left), noise="assumed")
     sockets = dict(zip(names.tolist(), terms[3:].reshape(-1, 3), strict=True))
-    errs_mm = float(np.sqrt((left**2).mean()))
+    errs_mm = rms(left)
     spread = terms + np.hypot(level, errs_mm) / level * (drawn_terms - terms)
     distances = _distances(model, names.tolist(), terms, spread, len(left))
     if len(names) == 2:
@@ -184,6 +184,8 @@ class Touch(PlaceKind[TouchTable]):
 
     finders = ((WILDNESS, wild_touches),)
     constants_apart = True
+    part = "touch"
+    further = ("touch", "one place in many postures, without gauges")
     setup_terms, frame_terms = 6, 3
     setup_words = "the places of the sockets and of the ball on the tool"
     assumed_sd_mm = 0.1
@@ -231,6 +233,9 @@ class Touch(PlaceKind[TouchTable]):
 
     def evaluate(self, table: TouchTable, rig: Rig, where: str, instruments: Instruments) -> TouchResult:
         return evaluate(table, model_of(rig), where)
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> TouchTable:
+        return simulated_touches(rig, run.seed, run.effects)
 
     def parts(self, table: TouchTable) -> NDArray[np.str_]:
         return table.socket

@@ -54,6 +54,13 @@ BALL_ELSEWHERE_MM = 3 * BALL_MM.high
 """A ball that lies so far from where it was, was touched or mounted again."""
 TARGET_MM = LogUniform(0.003, 0.060)
 """Scatter between stops at one target, from ISO 9283 repeatability; each target has its own, with heavy tails."""
+SEAT_MM = 0.01
+"""Standard uncertainty of a coordinate of a ball that is seated in a cone or three balls by a magnet: kinematic seats
+repeat to some micrometres, and dust and oil are a hundredth of a millimetre."""
+TRACKER_U_MM = 0.02
+"""Standard uncertainty of one coordinate of a laser tracker at some metres, where a table says nothing of it."""
+TRACKER_MM = 0.01
+"""Noise of a coordinate that a laser tracker measures at some metres, standard deviation."""
 DRIFT_MM_PER_S = 0.020 / 600.0
 """Largest drift in either direction, from temperature and clamping: 20 µm in ten minutes."""
 LEVELS_APART = 4.0

@@ -24,6 +24,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.noise.cell import DRIFT_MM_PER_S, TARGET_MM, NoiseSource
+from analysis.noise.readings import rms
 from analysis.noise.resolution import shared_rounding
 
 _SEED = 0
@@ -121,7 +122,7 @@ def scatter_of(
             kept.append((np.sqrt(sampler.variance), sampler.tail, best, cell, sampler.drift))
     sd, tail, best, cell, drift = (np.concatenate(part) for part in zip(*kept, strict=True))
     at_start, expected = drift @ sampler.shapes[sampler.first], sampler.shapes @ drift.mean(axis=0)
-    drifted = float(np.sqrt((at_start**2).mean()))
+    drifted = rms(at_start)
     source: NoiseSource = "measured" if measured else "assumed"
     return Scatter(sd, tail, best.mean(axis=0), cell, expected, drifted, source, step_mm)
 

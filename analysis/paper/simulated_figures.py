@@ -11,10 +11,11 @@ import numpy as np
 
 from analysis.api import Result, evaluate
 from analysis.kinematics.arm import Array
+from analysis.measures.simulated_gauges import Noise
 from analysis.paper.published import datum_and_play, gears
 from analysis.paper.rows import DIRECTIONS, eccentric
 from analysis.paper.simulated_tests import SCATTER, joint_lap, repeats, typical_seed
-from analysis.simulation.simulate import Noise, simulate
+from analysis.simulation.simulate import simulate
 from analysis.traces.csv_tables import columns_of
 from analysis.traces.loading import measured_of
 from daq.store import table_run

@@ -15,7 +15,8 @@ from analysis.geometry.programs import hemisphere_of
 from analysis.kinematics.arm import Array
 from analysis.measures import radial, repeatability, roll, yaw
 from analysis.measures.link_angle import fit_sine
-from analysis.simulation.simulate import Noise, simulate
+from analysis.measures.simulated_gauges import Noise
+from analysis.simulation.simulate import simulate
 from analysis.traces.laps import laps_of
 from analysis.traces.tables import CircleTable, RadialTable, RepeatabilityTable
 from rigs.effects import Effect

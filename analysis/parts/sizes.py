@@ -26,6 +26,8 @@ _RIM_MM, _WALL_MM, _FLOOR_MM = 2.0, 3.0, 3.0
 """Cone beyond the circle on which the ball sits, wall around it, and plastic below a screw's head."""
 _FOOT_MM, _FOOT_RADIUS_MM, _NECK_MM = 6.0, 15.0, 1.5
 """Height and radius of the holder's foot, and how much thinner than its cup the neck is."""
+_SHELF_MM = 1.0
+"""On which a magnet stops at the end of a bore whose ceiling is a cone; a printer bridges so much."""
 _SHORTEST_HOLDER_MM, _LONGEST_HOLDER_MM = 35.0, 150.0
 DISTANCE_MM = 100.0
 """Distance of the bar's two sockets where the rig file knows none."""
@@ -169,30 +171,34 @@ def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
     height = min(max(asked_mm, _SHORTEST_HOLDER_MM), _LONGEST_HOLDER_MM)
     rim = height - (seat.centre - seat.contact)
     neck, tapped = seat.contact + _NECK_MM, _TAPPED_MM / 2
+    foot = max(_FOOT_RADIUS_MM, neck)
     section = [
         (0.0, rim - seat.contact), (seat.contact, rim), (seat.contact + _RIM_MM, rim), (neck, rim - _WALL_MM),
-        (neck, _FOOT_MM), (_FOOT_RADIUS_MM, _FOOT_MM), (_FOOT_RADIUS_MM, 0.0), (tapped, 0.0),
+        (neck, _FOOT_MM), (foot, _FOOT_MM), (foot, 0.0), (tapped, 0.0),
         (tapped, _TAPPED_DEEP_MM), (0.0, _TAPPED_DEEP_MM + tapped),
     ]  # fmt: skip
     numbers = {
         "ball": bought.ball_mm, "ball's centre above the foot": height, "hole for the M6": _TAPPED_MM,
-        "neck": 2 * neck, "foot": 2 * _FOOT_RADIUS_MM,
+        "neck": 2 * neck, "foot": 2 * foot,
     }  # fmt: skip
     about = "on the tool or in the gripper, with an M6 from below; the ball is glued into the cone with epoxy"
     return PrintedPart("holder", 1, turned(section), section, about, numbers)
 
 
 def _link(bought: Bought, name: str, length_mm: float) -> PrintedPart:
-    """A rod with a cone at each end, so long from ball to ball as the radius of its test."""
+    """A rod with a cone at each end, so long from ball to ball as the radius of its test; the lower magnet's bore ends
+    in a cone beyond a shelf, since a flat ceiling does not print without supports."""
     seat = seat_of(bought)
     top = length_mm / 2 - (seat.centre - seat.rim)
     depth = seat.rim - (seat.magnet_top - bought.magnet_mm[1])
-    if top - depth < _FLOOR_MM:
+    shelf = seat.bore - _SHELF_MM
+    if 2 * (top - depth) - shelf < _FLOOR_MM:
         what = f"a link of {length_mm:g} mm has no room for two magnets of {bought.magnet_mm[1]:g} mm"
         raise UseError("--magnet-mm", what, "take thinner ones")
     upper = [(0.0, top - depth), (seat.bore, top - depth), (seat.bore, top - (seat.rim - seat.bore)), (seat.rim, top)]
     upper.append((seat.outside, top))
-    whole = [*upper, *((radius, -height) for radius, height in reversed(upper))]
+    lower = [(radius, -height) for radius, height in reversed(upper[1:])]
+    whole = [*upper, *lower, (shelf, depth - top), (0.0, depth - top + shelf)]
     section = [(radius, height + top) for radius, height in whole]
     numbers = {"ball": bought.ball_mm, "ball to ball": length_mm, "length": 2 * top, "diameter": 2 * seat.outside}
     about = "to lead the arm around the ball by hand (rig circle fit, rig ball fit); plastic is no length to measure by"

@@ -18,6 +18,7 @@ from analysis.reporting.diagnosis_words import micrometres, percent, sure, with_
 from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect, size_field
 from rigs.schema.effect import name_of
+from rigs.schema.vocabulary import WITHOUT_GAUGES
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ class ActWords:
     def _of_places(self, key: str) -> str:
         """The sentence of a key; where only poses or touches were measured, that for people without ball and gauges."""
         tests = {name.split()[0].strip(",;") for name in self.diagnosis.setups}
-        return f"{key}_places" if tests and tests <= {"pose", "touch"} else key
+        return f"{key}_places" if tests and tests <= set(WITHOUT_GAUGES) else key
 
     def _against(self, act: Act, remark: Against) -> str:
         texts = self.texts

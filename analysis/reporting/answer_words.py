@@ -83,7 +83,9 @@ class AnswerWords:
         share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
         first = any(part.share > share for part in large_parts(diagnosis))
         wrong = [*large, *faults] if first else [*faults, *large]
-        clauses = "; ".join([*wrong, *self._open(), *self._sure_as_well()])
+        sure_too = [self._measured(part) for part in sure_parts(diagnosis)]
+        measured = [self.texts("says_sure", parts=self._listed(sure_too))] if sure_too else []
+        clauses = "; ".join([*wrong, *self._open(), *measured])
         sentence = f"{clauses[:1].upper()}{clauses[1:]}." if clauses else ""
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
@@ -157,14 +159,18 @@ class AnswerWords:
             return ""
         single = any(part.index is not None for part in large_parts(diagnosis))
         which = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
-        return " ".join(filter(None, [texts(f"says_{which}", **values), self._held()]))
+        # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
+        nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
+        already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
+        return " ".join(filter(None, [texts(f"says_{which}", **values), already_held]))
 
     def _faults(self) -> list[str]:
         """The faults that are sure, as a part of a sentence."""
         sure, open_ones = self._by_certainty()
         if sure:
             which = "says_fault" if len(sure) == 1 else "says_faults"
-            return [self.texts(which, faults=self._listed([*map(self._fault, sure)]), count=len(sure))]
+            faults = [", ".join([self.noun(named.effect), size(named), *self._share(named)]) for named in sure]
+            return [self.texts(which, faults=self._listed(faults), count=len(sure))]
         if open_ones:
             return [self.texts("says_ambiguous", faults=self._listed([*map(self._alternatives, open_ones)]))]
         return []
@@ -179,15 +185,6 @@ class AnswerWords:
     def _by_certainty(self) -> tuple[list[Named], list[Named]]:
         sure = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
         return sure, [named for named in self.diagnosis.standing if named not in sure]
-
-    def _sure_as_well(self) -> list[str]:
-        parts = [self._measured(part) for part in sure_parts(self.diagnosis)]
-        return [self.texts("says_sure", parts=self._listed(parts))] if parts else []
-
-    def _held(self) -> str:
-        """What the rig file names already, so that nothing found means nothing more; empty where it names nothing."""
-        nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
-        return self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
 
     def _large_part(self, part: BudgetPart) -> str:
         share = percent(min(part.share, 1.0))
@@ -210,9 +207,6 @@ class AnswerWords:
     def _listed(self, phrases: Sequence[str]) -> str:
         ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
         return "; ".join([*phrases[:_MOST_NAMED], *ending])
-
-    def _fault(self, named: Named) -> str:
-        return ", ".join([self.noun(named.effect), size(named), *self._share(named)])
 
     def _alternatives(self, named: Named) -> str:
         """A fault and those of its rivals that cannot be dismissed."""

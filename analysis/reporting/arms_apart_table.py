@@ -17,18 +17,18 @@ _SHOWN = 5e-5
 def as_tables(apart: ArmsApart) -> RenderableType:
     """The distance in a line, then the constants and the plays that differ, axis by axis."""
     seen = apart.to_dict()
-    one, other = map(plain, apart.names)
+    first, second = map(plain, apart.names)
     u = "" if seen["u_rms_mm"] is None else f", known to {seen['u_rms_mm']:.3f} mm (u)"
     head = (
-        f"The tool of {other} is {seen['rms_mm']:.3f} mm rms from that of {one} at the same joint angles, at most "
+        f"The tool of {second} is {seen['rms_mm']:.3f} mm rms from that of {first} at the same joint angles, at most "
         f"{seen['max_mm']:.3f} mm{u}. With frame and tool taught on each arm, {seen['taught_rms_mm']:.3f} mm rms "
         "are left."
     )
     worst = int(np.argmax(apart.distance_mm))
     place = ", ".join(f"{angle:.0f}" for angle in apart.q_deg[worst])
     where = Text(f"Farthest apart at joint angles {place} °.")
-    table = Table(header_style="bold", title=f"{other} less {one}", title_style="bold")
-    for heading in ("axis", "zero °", "a mm", "d mm", "alpha °", "beta °", f"play {one} °", f"play {other} °"):
+    table = Table(header_style="bold", title=f"{second} less {first}", title_style="bold")
+    for heading in ("axis", "zero °", "a mm", "d mm", "alpha °", "beta °", f"play {first} °", f"play {second} °"):
         table.add_column(heading, justify="right")
     for axis, constants in enumerate(apart.constants, start=1):
         differences = [f"{value:+.4f}" if abs(value) > _SHOWN else "" for value in constants.values()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,13 +13,12 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.inference.compare import Compared, Comparison
-from analysis.inference.disagreement import Disagreement
 from analysis.reporting.diagnosis_picture import disagreement_picture
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.places_table import places_table
 from analysis.reporting.plain_console import whole
 from analysis.reporting.plots import distinctly_named
-from analysis.reporting.sheet import Sheet
+from analysis.reporting.sheet import Sheet, as_png
 from analysis.reporting.stairs import stairs_of_model, stairs_table
 
 if TYPE_CHECKING:
@@ -37,25 +36,17 @@ def as_tables(compared: Compared) -> RenderableType:
         for run_poses in compared.poses
     ]
     tables = (_table(comparison) for comparison in compared.runs)
+    where: list[RenderableType] = []
+    if compared.disagreement is not None:  # the model of all runs with them, and what is left as its effects are added
+        where = [Text("\nWhere model and readings disagree", style="bold"), *places_table(compared.disagreement.where)]
+        if stairs := stairs_of_model(compared.disagreement):
+            where += [Text("\nHow the gap shrinks", style="bold"), stairs_table(stairs)]
+        where.append(Text())
     lines = []
     for name, setup in compared.setups.items():
         ball, zeros = np.round(setup.ball, 3).tolist(), np.round(setup.zeros_mm, 4).tolist()
         lines.append(Text(f"set-up {name}: ball at {ball} mm, zeros {zeros} mm (fitted)", style="dim"))
-    return Group(*tables, *poses, *_disagreement(compared.disagreement), *doubts, *lines)
-
-
-def _disagreement(disagreement: Disagreement | None) -> list[RenderableType]:
-    """Where the model of all runs disagrees with them, and what is left as its effects are added."""
-    if disagreement is None:
-        return []
-    shown: list[RenderableType] = [
-        Text("\nWhere model and readings disagree", style="bold"),
-        *places_table(disagreement.where),
-    ]
-    stairs = stairs_of_model(disagreement)
-    if stairs:
-        shown += [Text("\nHow the gap shrinks", style="bold"), stairs_table(stairs)]
-    return [*shown, Text()]
+    return Group(*tables, *poses, *where, *doubts, *lines)
 
 
 def _table(comparison: Comparison) -> Table:
@@ -82,19 +73,14 @@ def save_pictures(compared: Compared, directory: Path) -> list[Path]:
     named = distinctly_named([comparison.result for comparison in compared.runs])
     pictures = zip(named, compared.runs, strict=True)
     files: dict[str, Writer] = {
-        f"{name}-compared.png": partial(_save, comparison) for (name, _), comparison in pictures
+        f"{name}-compared.png": as_png(partial(_figure, comparison)) for (name, _), comparison in pictures
     }
     if compared.disagreement is not None:
-        files["where.png"] = partial(_save_where, compared.disagreement)
+        files["where.png"] = as_png(partial(disagreement_picture, compared.disagreement), dpi=130)
     return write_views(directory, files)
 
 
-def _save_where(disagreement: Disagreement, file: BinaryIO) -> None:
-    disagreement_picture(disagreement).savefig(file, format="png", dpi=130)
-
-
-def _save(comparison: Comparison, file: BinaryIO) -> None:
-    _figure(comparison).savefig(file, format="png", dpi=150)
+_ALONG = {"phi_deg": "circle angle φ / °", "target": "target", "place": "target and side"}
 
 
 def _figure(comparison: Comparison) -> Figure:
@@ -112,9 +98,7 @@ def _figure(comparison: Comparison) -> Figure:
     above.legend(fontsize=8, title=f"correlation {comparison.correlation:.3f}", title_fontsize=8)
     below.plot(x[order], (comparison.measured_curve - comparison.simulated_curve)[order], color="#555555", **style)
     below.set_ylabel(f"difference / {sign}")
-    below.set_xlabel(
-        "circle angle φ / °" if circle else "target" if comparison.result.test == "radial" else "target and side"
-    )
+    below.set_xlabel(_ALONG[comparison.result.measured.table.kind.along])
     for axes in (above, below):
         axes.grid(color="#dddddd", lw=0.5)
         axes.spines[["top", "right"]].set_visible(False)

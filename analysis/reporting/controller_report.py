@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.correction.controller_entries import ControllerEntries, NotEntered
+from analysis.correction.controller_entries import ControllerEntries
 from analysis.reporting.plain_console import whole
 from rigs.schema.effect import label_of
 
@@ -68,7 +68,8 @@ def as_table(entries: ControllerEntries) -> RenderableType:
     if bool(entries.controller.scale) and any(entry.unit == "deg" for entry in entries.entries):
         parts.append(Text(f"with --scale, six {entries.controller.scale}: the same as {entries.controller.unit}"))
     parts += [Text(f"known only together, so divided by usual sizes: {', '.join(group)}") for group in entries.twins]
-    parts += [Text(f"not entered: {_stays(kept)}") for kept in entries.not_entered if kept.worth_um >= _REPORTED_UM]
+    kept_um = [(label_of(kept.effect), kept.worth_um) for kept in entries.not_entered if kept.worth_um >= _REPORTED_UM]
+    parts += [Text(f"not entered: {name}, {um:.0f} µm rms: no constant and no target holds it") for name, um in kept_um]
     parts.append(Text(carried(entries), style="bold"))
     before, after = entries.elsewhere_um
     if entries.entries:
@@ -98,20 +99,12 @@ def _entries(entries: ControllerEntries) -> Table:
         table.add_column(heading, justify="left" if heading in ("add to", "unit") else "right")
     for entry in entries.entries:
         reading = f"{entry.reading_deg:+.4f}°" if entry.reading_deg else "same"
-        numbers = (_number(entry.add, entry.u), f"{entry.u:.2g}", entry.unit, reading)
+        # A value with its sign, to the second digit of its uncertainty; a count to whole counts
+        digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
+        numbers = (f"{entry.add:+.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading)
         now = ["" if entry.now is None else f"±{entry.now:g}"] * lengths
         table.add_row(entry.parameter, *now, *numbers, f"{entry.worth_um:.0f} µm", f"{entry.leaves_um:.0f} µm")
     return whole(table)
-
-
-def _number(value: float, u: float) -> str:
-    """Return a value with its sign, to the second digit of its uncertainty; a count to whole counts."""
-    digits = 1 - math.floor(math.log10(u)) if u > 0 else 6
-    return f"{value:+.{max(0, digits)}f}"
-
-
-def _stays(kept: NotEntered) -> str:
-    return f"{label_of(kept.effect)}, {kept.worth_um:.0f} µm rms: no constant and no target holds it"
 
 
 def as_object(entries: ControllerEntries) -> dict[str, Any]:

@@ -69,7 +69,9 @@ def as_table(corrections: Corrections) -> RenderableType:
         field = size_field(play)
         value = f"{getattr(play, field):.4g} {quantity_of(play, field, {}).sign}"
         effects.add_row(label_of(play), value, Text("not corrected", style="yellow"), play.compensation().why_not)
-    parts: list[RenderableType] = [Text(_first(corrections), style="bold"), Text(), whole(effects)]
+    parts: list[RenderableType] = [Text(_first(corrections), style="bold")]
+    if effects.row_count:
+        parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):
         parts.insert(0, Text(f"Against the verdict: {why}.", style="bold red"))
     parts += [Text(line) for line in _lines(corrections)]

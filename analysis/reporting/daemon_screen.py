@@ -17,10 +17,6 @@ _OLD_S = 2.0
 
 def screen(state: dict[str, Any]) -> RenderableType:
     """Gauges, angle, joints, rates, faults and recording state of a `status` answer."""
-    return Group(_head(state), *_automatic(state), _gauges(state), _links(state))
-
-
-def _head(state: dict[str, Any]) -> Text:
     text = Text(f"{state['rig']}  ", style="bold")
     if state["recording"]:
         direction = f" {state['direction']}" if state["direction"] else ""
@@ -36,18 +32,12 @@ def _head(state: dict[str, Any]) -> Text:
             text.append(f"; {state['waiting']} waits for the disk, samples missed: {missed or 'none'}", "bold red")
         elif state.get("beginning"):
             text.append(f"; {state['beginning']} begins", "yellow")
-    return text
-
-
-def _automatic(state: dict[str, Any]) -> list[Text]:
-    """What the automat waits for, and why it did not start; nothing where the rig file has no rules."""
-    automatic = state["automatic"]
-    if automatic is None:
-        return []
-    text = Text(f"automatic, waits for {'; '.join(automatic['waits_for'])}", "dim")
-    if automatic["why_not"]:
-        text.append(f"\nnot started: {automatic['why_not']}", "yellow")
-    return [text]
+    lines = [text]
+    if (automatic := state["automatic"]) is not None:  # what it waits for, and why it did not start
+        lines.append(Text(f"automatic, waits for {'; '.join(automatic['waits_for'])}", "dim"))
+        if automatic["why_not"]:
+            lines[-1].append(f"\nnot started: {automatic['why_not']}", "yellow")
+    return Group(*lines, _gauges(state), _links(state))
 
 
 def _gauges(state: dict[str, Any]) -> Table:

@@ -60,24 +60,21 @@ def strands_of(residuals: Diagnosis | Disagreement) -> tuple[list[Strand], int]:
         if residuals.staircase
         else [np.array([curve.before_um]) for curve in residuals.curves]
     )
-    strands = [
-        _strand(curve, curve_steps, residuals.where) for curve, curve_steps in zip(residuals.curves, steps, strict=True)
-    ]
+    strands = []
+    for curve, steps_um in zip(residuals.curves, steps, strict=True):  # steps_um (steps, n, 2) µm
+        phi_deg = curve.phi_deg % 360
+        order = np.argsort(phi_deg)
+        ordered_um = steps_um[:, order]
+        places = [place for place in residuals.where if (place.test, place.direction) == (curve.test, curve.direction)]
+        # The part with the worst located place; without one, the part that is larger for its noise
+        worst = max(places, key=lambda place: place.sigma, default=None)
+        sizes = {part: _size(ordered_um[0] @ direction, part) for part, direction in _PARTS.items()}
+        part = worst.part if worst else max(sizes, key=sizes.__getitem__)
+        of_part = tuple(place for place in places if place.part == part)
+        strands.append(Strand(curve, part, phi_deg[order], ordered_um @ _PARTS[part], of_part))
     loudest = sorted(strands, key=lambda strand: -_size(strand.before_um, strand.part))[:_MOST_ROWS]
     chosen = {id(strand) for strand in loudest}
     return [strand for strand in strands if id(strand) in chosen], len(strands) - len(chosen)
-
-
-def _strand(curve: Curve, steps_um: Array, where: Sequence[Place]) -> Strand:
-    """The part with the worst located place; without one, the part that is larger for its noise. steps_um (steps, n, 2)
-    µm."""
-    order = np.argsort(curve.phi_deg % 360)
-    phi, steps = (curve.phi_deg % 360)[order], steps_um[:, order]
-    places = [place for place in where if (place.test, place.direction) == (curve.test, curve.direction)]
-    worst = max(places, key=lambda place: place.sigma, default=None)
-    part = worst.part if worst else max(_PARTS, key=lambda name: _size(steps[0] @ _PARTS[name], name))
-    of_part = tuple(place for place in places if place.part == part)
-    return Strand(curve, part, phi, steps @ _PARTS[part], of_part)
 
 
 def _size(values: Array, part: str) -> float:
@@ -93,7 +90,13 @@ def draw_circles(figure: SubFigure, strands: Sequence[Strand], *, effects: bool)
         panels = straight.subplots(2 if effects else 1, 1, sharex=True, squeeze=False)[:, 0]
         _draw_readings(panels[0], strand, effects=effects, named=place == 0)
         if effects:
-            _draw_left(panels[1], strand, named=place == 0)
+            after = panels[1]
+            after.axhline(0.0, color=GREY, lw=0.6)
+            after.plot(strand.phi_deg, strand.before_um, color=MEASURED, lw=0.7, alpha=0.45, label="residual before")
+            after.plot(strand.phi_deg, strand.after_um, color=LEFT, lw=0.9, label="residual after")
+            after.set_ylabel("residual / µm", fontsize=8)
+            if place == 0:
+                _legend(after, 2)
         for axes in panels:
             _draw_marks(axes, strand, numbered=axes is panels[0])
         panels[-1].set_xlabel("circle angle φ / °" if place == len(strands) - 1 else "", fontsize=8)
@@ -110,29 +113,16 @@ def _draw_readings(axes: Axes, strand: Strand, *, effects: bool, named: bool) ->
     title = f"{strand.title}: residual {rms(strand.before_um):.1f}{after} µm rms"
     axes.set_title(title, fontsize=9, loc="left", fontweight="bold")
     axes.set_ylabel("less the model\nbegun with / µm", fontsize=8)
-    _headroom(axes, strand.before_um)
+    # Room above the curve for the joints' numbers
+    low, high = float(strand.before_um.min()), float(strand.before_um.max())
+    span = max(high - low, 1e-6)
+    axes.set_ylim(low - 0.08 * span, high + 0.5 * span)
     if named:
         _legend(axes, 3)
 
 
 def _legend(axes: Axes, columns: int) -> None:
     axes.legend(fontsize=7, ncols=columns, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, borderpad=0)
-
-
-def _headroom(axes: Axes, values: Array) -> None:
-    """Room above the curve for the joints' numbers."""
-    low, high = float(values.min()), float(values.max())
-    span = max(high - low, 1e-6)
-    axes.set_ylim(low - 0.08 * span, high + 0.5 * span)
-
-
-def _draw_left(axes: Axes, strand: Strand, *, named: bool) -> None:
-    axes.axhline(0.0, color=GREY, lw=0.6)
-    axes.plot(strand.phi_deg, strand.before_um, color=MEASURED, lw=0.7, alpha=0.45, label="residual before")
-    axes.plot(strand.phi_deg, strand.after_um, color=LEFT, lw=0.9, label="residual after")
-    axes.set_ylabel("residual / µm", fontsize=8)
-    if named:
-        _legend(axes, 2)
 
 
 def _draw_marks(axes: Axes, strand: Strand, *, numbered: bool) -> None:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import PathCollection
 from matplotlib.figure import SubFigure
 from matplotlib.ticker import MaxNLocator
 
 from analysis.inference.disagreement import Disagreement
 from analysis.inference.result import Diagnosis, Map
 from analysis.kinematics.arm import Array
+from analysis.noise.readings import rms
 from analysis.reporting.diagnosis_curves import GREY, LEFT, MEASURED
 
 _APART_DEG = 4.0
@@ -35,29 +34,24 @@ def draw_map(figure: SubFigure, target_map: Map, *, effects: bool) -> None:
     sheet = figure if effects else figure.subfigures(1, 3, width_ratios=(1, 2.2, 1), squeeze=False)[0, 1]
     panels = sheet.subplots(1, 2 if effects else 1, squeeze=False)[0]
     largest = max(float(np.abs(target_map.before_um).max()), 1e-6)
-    for axes, values, when in zip(
-        panels, (target_map.before_um, target_map.after_um), ("before", "after"), strict=False
-    ):
-        dots = _draw_dots(axes, target_map, values, largest)
-        rms = float(np.sqrt(np.mean(values**2)))
-        axes.set_title(f"{target_map.test}, residual {when}: rms {rms:.1f} µm", fontsize=9)
-    sheet.colorbar(dots, ax=list(panels), label="residual / µm", shrink=0.8)
-    sheet.supxlabel(
-        "seen along the axis: a ring each 30° of polar angle, azimuth 0° to the right", fontsize=7.5, color=GREY
-    )
-
-
-def _draw_dots(axes: Axes, target_map: Map, values: Array, largest: float) -> PathCollection:
     polar, azimuth = target_map.polar_deg, np.radians(target_map.azimuth_deg)
     aside = _aside(target_map.target)
     x, y = polar * np.cos(azimuth) + aside[:, 0], polar * np.sin(azimuth) + aside[:, 1]
     turn = np.linspace(0, 2 * np.pi, 181)
-    for ring in range(30, int(max(polar.max(), 30)) + 1, 30):
-        axes.plot(ring * np.cos(turn), ring * np.sin(turn), color="#d8d8d8", lw=0.6, zorder=0)
-    axes.set_aspect("equal")
-    axes.set_axis_off()
-    return axes.scatter(
-        x, y, c=values, cmap="coolwarm", vmin=-largest, vmax=largest, s=26, edgecolors="#555555", linewidths=0.3
+    for axes, values, when in zip(
+        panels, (target_map.before_um, target_map.after_um), ("before", "after"), strict=False
+    ):
+        for ring in range(30, int(max(polar.max(), 30)) + 1, 30):
+            axes.plot(ring * np.cos(turn), ring * np.sin(turn), color="#d8d8d8", lw=0.6, zorder=0)
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        dots = axes.scatter(
+            x, y, c=values, cmap="coolwarm", vmin=-largest, vmax=largest, s=26, edgecolors="#555555", linewidths=0.3
+        )
+        axes.set_title(f"{target_map.test}, residual {when}: rms {rms(values):.1f} µm", fontsize=9)
+    sheet.colorbar(dots, ax=list(panels), label="residual / µm", shrink=0.8)
+    sheet.supxlabel(
+        "seen along the axis: a ring each 30° of polar angle, azimuth 0° to the right", fontsize=7.5, color=GREY
     )
 
 
@@ -76,8 +70,8 @@ def _draw_rows(figure: SubFigure, target_map: Map, *, effects: bool) -> None:
     axes = figure.subplots()
     for values, ink, when in ((target_map.before_um, MEASURED, "before"), (target_map.after_um, LEFT, "after")):
         if when == "before" or effects:
-            rms = float(np.sqrt(np.mean(values**2)))
-            axes.plot(target_map.target, values, ".", ms=3, color=ink, label=f"{when}: rms {rms:.0f} µm")
+            label = f"{when}: rms {rms(values):.0f} µm"
+            axes.plot(target_map.target, values, ".", ms=3, color=ink, label=label)
     distance = "of the ball from its socket" if target_map.test == "touch" else "left, pose by pose"
     axes.set_title(f"{target_map.test}: distance {distance}", fontsize=9, loc="left", fontweight="bold")
     axes.set_xlabel("row of the table", fontsize=8)

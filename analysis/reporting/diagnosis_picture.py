@@ -35,7 +35,14 @@ _Part = tuple[float, Callable[[SubFigure], None]]
 def picture(diagnosis: Diagnosis) -> Figure:
     """Everything on one sheet, as high as it needs."""
     parts, quiet = _parts(diagnosis, stairs_of(diagnosis), diagnosis.train.noise_floor_um)
-    words = _words(diagnosis, quiet)
+    answer, acts = AnswerWords(diagnosis), ActWords(diagnosis)
+    lines = [f"{answer.accuracy} {answer.judged}", *([f"Next: {acts.next}"] if acts.next else [])]
+    lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in diagnosis.groups[:_MOST_GROUPS]]
+    others = len(diagnosis.groups) - _MOST_GROUPS
+    lines += [f"and {others} more groups"] * (others > 0)
+    lines += _not_shown(quiet)
+    lines += [_KEY] * bool(diagnosis.curves)
+    words = [line for paragraph in lines for line in textwrap.wrap(paragraph, _TEXT_COLUMNS)]
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
     title = textwrap.wrap(AnswerWords(diagnosis).headline, _COLUMNS)
     return _sheet([*title, diagnosis.rig.name], parts)
@@ -77,17 +84,6 @@ def _sheet(title: list[str], parts: list[_Part]) -> Figure:
 
 def _not_shown(quiet: int) -> list[str]:
     return [f"Not shown: {quiet} more, which disagree less."] * bool(quiet)
-
-
-def _words(diagnosis: Diagnosis, quiet: int) -> list[str]:
-    answer, acts = AnswerWords(diagnosis), ActWords(diagnosis)
-    lines = [f"{answer.accuracy} {answer.judged}", *([f"Next: {acts.next}"] if acts.next else [])]
-    lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in diagnosis.groups[:_MOST_GROUPS]]
-    others = len(diagnosis.groups) - _MOST_GROUPS
-    lines += [f"and {others} more groups"] * (others > 0)
-    lines += _not_shown(quiet)
-    lines += [_KEY] * bool(diagnosis.curves)
-    return [line for paragraph in lines for line in textwrap.wrap(paragraph, _TEXT_COLUMNS)]
 
 
 def _draw_words(sheet: SubFigure, lines: list[str]) -> None:

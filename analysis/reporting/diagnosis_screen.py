@@ -12,7 +12,7 @@ from rich.text import Text
 
 from analysis.inference.acts import Doubt
 from analysis.inference.candidates import LARGEST_FAULT
-from analysis.inference.result import Condition, Diagnosis, Gap
+from analysis.inference.result import Condition, Diagnosis
 from analysis.inference.state import FAULT
 from analysis.reporting.act_words import ActWords, acts_in_words
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
@@ -60,7 +60,7 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
         ("What to do", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts_of("en")))]),
         ("How the gap shrinks", ([stairs_table(stairs)] if stairs else [])),
         ("What the model leaves", _gaps(diagnosis)),
-        ("Still unexplained", _left(diagnosis)),
+        ("Still unexplained", _unexplained(diagnosis)),
         ("What these tests cannot distinguish", _cannot(diagnosis)),
         ("Where model and readings disagree", places_table(diagnosis.where)),
         ("Remarks on the data", [Text(doubt, style="yellow") for doubt in diagnosis.doubts]),
@@ -69,7 +69,10 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
     for heading, body in sections:
         if body:
             shown += [Text(f"\n{heading}", style="bold"), *(Padding(part, (0, 0, 0, 2)) for part in body)]
-    return Group(*shown, Text(f"\n{_footer(diagnosis)}", style="dim"))
+    runs = "1 run" if len(diagnosis.runs) == 1 else f"{len(diagnosis.runs)} runs"
+    noise = "noise from repeats" if diagnosis.repeated else "noise assumed, not from repeats"
+    footer = f"{diagnosis.rig.name} · {runs} · {noise} · {diagnosis.seconds:.1f} s"
+    return Group(*shown, Text(f"\n{footer}", style="dim"))
 
 
 def _plain_table(*headings: str, right: Iterable[str] = ()) -> Table:
@@ -99,9 +102,14 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
 
 
 def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
+    # The fitted effects that the diagnosis does not stand by for another reason than their usual size
+    by_reason: dict[Doubt, list[str]] = {}
+    for named in diagnosis.effects:
+        if named.doubt is not None and named.doubt != "usual":
+            by_reason.setdefault(named.doubt, []).append(f"{label_of(named.effect)} ({named.worth_um:.1f} µm)")
     doubted = [
-        Text(f"no fault, {doubt_words(why, texts_of('en'))}: {names}", style="dim")
-        for why, names in _doubted(diagnosis).items()
+        Text(f"no fault, {doubt_words(why, texts_of('en'))}: {', '.join(names)}", style="dim")
+        for why, names in by_reason.items()
     ]
     if not diagnosis.written:
         return list(doubted)
@@ -123,15 +131,6 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
     return [table, *([likeliest] if diagnosis.condition == "ambiguous" else []), *doubted]
 
 
-def _doubted(diagnosis: Diagnosis) -> dict[Doubt, str]:
-    """The fitted effects that the diagnosis does not stand by for another reason than their usual size."""
-    by_reason: dict[Doubt, list[str]] = {}
-    for named in diagnosis.effects:
-        if named.doubt is not None and named.doubt != "usual":
-            by_reason.setdefault(named.doubt, []).append(f"{label_of(named.effect)} ({named.worth_um:.1f} µm)")
-    return {why: ", ".join(names) for why, names in by_reason.items()}
-
-
 def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
     effects = bool(diagnosis.standing)
     last = ("calibrated", "noise floor")
@@ -143,7 +142,9 @@ def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
             ends = (gap.calibrated_um, gap.noise_floor_um)
             cells = (gap.before_um, gap.after_um, *ends) if effects else (gap.before_um, *ends)
             how = "" if gap.keeps_setup else ", own set-up"
-            table.add_row(f"{name}{how}", *map(_number, cells), *([_percent(gap)] if effects else []))
+            share = closed(gap)
+            percents = [f"{100 * share:.1f} %" if math.isfinite(share) else ""] if effects else []
+            table.add_row(f"{name}{how}", *map(_number, cells), *percents)
     return [table]
 
 
@@ -151,12 +152,7 @@ def _number(value: float) -> str:
     return f"{value:.1f}" if math.isfinite(value) else ""
 
 
-def _percent(gap: Gap) -> str:
-    share = closed(gap)
-    return f"{100 * share:.1f} %" if math.isfinite(share) else ""
-
-
-def _left(diagnosis: Diagnosis) -> list[RenderableType]:
+def _unexplained(diagnosis: Diagnosis) -> list[RenderableType]:
     if diagnosis.condition == "not_testable_here":
         return []
     remainder = diagnosis.remainder
@@ -178,9 +174,3 @@ def _cannot(diagnosis: Diagnosis) -> list[RenderableType]:
             )
         )
     return list(lines)
-
-
-def _footer(diagnosis: Diagnosis) -> str:
-    runs = "1 run" if len(diagnosis.runs) == 1 else f"{len(diagnosis.runs)} runs"
-    noise = "noise from repeats" if diagnosis.repeated else "noise assumed, not from repeats"
-    return f"{diagnosis.rig.name} · {runs} · {noise} · {diagnosis.seconds:.1f} s"

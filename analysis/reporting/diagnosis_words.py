@@ -11,6 +11,7 @@ from analysis.measures.quantity import Quantity
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
+from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
 
 _WHOLE_LAP_DEG = 350.0
 _BY_FAR = 1 / 3
@@ -110,8 +111,8 @@ def runs_of(place: Place | Curve | ResidualBand) -> str:
 def stretch(place: Place) -> str:
     """Where on the circle, or at which targets: `231–243°`, `targets 3–7`."""
     low, high = place.from_deg, place.to_deg
-    if place.test not in ("yaw", "roll"):
-        row = "row" if place.test == "pose" else "target"
+    if place.test not in CIRCLES:
+        row = "row" if place.test in WITHOUT_GAUGES else "target"
         return f"{row} {low:.0f}" if low == high else f"{row}s {low:.0f}–{high:.0f}"
     return "whole lap" if whole_lap(place) else f"{low:.0f}–{high:.0f}°"
 

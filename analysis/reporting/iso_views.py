@@ -12,7 +12,6 @@ from analysis.measures.cube import poses_of_cube
 from analysis.measures.pose import PoseResult
 from analysis.measures.result_curves import PathCurve
 from analysis.measures.results import Result
-from analysis.traces.tables import PoseTable
 from rigs.schema.vocabulary import DRIVEN_AXES
 
 _SHARE = 0.12
@@ -34,7 +33,7 @@ class PlaneView:
 def cube_view(result: Result) -> PlaneView | None:
     """The stops of the cube in a pose run; None where it has none."""
     table, rig = result.measured.table, result.measured.rig
-    if not isinstance(result.found, PoseResult) or not isinstance(table, PoseTable):
+    if not isinstance(result.found, PoseResult):
         return None
     if rig.tests.iso9283 is None or len(rig.robot.axes) != DRIVEN_AXES:
         return None

@@ -15,7 +15,12 @@ def begins_with(effects: Sequence[Effect]) -> str:
     """How many effects a model begins with, which, and from where: `2 effects, written by hand: …`."""
     origins: dict[str, list[str]] = {}
     for effect in effects:
-        origins.setdefault(_origin(effect), []).append(name_of(effect))
+        origin = (
+            "written by hand"
+            if effect.found is None
+            else f"found on {effect.found.date} in {_listed(effect.found.runs)}"
+        )
+        origins.setdefault(origin, []).append(name_of(effect))
     count = f"{len(effects)} effect{'s' * (len(effects) != 1)}"
     return f"{count}, " + "; ".join(f"{origin}: {_listed(names)}" for origin, names in origins.items())
 
@@ -46,12 +51,6 @@ def simulated_runs(simulated: int, runs: int) -> str:
     else:
         which, whose = f"{simulated} of {runs} runs {'is' if simulated == 1 else 'are'}", "that measured no robot"
     return f"{which} simulated or of an emulated cell; {whose}."
-
-
-def _origin(effect: Effect) -> str:
-    if effect.found is None:
-        return "written by hand"
-    return f"found on {effect.found.date} in {_listed(effect.found.runs)}"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -45,7 +45,14 @@ def as_table(plan: Plan) -> RenderableType:
     small = sum(all(map(_small, forms)) for forms in plan.names.values())
     words = f"{len(plan.names)} names: {small} are detected as soon as they are faults (gears at every order), "
     words += f"{len(plan.names) - small - unseen} at more, {unseen} at none; {len(plan.pairs)} pairs look alike\n"
-    tables = (_axes(plan), Text(), _others(plan), _alike(plan), _hidden(plan))
+    table = Table(title=_title("the rest"), title_style="bold", title_justify="left", header_style="bold")
+    for heading, justify in (("effect", "left"), ("unit", "left"), ("healthy", "right"), ("shows from", "right")):
+        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
+    for kind, seats in _by_seat(plan, joints=False).items():
+        for seat, sights in seats.items():
+            effect = sights[0].effect
+            table.add_row(f"{kind} {seat}".rstrip(), _unit(effect), f"{healthy_size(effect):g}", _limit(sights))
+    tables = (_axes(plan), Text(), whole(table), _alike(plan), _hidden(plan))
     return Group(
         head, Text(noise_in_words(plan.tests)), Text(arm_in_words(plan.level)), Text(words), *tables, *_advice(plan)
     )
@@ -95,17 +102,6 @@ def _axes(plan: Plan) -> Table:
         cells = [_limit(by_axis.get(str(axis), ()), "\n") for axis in axes]
         below = "\n  its worst order" if any("\n" in cell.plain for cell in cells) else ""
         table.add_row(f"{kind} {_unit(first.effect)}{below}", f"{healthy_size(first.effect):g}", *cells)
-    return whole(table)
-
-
-def _others(plan: Plan) -> Table:
-    table = Table(title=_title("the rest"), title_style="bold", title_justify="left", header_style="bold")
-    for heading, justify in (("effect", "left"), ("unit", "left"), ("healthy", "right"), ("shows from", "right")):
-        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
-    for kind, seats in _by_seat(plan, joints=False).items():
-        for seat, sights in seats.items():
-            effect = sights[0].effect
-            table.add_row(f"{kind} {seat}".rstrip(), _unit(effect), f"{healthy_size(effect):g}", _limit(sights))
     return whole(table)
 
 
@@ -187,18 +183,13 @@ def _hidden(plan: Plan) -> RenderableType:
     for (why, test), sights in together.items():
         orders = Counter(_kind(sight.name) for sight in sights)
         names = [name if count == 1 else f"{name}, {count} forms" for name, count in orders.items()]
-        text = (
-            f"{test}, {_range([sight.further[0].sigma for sight in sights])} σ at a healthy size"
-            if test
-            else "no test here"
-        )
+        text = "no test here"
+        if test:
+            sigmas = [sight.further[0].sigma for sight in sights]
+            ends = dict.fromkeys((f"{min(sigmas):.2g}", f"{max(sigmas):.2g}"))  # one where both are alike
+            text = f"{test}, {' … '.join(ends)} σ at a healthy size"
         table.add_row("\n".join(names), why, text)
     return whole(table)
-
-
-def _range(sigmas: Sequence[float]) -> str:
-    low, high = f"{min(sigmas):.2g}", f"{max(sigmas):.2g}"
-    return low if low == high else f"{low} … {high}"
 
 
 def _advice(plan: Plan) -> list[Text]:

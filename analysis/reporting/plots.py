@@ -3,10 +3,10 @@ error), 13 and 14 (radial), 15 (repeatability); and the poses of a tracker."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,10 +19,10 @@ from analysis.measures.result_curves import JointReversal, PathCurve, PoseCurve,
 from analysis.measures.results import Result, by_test
 from analysis.reporting.iso_plots import draw_along, draw_plane
 from analysis.reporting.iso_views import PlaneView, cube_view, path_view
-from analysis.reporting.sheet import Sheet
+from analysis.reporting.sheet import Sheet, as_png
 
 if TYPE_CHECKING:
-    from analysis.files.write import Writer
+    pass
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
@@ -34,29 +34,19 @@ def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
     written."""
     from analysis.files.write import write_views  # noqa: PLC0415 - slow to import
 
-    return write_views(directory, {name: writer for group in by_test(results) for name, writer in _pictures(group)})
-
-
-def _pictures(results: Sequence[Result]) -> Iterator[tuple[str, Writer]]:
-    """Yield the pictures of runs of one test on one rig, named by both."""
-    stem = f"{results[0].measured.rig.name}-{results[0].test}"
-    if isinstance(results[0].found, CircleResult):
-        yield f"{stem}-raw.png", lambda file: raw_figure(results).savefig(file, format="png", dpi=150)
-        yield f"{stem}-error.png", lambda file: error_figure(results).savefig(file, format="png", dpi=150)
-        return
-    for name, result in distinctly_named(results):
-        yield f"{stem}-{name}.png", partial(_save_other, result)
-        view = cube_view(result)
-        if view is not None:
-            yield f"{stem}-{name}-cube.png", partial(_save_cube, result, view)
-
-
-def _save_other(result: Result, file: BinaryIO) -> None:
-    _other_figure(result).savefig(file, format="png", dpi=150)
-
-
-def _save_cube(result: Result, view: PlaneView, file: BinaryIO) -> None:
-    cube_figure(result, view).savefig(file, format="png", dpi=150)
+    figures: dict[str, Callable[[], Figure]] = {}
+    for group in by_test(results):  # of one test on one rig, and named by both
+        stem = f"{group[0].measured.rig.name}-{group[0].test}"
+        if isinstance(group[0].found, CircleResult):
+            figures[f"{stem}-raw.png"] = partial(raw_figure, group)
+            figures[f"{stem}-error.png"] = partial(error_figure, group)
+            continue
+        for name, result in distinctly_named(group):
+            figures[f"{stem}-{name}.png"] = partial(_other_figure, result)
+            view = cube_view(result)
+            if view is not None:
+                figures[f"{stem}-{name}-cube.png"] = partial(cube_figure, result, view)
+    return write_views(directory, {name: as_png(figure) for name, figure in figures.items()})
 
 
 def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
@@ -196,7 +186,8 @@ def raw_figure(results: Sequence[Result]) -> Figure:
     for circle, axes in zip(_circles(results), panels, strict=True):
         for lap in circle.curve.laps:
             axes.plot(np.degrees(PHI), np.degrees(lap), ".", ms=2, color=_INK[circle.laps.direction])
-        axes.plot([], [], ".", ms=2, color=_INK[circle.laps.direction], label=f"readings, {_laps(circle)}")
+        laps = "1 lap" if circle.laps.count == 1 else f"{circle.laps.count} laps"
+        axes.plot([], [], ".", ms=2, color=_INK[circle.laps.direction], label=f"readings, {laps}")
         whole = np.linspace(0, 2 * np.pi, 361)
         sine = f"sine, amplitude {circle.figures['amplitude_deg']}"
         axes.plot(np.degrees(whole), np.degrees(circle.sine(whole)), "-", lw=1, color="black", label=sine)
@@ -208,7 +199,9 @@ def raw_figure(results: Sequence[Result]) -> Figure:
 def error_figure(results: Sequence[Result]) -> Figure:
     """Orientation error with its band and the joints' reversals, a panel for each run (figure 6)."""
     figure, panels = _panels(results, f"Orientation error in {results[0].test}")
-    low, high = _common_range(_circles(results))
+    # One scale for all panels, with room for the marks above and the band's text below
+    errors = np.degrees(np.concatenate([circle.residual for circle in _circles(results)]))
+    low, high = float(errors.min()), float(errors.max())
     for result, circle, axes in zip(results, _circles(results), panels, strict=True):
         error = np.degrees(circle.residual)
         for lap in circle.curve.laps if circle.laps.count > 1 else ():
@@ -216,16 +209,12 @@ def error_figure(results: Sequence[Result]) -> Figure:
             axes.plot(np.degrees(PHI), lap_error, "-", lw=0.5, color=_INK[circle.laps.direction], alpha=0.4)
         axes.plot(np.degrees(PHI), error, "-", lw=1, color=_INK[circle.laps.direction])
         axes.axhspan(error.min(), error.max(), color=_INK[circle.laps.direction], alpha=0.08, lw=0)
-        axes.set_ylim(low, high)
+        axes.set_ylim(low - 0.28 * (high - low), high + 0.3 * (high - low))
         axes.set_ylabel(f"{circle.laps.direction}: error / °")
         band = f"error band {circle.figures['band_deg']}"
         axes.text(0.01, 0.04, band, transform=axes.transAxes, fontsize=9, va="bottom")
         mark_reversals(axes, result.reversals)
     return figure
-
-
-def _laps(circle: CircleResult) -> str:
-    return "1 lap" if circle.laps.count == 1 else f"{circle.laps.count} laps"
 
 
 def _panels(results: Sequence[Result], title: str) -> tuple[Figure, list[Axes]]:
@@ -244,13 +233,6 @@ def _panels(results: Sequence[Result], title: str) -> tuple[Figure, list[Axes]]:
 
 def _circles(results: Sequence[Result]) -> list[CircleResult]:
     return [result.found for result in results if isinstance(result.found, CircleResult)]
-
-
-def _common_range(circles: Sequence[CircleResult]) -> tuple[float, float]:
-    """One scale for all panels, with room for the marks above and the band's text below."""
-    low = min(float(np.degrees(circle.residual).min()) for circle in circles)
-    high = max(float(np.degrees(circle.residual).max()) for circle in circles)
-    return low - 0.28 * (high - low), high + 0.3 * (high - low)
 
 
 def mark_reversals(axes: Axes, turns: Sequence[JointReversal]) -> None:

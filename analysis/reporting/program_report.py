@@ -10,6 +10,7 @@ import numpy as np
 
 from analysis.correction.corrected_program import MOST_MM, CorrectedProgram
 from analysis.makers.target import WHY, Left
+from analysis.noise.readings import rms
 
 _LISTED = 30
 """So many of what was left are on the screen; corrections.yaml has all of them."""
@@ -41,9 +42,14 @@ def lines(program: CorrectedProgram) -> list[str]:
         f"--{overruling.kind}; from there its own count"
         for overruling in program.overruled[:_LISTED]
     ]
+    if program.start:
+        text_lines.append(
+            f"  --start-joints states that the arm stands at {_degrees(program.start)} whenever this program begins; "
+            "if it comes from another posture, its first targets are corrected for the wrong one"
+        )
     if count:
         text_lines.append(
-            f"  moved by up to {moved.max():.3f} mm, {_rms(moved):.3f} mm rms; "
+            f"  moved by up to {moved.max():.3f} mm, {rms(moved) if len(moved) else 0.0:.3f} mm rms; "
             f"reached to ± {program.u_frame_mm.max():.3f} mm after with frame and tool taught with the robot, to "
             f"± {program.u_mm.max():.3f} mm in its base (standard uncertainty at the worst target)"
         )
@@ -69,6 +75,10 @@ def lines(program: CorrectedProgram) -> list[str]:
     if count:
         text_lines.append(f"  {NOT_TRIED}")
     return text_lines
+
+
+def _degrees(angles: tuple[float, ...]) -> str:
+    return ", ".join(f"{angle:g}" for angle in np.degrees(angles).round(6)) + "°"
 
 
 def _head(program: CorrectedProgram) -> str:
@@ -99,6 +109,7 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         "corrected": len(program.names),
         "written": not program.held,
         "run_by_a_real_controller": False,
+        "start_joints_deg": np.degrees(program.start).round(6).tolist() if program.start else None,
         "beside_left": {
             "steps": len(program.beside_left_mm),
             "mean_mm": float(program.beside_left_mm.mean()) if len(program.beside_left_mm) else None,
@@ -112,7 +123,10 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
             }
             for overruling in program.overruled[:_KEPT]
         ],
-        "moved_mm": {"largest": float(program.moved_mm.max(initial=0.0)), "rms": _rms(program.moved_mm)},
+        "moved_mm": {
+            "largest": float(program.moved_mm.max(initial=0.0)),
+            "rms": rms(program.moved_mm) if len(program.moved_mm) else 0.0,
+        },
         "rounded_um": float(program.rounded_um.max(initial=0.0)),
         "outside_driven_ranges": sum(program.outside),
         "targets": [
@@ -144,10 +158,6 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         ],
         "left_count": len(program.left),
     }
-
-
-def _rms(values: Any) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
 
 
 def _targets(count: int) -> str:

@@ -133,30 +133,21 @@ def write(proposal: Proposal, text: str, directory: Path) -> list[Path]:
     from analysis.files.write import holding, write_all_new  # noqa: PLC0415 - slow to import
 
     files = {}
-    for number in range(1, len(proposal.circles) + 1):
-        rig = _named(proposal, number)
+    for number, circle in enumerate(proposal.circles, start=1):
+        rig = circle.candidate.rig.model_copy(update={"name": _stem(proposal.rig, str(number))})
         name = f"{rig.name}.yaml"
-        changed = with_values(text, _changes(proposal.rig, rig), rig, str(directory / name))
+        # The values in which a rig with a proposed circle differs from the rig that it comes from
+        before, after = _circle(proposal.rig), _circle(rig)
+        changes: dict[Keys, Value] = {("name",): rig.name}
+        changes |= {("tests", "circle", key): value for key, value in after.items() if value != before[key]}
+        if proposal.rig.robot.tool != rig.robot.tool:
+            changes["robot", "tool", "xyz_mm"] = list(rig.robot.tool.xyz_mm)
+        changed = with_values(text, changes, rig, str(directory / name))
         files[name] = holding(changed.encode())
     return write_all_new(directory, files)
-
-
-def _named(proposal: Proposal, number: int) -> Rig:
-    name = _stem(proposal.rig, str(number))
-    return proposal.circles[number - 1].candidate.rig.model_copy(update={"name": name})
 
 
 def _stem(rig: Rig, number: str) -> str:
     """Return the name of a rig with a proposed circle; without its number, what all of them begin with."""
     room = _MOST_NAME - len("-circle-") - _MOST_DIGITS
     return f"{rig.name[:room]}-circle-{number}"
-
-
-def _changes(rig: Rig, changed: Rig) -> dict[Keys, Value]:
-    """Return the values in which a rig with a proposed circle differs from the rig that it comes from."""
-    before, after = _circle(rig), _circle(changed)
-    changes: dict[Keys, Value] = {("name",): changed.name}
-    changes |= {("tests", "circle", key): value for key, value in after.items() if value != before[key]}
-    if rig.robot.tool != changed.robot.tool:
-        changes["robot", "tool", "xyz_mm"] = list(changed.robot.tool.xyz_mm)
-    return changes

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from analysis.frames import for_json
-from analysis.measures.pooled import BetweenRuns, Pairs, Pooled, pairs_of, pooled
+from analysis.measures.pooled import BetweenRuns, Pooled, pairs_of, pooled
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, by_test
 from analysis.reporting.run_words import what_u_is
@@ -27,7 +27,18 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthCompari
             "remarks": [
                 what_u_is(group, [runs_mean for runs_mean in pooled(group) if runs_mean.figures]) for group in groups
             ],
-            "acw_against_cw": [_pairs_object(both, group) for group in groups if (both := pairs_of(group))],
+            "acw_against_cw": [
+                {
+                    "rig": group[0].measured.rig.name,
+                    "test": group[0].test,
+                    "runs": [str(result.measured.path) for acw_and_cw in both.runs for result in acw_and_cw],
+                    "figures": {name: _between_object(figure) for name, figure in both.figures.items()},
+                    "lag": None if both.lag is None else asdict(both.lag),
+                    "refused": list(both.refused),
+                }
+                for group in groups
+                if (both := pairs_of(group))
+            ],
         }
     )
     return plain
@@ -50,14 +61,3 @@ def _between_object(figure: BetweenRuns | Quantity) -> dict[str, Any]:
     if isinstance(figure, Quantity):
         return asdict(figure)
     return asdict(figure.mean) | {"sd_between_runs": figure.sd, "runs": figure.runs}
-
-
-def _pairs_object(both: Pairs, group: Sequence[Result]) -> dict[str, Any]:
-    return {
-        "rig": group[0].measured.rig.name,
-        "test": group[0].test,
-        "runs": [str(result.measured.path) for acw_and_cw in both.runs for result in acw_and_cw],
-        "figures": {name: _between_object(figure) for name, figure in both.figures.items()},
-        "lag": None if both.lag is None else asdict(both.lag),
-        "refused": list(both.refused),
-    }

@@ -12,7 +12,7 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table
 from rich.text import Text
 
-from analysis.measures.pooled import BetweenRuns, Pooled, pairs_of, pooled
+from analysis.measures.pooled import Pooled, pairs_of, pooled
 from analysis.measures.results import Result, by_test
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.plain_console import whole
@@ -88,13 +88,12 @@ def _means(repeated: Sequence[Pooled]) -> Table:
     for mean in repeated:
         table.add_column(_over(mean.title, f"{len(mean.runs)} runs"), justify="right")
     for name in in_order(name for mean in repeated for name in mean.figures):
-        cells = [_mean_cell(mean.figures[name]) if name in mean.figures else "" for mean in repeated]
+        figures = [mean.figures.get(name) for mean in repeated]
+        cells = [
+            _over(str(figure.mean), f"sd {figure.in_sd} {figure.mean.sign}") if figure else "" for figure in figures
+        ]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     return whole(table)
-
-
-def _mean_cell(figure: BetweenRuns) -> Text:
-    return _over(str(figure.mean), f"sd {figure.in_sd} {figure.mean.sign}")
 
 
 def _over(text: str, below: str, style: str = "dim") -> Text:
@@ -112,15 +111,10 @@ def _table(group: Sequence[Result], truth_of: dict[int, dict[str, TruthCompariso
         cells = [_cell(result, name, truth_of.get(id(result), {})) for result in group]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     table.add_row("samples", *(str(result.found.samples) for result in group), style="dim")
-    if lags := _lags(group):
+    if any(result.measured.u_lag_s for result in group):  # how well the gauges' time is known against the robot's
+        lags = (f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group)
         table.add_row("time, gauges to robot", *lags, style="dim")
     return whole(table)
-
-
-def _lags(group: Sequence[Result]) -> list[str]:
-    """How well the gauges' time is known against the robot's, where that is known of any run."""
-    lag_is_known = any(result.measured.u_lag_s for result in group)
-    return [f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group] if lag_is_known else []
 
 
 def _cell(result: Result, name: str, truth: dict[str, TruthComparison]) -> str | Text:

@@ -75,7 +75,18 @@ def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
         return []
     if both is None:
         return ["one direction cannot show a lag between gauges and robot: analyse acw and cw together"]
-    return [*both.refused, *([_of_lag(both.lag, _rate(both))] if both.lag is not None else [])]
+    lag, lines = both.lag, list(both.refused)
+    if lag is None:
+        return lines
+    if abs(lag.value) < 2 * lag.u:
+        return [*lines, f"a lag of the gauges behind the robot is not detected: {lag}"]
+    driven = both.runs[0][0].found
+    rad_s = abs(driven.curve.rate) if isinstance(driven, CircleResult) else 0.0
+    words = f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by "
+    words += (
+        f"{np.degrees(rad_s * abs(lag.value) / 1000):.2g}° in opposite directions, which their u does not include; "
+    )
+    return [*lines, words + "describe the gauge by `timing` in the rig file, or run rig diagnose"]
 
 
 def warmth_in_words(group: Sequence[Result]) -> list[str]:
@@ -88,19 +99,3 @@ def warmth_in_words(group: Sequence[Result]) -> list[str]:
             line = f"{result.title}, {result.name}: joints {min(means):.1f} to {max(means):.1f} °C in the mean"
             lines.append(f"{line}; axis {list(warmth)[rises.index(most)]} changed by {most:+.1f} °C within the run")
     return lines
-
-
-def _rate(both: Pairs) -> float:
-    """How fast the circle was driven, rad/s."""
-    figures = both.runs[0][0].found
-    return abs(figures.curve.rate) if isinstance(figures, CircleResult) else 0.0
-
-
-def _of_lag(lag: Quantity, rate: float) -> str:
-    if abs(lag.value) < 2 * lag.u:
-        return f"a lag of the gauges behind the robot is not detected: {lag}"
-    turned = np.degrees(rate * abs(lag.value) / 1000)
-    return (
-        f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite directions, "
-        "which their u does not include; describe the gauge by `timing` in the rig file, or run rig diagnose"
-    )

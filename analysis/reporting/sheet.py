@@ -7,6 +7,8 @@ these pictures is one. What its font cannot draw it draws as a box, and the warn
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from typing import BinaryIO
 
 import matplotlib as mpl
 from matplotlib.backend_bases import RendererBase
@@ -16,6 +18,11 @@ from matplotlib.text import Text
 from rigs.text import plain_lines
 
 mpl.rcParams["text.parse_math"] = False
+
+
+def as_png(draw: Callable[[], Figure], dpi: int = 150) -> Callable[[BinaryIO], None]:
+    """What writes a picture to a file, drawn as late as that: some hundred at once would not fit into memory."""
+    return lambda file: draw().savefig(file, format="png", dpi=dpi)
 
 
 class Sheet(Figure):

@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from analysis.measures.results import Result
 from rigs.errors import FileError
@@ -27,7 +26,16 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthCompar
     """For each result, its figures by name beside the truth, none for a test that it lacks. Raises FileError."""
     try:
         truth = json.loads(read_bytes(path, _MOST_BYTES))
-        comparisons = [_one(result, truth) for result in results]
+        comparisons = []
+        for result in results:
+            manifest = result.measured.run.manifest
+            if truth["rig"] != manifest.rig_name:
+                raise KeyError(manifest.rig_name)
+            values = truth[manifest.test][manifest.direction] if manifest.test in truth else {}
+            figures = ((name, result.figures[name], float(value)) for name, value in values.items())
+            comparisons.append(
+                {name: TruthComparison(true, (seen.value - true) / seen.u) for name, seen, true in figures}
+            )
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "give the truth.json that rig emulate wrote") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
@@ -37,19 +45,6 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthCompar
     if not any(comparisons):
         raise FileError(str(path), f"does not cover the {results[0].test} test", "leave --truth out")
     return comparisons
-
-
-def _one(result: Result, truth: dict[str, Any]) -> dict[str, TruthComparison]:
-    manifest = result.measured.run.manifest
-    if truth["rig"] != manifest.rig_name:
-        raise KeyError(manifest.rig_name)
-    if manifest.test not in truth:
-        return {}
-    values = truth[manifest.test][manifest.direction]
-    return {
-        name: TruthComparison(float(value), (result.figures[name].value - float(value)) / result.figures[name].u)
-        for name, value in values.items()
-    }
 
 
 def all_agree(comparisons: Sequence[dict[str, TruthComparison]]) -> bool:

@@ -14,16 +14,16 @@ from rigs.calibration import verdict_of
 from rigs.text import plain
 
 
-def as_table(found: Sequence[Version]) -> RenderableType:
+def as_table(versions: Sequence[Version]) -> RenderableType:
     """A line for each version, the newest first."""
-    if not found:
+    if not versions:
         return Text("No calibration of this robot is here: rig diagnose RUN… -o DIRECTORY makes one.")
     table = Table(header_style="bold")
     for heading, justify in (("", "left"), ("date", "left"), ("rig file", "left"), ("runs", "right")):
         table.add_column(heading, justify=justify)  # type: ignore[arg-type]
     for heading in ("before µm", "calibrated µm", "left out µm", "to correct by"):
         table.add_column(heading, justify="right")
-    for version in found:
+    for version in versions:
         model = version.calibrated
         left_out = "" if model.held_out_um is None else f"{model.held_out_um:.1f}"
         figures = (f"{model.before_um:.1f}", f"{model.calibrated_um:.1f}", left_out)

@@ -83,8 +83,8 @@ def _with_targets(plan: Plan, targets: Sequence[Target], lines: Sequence[int], w
     for line, target in zip(lines, targets, strict=True):
         for axis in np.flatnonzero((target.q < plan.arm.limits[:, 0]) | (target.q > plan.arm.limits[:, 1])):
             at_deg, (low, high) = np.degrees(target.q[axis]), np.degrees(plan.arm.limits[axis])
-            what = f"axis {axis + 1} would stand at {at_deg:.3f}°, its limits are {low:g}° and {high:g}°"
-            raise FileError(f"{where}, line {line}", what, "move the test away from the limit")
+            problem = f"axis {axis + 1} would stand at {at_deg:.3f}°, its limits are {low:g}° and {high:g}°"
+            raise FileError(f"{where}, line {line}", problem, "move the test away from the limit")
     new = {id(old_target): new_target for old_target, new_target in zip(old, targets, strict=True)}
     steps: list[Step] = [Comment(f"the targets are corrected, by up to {farthest:.2f} mm")]
     moved_by_ends: dict[tuple[int, int], tuple[Step, ...]] = {}  # laps and visits repeat the very same moves
@@ -150,10 +150,10 @@ def _hold_near(old: Sequence[Target], targets: Sequence[Target], lines: Sequence
         deg = float(np.degrees(np.linalg.norm(rotation_vector(nominal.T, target.T))))
         joint_deg = float(np.degrees(np.abs(target.q - nominal.q).max()))
         if mm > _FURTHEST_MM or deg > _FURTHEST_DEG or joint_deg > _OTHER_POSTURE_DEG:
-            what = (
+            problem = (
                 f"is {mm:.0f} mm and {deg:.0f}° from the target of this test, with a joint {joint_deg:.0f}° away: "
                 "more than a correction"
             )
-            raise FileError(f"{where}, line {line}", what, _REMEDY)
+            raise FileError(f"{where}, line {line}", problem, _REMEDY)
         farthest = max(farthest, mm)
     return farthest

@@ -87,8 +87,8 @@ def poses_plan(
     first, *targets = targets_at(arm, np.concatenate([q[:1] if start is None else start[None], q]))
     names = names or [f"pose {number}" for number in range(1, len(q) + 1)]
     steps: list[Step] = [JointMove(first, _SPEED_RAD_S / 2), Hold("start the tracker, continue")]
-    for what, target in zip(names, targets, strict=True):
-        steps += [Comment(what), JointMove(target, speed_rad_s), Dwell(dwell_s)]
+    for problem, target in zip(names, targets, strict=True):
+        steps += [Comment(problem), JointMove(target, speed_rad_s), Dwell(dwell_s)]
     return tracker_plan(rig, f"{name} {rig.name}", steps)
 
 
@@ -145,8 +145,8 @@ def plans_of(
     """
     directions: tuple[Direction | None, ...] = ("acw", "cw") if test in CIRCLES else (None,)
     if outputs and not any(_signal_of(rig, test, direction)[0] for direction in directions):
-        what = f"the rig file has no rule that waits for a signal of the {test} test"
-        raise UseError("--outputs", what, "add it to automatic.rules, or leave --outputs out")
+        problem = f"the rig file has no rule that waits for a signal of the {test} test"
+        raise UseError("--outputs", problem, "add it to automatic.rules, or leave --outputs out")
     return [_planned(rig, test, direction, dwell_s, outputs, arc_deg) for direction in directions]
 
 
@@ -349,10 +349,10 @@ def _moves(arm: Arm, cube: Cube, path: CommandPath, speed: float, where: str) ->
         s = np.linspace(begin, end, 3 + 2 * int((end - begin) / _STEP_MM / 2))
         q = joints_along(arm, cube, path, s, where)
         for axis in np.flatnonzero(fastest_joints(s / speed, q) > arm.speed):
-            what = (
+            problem = (
                 f"axis {axis + 1} would have to move faster than {np.degrees(arm.speed[axis]):.0f}°/s, which it cannot"
             )
-            raise PathError(where, what, "lower path_speed_mm_s", "speed")
+            raise PathError(where, problem, "lower path_speed_mm_s", "speed")
         stops = number == len(ends) - 1
         middle, last = targets_at(arm, q[[len(q) // 2, -1]])
         moves.append(

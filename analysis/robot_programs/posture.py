@@ -6,11 +6,12 @@ No maker's definition of every letter could be confirmed for every arm: a person
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.kinematics.arm import Arm, Array, link_frames
+from analysis.kinematics.arm import Arm, Array, Mask, link_frames
 
 _FULL_TURN = 2 * np.pi
 
@@ -41,6 +42,27 @@ def posture_of(arm: Arm, q: Array) -> Posture:
 def turns(q_rad: float) -> int:
     """How many whole turns a joint stands away from the range (-180°, 180°), whose ends are a turn away."""
     return int(np.copysign(np.floor(abs(q_rad) / _FULL_TURN + 0.5), q_rad))
+
+
+def agreeing(
+    arm: Arm,
+    q: Array,
+    sides: tuple[int, ...],
+    numbers: Mapping[int, int],
+    number_of: Callable[[float], int],
+    slack_rad: float,
+) -> Mask:
+    """Which solutions q (n, 6) rad stand on these sides, flip, up and front, and each axis (from 0) of `numbers` at an
+    angle of its number; one within slack_rad of such an angle does as well."""
+
+    def agrees(angles: Array) -> bool:
+        stands = posture_of(arm, angles)
+        around = [angles + shift for shift in (-slack_rad, 0.0, slack_rad)]
+        return (stands.flip, stands.up, stands.front) == sides and all(
+            number in {number_of(float(shifted[axis])) for shifted in around} for axis, number in numbers.items()
+        )
+
+    return np.array([agrees(angles) for angles in q])
 
 
 def wrist_in_front(arm: Arm, q: Array) -> bool:

@@ -19,6 +19,7 @@ from analysis.geometry.circle import circles_through
 from analysis.geometry.programs import JOINT_SPEED
 from analysis.kinematics.arm import Arm, Array
 from analysis.kinematics.follow import follow
+from analysis.kinematics.limits import SAME_RAD
 from analysis.robot_programs.plan import Arc, Hold, JointMove, Step, Target, Turn
 from rigs.errors import FileError
 
@@ -62,7 +63,8 @@ def around(begin: Array, via_mm: Array, end: Array, speed_mm_s: float) -> Way:
     centres, axes, _ = circles_through(np.stack([begin[:3, 3], via_mm, end[:3, 3]])[None])
     centre, axis = centres[0], axes[0]
     arm = begin[:3, 3] - centre
-    angle = _angle_about(axis, arm, end[:3, 3] - centre)
+    to_end = end[:3, 3] - centre
+    angle = float(np.arctan2(axis @ np.cross(arm, to_end), arm @ to_end) % (2 * np.pi))
     length = angle * float(np.linalg.norm(arm))
     share = _shares(length, angle)
     return _way(begin, end, share, centre + _rotations(angle * axis, share) @ arm, length / speed_mm_s)
@@ -93,11 +95,6 @@ def _shares(length_mm: float, angle: float) -> Array:
     return np.linspace(0, 1, 3 + 2 * int(max(length_mm / _STEP_MM, angle / _STEP_RAD)))
 
 
-def _angle_about(axis: Array, begin: Array, end: Array) -> float:
-    """Angle in (0, 2π) rad about a unit axis (3,) from one direction (3,) to another."""
-    return float(np.arctan2(axis @ np.cross(begin, end), begin @ end) % (2 * np.pi))
-
-
 def rotation_vector(begin: Array, end: Array) -> Array:
     """The rotation vector (3,) rad in the base frame from one pose (4, 4) to another."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
@@ -121,8 +118,8 @@ _SHARE_OF_SPEED = 0.5
 """No joint moves faster than half of what it can between targets, so that a controller need not slow the tool down."""
 _LEAST_SHARE = 0.05
 """Slower than a twentieth the arm is so near a singularity that a joint move is the better way."""
-_SAME_PLACE_MM, _SAME_RAD = 1e-6, 1e-6
-"""The rounding of places and orientations that are meant to be the same."""
+_SAME_PLACE_MM = 1e-6
+"""The rounding of places that are meant to be the same."""
 
 
 def over_sphere(arm: Arm, begin: Target, end: Target, centre_mm: Array, radius_mm: float) -> tuple[list[Step], Target]:
@@ -136,7 +133,7 @@ def over_sphere(arm: Arm, begin: Target, end: Target, centre_mm: Array, radius_m
     if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
         via = middle_of(begin.T, end.T, centre_mm, radius_mm)
         way = around(begin.T, via[:3, 3], end.T, _MOVE_MM_S)
-    elif turn > _SAME_RAD:
+    elif turn > SAME_RAD:
         way = turned(begin.T, end.T, _TURN_RAD_S)
     else:
         return [], begin

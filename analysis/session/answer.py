@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analysis.correction.deviation import Deviation
 from analysis.files.write import holding, write_new
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_laps, circle_of
-from analysis.kinematics.arm import Array
+from analysis.noise.readings import rms
 from analysis.session.processes import Child
-from analysis.session.state import Answer, Deed, PartOfError, PathError
+from analysis.session.state import Answer, Deed, PartOfError
 from analysis.traces.loading import Measured, load_measured
 from analysis.traces.tables import CircleTable
 from rigs.calibration import ground_of
@@ -161,7 +162,7 @@ class Driven:
     reading_deg: Sequence[float] = (0.0,) * 6
 
 
-def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> PathError | None:
+def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> Deviation | None:
     """Return how far the tool was from the commanded circle in runs, set-ups fitted; None for no runs.
 
     noise_um: scatter of one run, root mean square. The joints that a controller reports do not say where it meant to
@@ -174,8 +175,8 @@ def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> PathErr
         return None
     # One set-up for both directions, as in the gap and in what was expected: apart they would take up half of a play.
     every = np.concatenate([run.residuals_mm.ravel() for run in compare(measured, measured[0].rig).runs])
-    return PathError(
-        um=round(float(1e3 * np.sqrt(np.mean(every**2))), 2),
+    return Deviation(
+        um=round(1e3 * rms(every), 2),
         largest_um=round(float(1e3 * np.abs(every).max()), 2),
         u_um=round(noise_um / float(np.sqrt(len(measured))), 2),
         runs=len(measured),
@@ -190,22 +191,18 @@ def as_commanded(run: Measured, driven: Driven) -> Measured:
     if not isinstance(table, CircleTable):
         return replace(run, rig=bare)
     laps = circle_laps(bare, table.direction)
-    phi = _circle_angles(run, table.q, driven)
-    middle = (laps.phi[0] + laps.phi[-1]) / 2
-    phi = phi + 2 * np.pi * np.round((middle - (phi.min() + phi.max()) / 2) / (2 * np.pi))
-    order = np.argsort(laps.phi)
-    q = np.stack([np.interp(phi, laps.phi[order], joint[order]) for joint in laps.q.T], axis=1)
-    return replace(run, rig=bare, table=replace(table, q=q))
-
-
-def _circle_angles(run: Measured, q: Array, driven: Driven) -> Array:
-    """Circle angles (n,) rad of reported joint angles q (n, 6) rad."""
     from analysis.correction.work import tool_poses  # noqa: PLC0415 - slow to import
     from analysis.kinematics.arm import arm_of, forward  # noqa: PLC0415
     from analysis.model.predict import model_of  # noqa: PLC0415
 
     frame = frame_of(circle_of(run.rig))
     if driven.model is None:
-        return frame.angle(forward(arm_of(run.rig.robot), q)[:, :3, 3])
-    real = run.rig.modelled_as(driven.model)
-    return frame.angle(tool_poses(model_of(real), q - np.radians(driven.reading_deg))[:, :3, 3])
+        phi = frame.angle(forward(arm_of(run.rig.robot), table.q)[:, :3, 3])
+    else:
+        real = run.rig.modelled_as(driven.model)
+        phi = frame.angle(tool_poses(model_of(real), table.q - np.radians(driven.reading_deg))[:, :3, 3])
+    middle = (laps.phi[0] + laps.phi[-1]) / 2
+    phi = phi + 2 * np.pi * np.round((middle - (phi.min() + phi.max()) / 2) / (2 * np.pi))
+    order = np.argsort(laps.phi)
+    q = np.stack([np.interp(phi, laps.phi[order], joint[order]) for joint in laps.q.T], axis=1)
+    return replace(run, rig=bare, table=replace(table, q=q))

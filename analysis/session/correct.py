@@ -18,6 +18,7 @@ import numpy as np
 from analysis.correction.controller_entries import ControllerEntries
 from analysis.correction.correct import correct_rig
 from analysis.correction.corrected_targets import corrected_angles
+from analysis.correction.deviation import Expected
 from analysis.correction.plays import ahead_of_plays, known_plays
 from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, pose_uncertainty
 from analysis.correction.support import supports
@@ -27,11 +28,12 @@ from analysis.geometry.programs import circle_of
 from analysis.inference.compare import compare
 from analysis.kinematics.arm import arm_of, forward
 from analysis.model.predict import model_of
+from analysis.noise.readings import rms
 from analysis.reporting import controller_report, correction_report
 from analysis.robot_programs.compensated import compensated, targets_of
 from analysis.robot_programs.plan import Arc
 from analysis.session.plan import FIXED, Program, named_as, programs_for, stage_rig
-from analysis.session.state import Correction, Expected, Session, Stage, Step, Way, Work
+from analysis.session.state import MAIN, Correction, Session, Stage, Step, Way, Work
 from analysis.traces.loading import Measured, load_measured
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -99,7 +101,7 @@ def corrected(
         _left_um(on_circle, rig, effects) for effects in ((), entries.effects, targets)
     )
     try:
-        main = _of_test(rig, model, session.stages[0], "yaw")
+        main = _of_test(rig, model, session.stages[0], MAIN)
         between_um = _between_targets_um(rig, model, session.stages[0], main)
     except FileError:
         if chosen_way == "programs":
@@ -139,14 +141,14 @@ def _expected(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured], lef
     the tool's place with the frame taught on the circle."""
     q = np.concatenate([run.table.q[:: -(-len(run.table.q) // _POSES)] for run in runs])
     u_mm = frame_u_mm(model, pose_u, q, q) / np.sqrt(3)
-    return Expected(um=round(left_um, 1), u_um=round(1e3 * float(np.sqrt(np.mean(u_mm**2))), 1))
+    return Expected(um=round(left_um, 1), u_um=round(1e3 * rms(u_mm), 1))
 
 
 def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> float:
     """Return the gap of runs about an arm with these effects, µm: what a controller that knows them leaves."""
     modelled = rig.model_copy(update={"effects": tuple(effects)}).with_calibration(None, None)
     every = np.concatenate([run.residuals_mm.ravel() for run in compare(runs, modelled).runs])
-    return 1e3 * float(np.sqrt(np.mean(every**2)))
+    return 1e3 * rms(every)
 
 
 def _falls(remaining: Left, after_um: float) -> str:

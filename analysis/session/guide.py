@@ -162,13 +162,13 @@ class Guide:
         if not isinstance(following, Drive):
             return None
         number = self._number_of(manifest.name, self.session.steps[following.number].purpose)
-        return number if number is not None and not why_unusable(path) and not self._is_copy(path) else None
-
-    def _is_copy(self, path: Path) -> bool:
-        """Whether a run holds the readings of one that a step has: somebody copied it."""
+        if number is None or why_unusable(path):
+            return None
+        # Somebody may have copied a run: it holds the readings of one that a step has.
         driven = [self._run(step) for step in self.session.steps if step.run]
         readings = read_run(path).readings_sha256
-        return any(read_run(run).readings_sha256 == readings for run in driven if is_run(run))
+        is_copy = any(read_run(run).readings_sha256 == readings for run in driven if is_run(run))
+        return None if is_copy else number
 
     def _number_of(self, program: str, purpose: Purpose) -> int | None:
         """Return the number of the first open step of a program with a purpose."""
@@ -186,27 +186,23 @@ class Guide:
             cells = self._place.directory / "cells"
             write_all_over(cells, {name: holding(content) for name, content in files.items()})
 
-    def _nominal_steps(self) -> list[Step]:
-        return [step for step in self.session.steps if not step.program.endswith(FIXED)]
-
     def _programs(self, stage: Stage) -> dict[str, Program]:
         """The programs that may be driven at a stage now."""
         if stage.name not in self._known:
-            steps = [step for step in self._nominal_steps() if step.stage == stage.name]
+            nominal = (step for step in self.session.steps if not step.program.endswith(FIXED))
+            steps = [step for step in nominal if step.stage == stage.name]
             programs = programs_of_steps(self._rig, [stage], steps)
-            corrected = self._corrected_programs() if self.session.correction else {}
+            correction = self.session.correction
+            if self._corrected is None and correction:
+                self._corrected = {}
+                if correction.way == "programs":
+                    model, verify = load(self._model_file())[0], self._verify_steps()
+                    self._corrected = corrected_programs(self._rig, model, self.session.stages, verify)
+            corrected = (self._corrected or {}).values() if correction else ()
             self._known[stage.name] = programs | {
-                program.name: program for program in corrected.values() if program.stage == stage.name
+                program.name: program for program in corrected if program.stage == stage.name
             }
         return self._known[stage.name]
-
-    def _corrected_programs(self) -> Mapping[str, Program]:
-        if self._corrected is None:
-            self._corrected = {}
-            if self.session.correction and self.session.correction.way == "programs":
-                model, steps = load(self._model_file())[0], self._verify_steps()
-                self._corrected = corrected_programs(self._rig, model, self.session.stages, steps)
-        return self._corrected
 
     # ------------------------------------------------------------------------------------------------------------------
     # Driving.
@@ -370,27 +366,20 @@ class Guide:
         if answer.next_test and (answer.condition == "ambiguous" or self.session.is_last(answer)):
             tests = tuple(dict.fromkeys(step.test for step in self.session.runs_for("find")))
             addition = separating(self._rig, answer.next_test, tests, len(self.session.stages) + 1)
-        elif answer.condition == "undecided":
-            addition = self._repeats(answer)
-        if addition is None or self._is_driven_anyway(addition[0]):
+        elif answer.condition == "undecided" and answer.runs_to_decide is not None:
+            # The same once more in each direction, where that may decide
+            main = self.session.stages[0]
+            main_steps = [step for step in self.session.steps if step.stage == main.name and step.purpose == "find"]
+            once = list({step.program: step for step in main_steps}.values())
+            if sum(bool(step.run) for step in main_steps) < len(once) * answer.runs_to_decide:
+                addition = main, tuple(step.model_copy(update={"tries": (), "skipped": ""}) for step in once)
+        # A test at the place that judges is driven anyway: its runs join the last diagnosis.
+        judged_at = [stage.circle for stage in self.session.stages if stage.circle is not None]
+        if addition is None or addition[0].circle in judged_at:
             return None
         open_steps = [step for step in self.session.steps if step.is_open]
         need = minutes_of((addition[0],), (*addition[1], *open_steps), self._pace)
         return addition if self.session.driven_minutes + need <= self.session.minutes else None
-
-    def _is_driven_anyway(self, stage: Stage) -> bool:
-        """Whether a test is at the place that judges, whose runs join the last diagnosis."""
-        return stage.circle is not None and stage.circle in [earlier.circle for earlier in self.session.stages]
-
-    def _repeats(self, answer: Answer) -> tuple[Stage, tuple[Step, ...]] | None:
-        """Return the same once more in each direction, where that may decide."""
-        main = self.session.stages[0]
-        main_steps = [step for step in self.session.steps if step.stage == main.name and step.purpose == "find"]
-        driven = [step for step in main_steps if step.run]
-        once = list({step.program: step for step in main_steps}.values())
-        if answer.runs_to_decide is None or len(driven) >= len(once) * answer.runs_to_decide:
-            return None
-        return main, tuple(step.model_copy(update={"tries": (), "skipped": ""}) for step in once)
 
     def _named(self, steps: Sequence[Step]) -> tuple[Step, ...]:
         """Return steps of which those that are new have the next numbers; programs that were written keep theirs."""
@@ -487,7 +476,12 @@ class Guide:
         self._keep(verified=verified, report=page.name)
 
     def _verified(self, noise_um: float) -> Verified:
-        nominal, after = Driven(), self._driven_after()
+        nominal = after = Driven()
+        answer, correction = self.session.answer, self.session.correction
+        if answer is not None and correction is not None and correction.way != "none":
+            model, _ = load(self._model_file())
+            entered = correction.way == "entries"
+            after = Driven(model, reading_deg(self._place.directory / CORRECTIONS) if entered else (0.0,) * 6)
         verify = self.session.runs_for("verify")
         tests = {(step.stage, step.test, step.direction) for step in verify}
         main = [step for step in self.session.runs_for("find") if (step.stage, step.test, step.direction) in tests]
@@ -503,16 +497,6 @@ class Guide:
                 for name, (steps, by) in sides.items()
             }
         )
-
-    def _driven_after(self) -> Driven:
-        """What the controller drove by after the correction."""
-        answer, correction = self.session.answer, self.session.correction
-        if answer is None or correction is None or correction.way == "none":
-            return Driven()
-        model, _ = load(self._model_file())
-        entered = correction.way == "entries"
-        read = reading_deg(self._place.directory / CORRECTIONS) if entered else (0.0,) * 6
-        return Driven(model, read)
 
 
 _LOOK_S = 0.2

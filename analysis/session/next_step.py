@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from analysis.session.state import Answer, Purpose, Session
+from analysis.session.state import MAIN, Answer, Purpose, Session
 
 _UNEXPLAINED = 0.1
 """Share of the error without an explanation up to which named faults answer the question. Chosen."""
@@ -103,7 +103,7 @@ def first_open(session: Session, purpose: Purpose) -> int | None:
 def is_answered(session: Session, answer: Answer) -> bool:
     """Whether what is asked is known: repeats in both directions were used, and the condition is settled."""
     circles = [(step.test, step.direction) for step in session.runs_for("find") if step.direction]
-    repeated = bool(circles) and all(circles.count(circle) >= _REPEATS for circle in (("yaw", "acw"), ("yaw", "cw")))
+    repeated = bool(circles) and all(circles.count(circle) >= _REPEATS for circle in ((MAIN, "acw"), (MAIN, "cw")))
     unexplained = sum(part.share for part in answer.parts if part.kind == "unexplained")
     return repeated and answer.condition in _SETTLED and unexplained <= _UNEXPLAINED
 

@@ -24,7 +24,7 @@ from analysis.makers.writing import encoded_programs, programs_of
 from analysis.robot_programs.examine import demand_of, seconds_of
 from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import LONGEST_ARC_DEG, plans_of
-from analysis.session.state import Aim, Purpose, Stage, Step
+from analysis.session.state import MAIN, Aim, Purpose, Stage, Step
 from daq.store.manifest import DrivenWith
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
@@ -40,12 +40,6 @@ FIXED = "-fixed"
 _BOTH: tuple[Direction, ...] = ("acw", "cw")
 _SEPARATING_RUNS = 2
 """Runs in each direction of a test that separates rivals: two, so that its scatter is measured."""
-_MOUNTINGS: dict[DrivenTest, str] = {
-    "yaw": "the gauges for yaw",
-    "roll": "the gauges for roll",
-    "radial": "one gauge on the link of the hemisphere",
-    "repeatability": "one gauge on the link of the hemisphere",
-}
 
 
 @dataclass(frozen=True)
@@ -101,9 +95,10 @@ def planned(
     Raises FileError where the arm cannot drive its circle, UseError where the time is too short for anything.
     """
     if rig.tests.circle is None:
-        raise FileError(RigPlace.of(rig.name), "has no tests.circle to drive", "add it: rig circle fit")
+        remedy = "start rigd with it, and lead the robot around the ball: rig circle fit --live --rig FILE --write"
+        raise FileError(RigPlace.of(rig.name), "has no tests.circle to drive", remedy)
     minutes -= pace.thinking_min
-    main = Stage(name="yaw", words=_set_up("yaw", None))
+    main = Stage(name=MAIN, words=_set_up(MAIN, None))
     backbones = list(_backbones(rig, aim, main))
     best = next((backbone for backbone in backbones if minutes_of(*backbone, pace) <= minutes), None)
     if best is None:
@@ -121,14 +116,14 @@ def planned(
 
 def _backbones(rig: Rig, aim: Aim, main: Stage) -> Iterator[tuple[tuple[Stage, ...], tuple[Step, ...]]]:
     """Yield what every session drives, the most first."""
-    main_programs = programs_for(rig, main, "yaw")
+    main_programs = programs_for(rig, main, MAIN)
     if aim == "check":
         for repeats in (2, 1):
             yield (main,), _circles(main_programs, "find", repeats)
         return
     other_stage = elsewhere(rig)
     stages = (main, other_stage) if other_stage else (main,)
-    other_programs = programs_for(rig, other_stage, "yaw") if other_stage else []
+    other_programs = programs_for(rig, other_stage, MAIN) if other_stage else []
     for repeats in (3, 2, 1):
         for again in (2, 1):
             if again <= repeats:
@@ -151,7 +146,7 @@ def elsewhere(rig: Rig) -> Stage | None:
     for words, centre in places(rig, circle):
         moved = with_circle(rig, circle, centre_mm=tuple(round(coordinate, 3) for coordinate in centre))
         if drives(moved):
-            return Stage(name=ELSEWHERE, words=_set_up("yaw", words), circle=moved.tests.circle)
+            return Stage(name=ELSEWHERE, words=_set_up(MAIN, words), circle=moved.tests.circle)
     return None
 
 
@@ -160,7 +155,7 @@ def drives(rig: Rig) -> bool:
     try:
         for direction in _BOTH:
             circle_program(rig, direction)
-        plans_of(rig, "yaw", DWELL_S)
+        plans_of(rig, MAIN, DWELL_S)
     except FileError:
         return False
     return True
@@ -168,10 +163,10 @@ def drives(rig: Rig) -> bool:
 
 def _set_up(test: DrivenTest, place: str | None) -> str:
     """What a person sets up, in words."""
-    if test in ("radial", "repeatability"):
-        return f"the ball at the centre of the hemisphere, {_MOUNTINGS[test]}"
+    if test not in CIRCLES:
+        return "the ball at the centre of the hemisphere, one gauge on the link of the hemisphere"
     where = f"the ball {place}" if place else "the ball at the centre of the circle of the rig file"
-    return f"{where}, {_MOUNTINGS[test]}"
+    return f"{where}, the gauges for {test}"
 
 
 def _circles(programs: Sequence[Program], purpose: Purpose, repeats: int) -> tuple[Step, ...]:
@@ -214,10 +209,10 @@ def _extra(
 ) -> list[tuple[Stage, tuple[Step, ...]]]:
     """Return further tests in the time that is left, those that make most testable for their minutes first."""
     possible = []
-    for number, further in enumerate(further_tests(rig, ("yaw",)), start=2):
+    for number, further in enumerate(further_tests(rig, (MAIN,)), start=2):
         for words, _ in further.choices:
             try:
-                addition = separating(rig, words, ("yaw",), number)
+                addition = separating(rig, words, (MAIN,), number)
             except FileError:
                 continue
             if addition and minutes_of((addition[0],), addition[1], pace) <= minutes:
@@ -225,7 +220,7 @@ def _extra(
     if not possible:
         return []
     progress("planning: what would further tests show?")
-    gains = {gain.test: gain.parts + gain.shows for gain in plan_tests(rig, ("yaw",), 2).gains}
+    gains = {gain.test: gain.parts + gain.shows for gain in plan_tests(rig, (MAIN,), 2).gains}
     chosen: list[tuple[Stage, tuple[Step, ...]]] = []
     ranked = sorted(
         (

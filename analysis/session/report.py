@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 from analysis.api import Diagnosis, diagnose, evaluate_runs
-from analysis.reporting.page.before_after import BeforeAfter, Expectation, Row, Side
+from analysis.reporting.page.before_after import BeforeAfter, Row
 from analysis.reporting.page.report import gather
 from analysis.reporting.page.verdict import judge
 from analysis.reporting.page.write_page import write_page
 from analysis.session.plan import ELSEWHERE
-from analysis.session.state import Expected, PathError, Place, Session, own_programs
+from analysis.session.state import Place, Session, own_programs
 from analysis.traces.loading import Measured, load_measured
 from rigs.errors import RigError
 from rigs.rig import Rig
@@ -50,15 +49,11 @@ def _before_after(session: Session, place: Place, model: Rig) -> BeforeAfter | N
     verified, correction, judged = session.verified, session.correction, session.judged
     if verified is None or correction is None:
         return None
-    sides: tuple[tuple[Literal["same", "elsewhere"], PathError | None, PathError | None, Expected | None], ...] = (
-        ("same", verified.same_before, verified.same_after, correction.same),
-        ("elsewhere", verified.elsewhere_before, verified.elsewhere_after, correction.elsewhere),
-    )
-    rows = [
-        Row(key, _side(before), _side(after) if after else None, Expectation(by.um, by.u_um) if by else None)
-        for key, before, after, by in sides
-        if before
-    ]
+    rows = []
+    if verified.same_before:
+        rows.append(Row("same", verified.same_before, verified.same_after, correction.same))
+    if verified.elsewhere_before:
+        rows.append(Row("elsewhere", verified.elsewhere_before, verified.elsewhere_after, correction.elsewhere))
     work = correction.work
     verify = [step for step in session.runs_for("verify") if step.stage != ELSEWHERE and session.is_corrected]
     driven = [load_measured(place.run(step.run)) for step in verify if step.run]
@@ -72,10 +67,6 @@ def _before_after(session: Session, place: Place, model: Rig) -> BeforeAfter | N
         own_programs=own_programs(session, place.directory),
         verdict=judge(evaluate_runs(driven), model.limits) if driven else None,
     )
-
-
-def _side(error: PathError) -> Side:
-    return Side(error.um, error.u_um, error.largest_um, error.runs)
 
 
 def _silent(doing: str) -> None:

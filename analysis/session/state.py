@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from analysis.correction.deviation import Count, Deviation, Expected, NotNegative
 from analysis.inference.acts import is_done
 from daq.store import durable
 from rigs.errors import CellError, FileError
@@ -36,16 +37,14 @@ _MOST_MINUTES = 10_000.0
 MOST_TRIES = 3
 """So often a step is driven again by itself before a person is asked to look at the cell."""
 
+MAIN: DrivenTest = "yaw"
+"""The test by which a session finds errors and shows that they are gone."""
 Aim = Literal["faults", "accuracy", "check"]
 """What a session is for: what is worn, loose or shifted; how accurate the arm can be made; or whether all is well."""
 Purpose = Literal["find", "judge", "verify"]
 """What a run is for: to find errors; to judge at a place that is not used for that; or to see what a correction did."""
 Way = Literal["entries", "programs", "none"]
 """How the robot is corrected: values entered at the controller, programs with corrected targets, or not at all."""
-
-
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=0)]
 
 
 def _a_time(text: str) -> str:
@@ -119,16 +118,6 @@ class Deed(Part):
     words: str
 
 
-class PathError(Part):
-    """How far the tool drove from where the program sends it, in µm of the readings with set-ups fitted: root mean
-    square and at most, in so many runs. u_um: standard uncertainty of the root mean square."""
-
-    um: NotNegative
-    largest_um: NotNegative
-    u_um: NotNegative
-    runs: Count
-
-
 class Answer(Part):
     """What the runs so far show. runs, judges: how many were used, and how many judged at another place; joined: how
     many of those used had judged before, at the last diagnosis; condition and standing as of `rig diagnose`; headline,
@@ -166,13 +155,6 @@ class Answer(Part):
     """The rig file with what was found."""
 
 
-class Expected(Part):
-    """What a correction is expected to leave, µm rms, with its standard uncertainty by the model."""
-
-    um: float
-    u_um: float
-
-
 class Work(Part):
     """The error of the tool's place over the work of the rig file, µm rms, without and with the correction; u_um: the
     standard uncertainty of the model there, a part of after_um."""
@@ -203,10 +185,10 @@ class Verified(Part):
     """The error on the robot before and after, on the same tests and at the place that was not used; None where one
     side was not driven."""
 
-    same_before: PathError | None = None
-    same_after: PathError | None = None
-    elsewhere_before: PathError | None = None
-    elsewhere_after: PathError | None = None
+    same_before: Deviation | None = None
+    same_after: Deviation | None = None
+    elsewhere_before: Deviation | None = None
+    elsewhere_after: Deviation | None = None
 
 
 class Emulated(Part):

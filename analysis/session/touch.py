@@ -14,8 +14,8 @@ import numpy as np
 from analysis.files.write import refuse_existing
 from analysis.geometry.pose_setup import moved_by
 from analysis.kinematics.arm import arm_of
+from analysis.measures.simulated_touches import touch_of
 from analysis.setting_up.touched_ball import Touching
-from analysis.simulation.touches import touch_of
 from analysis.traces.csv_tables import columns_of
 from analysis.traces.table_layout import joint_columns
 from daq import clock

@@ -17,6 +17,7 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.robot_programs.examine import angles_along
 from analysis.robot_programs.plan import Dwell, Move, Plan, end_of, start_of
+from analysis.traces.stands import STILL_DEG
 
 NEAR_DEG = 1.0
 """A robot whose joints are all so near to the start of a program stands there. Chosen: corrected programs begin some
@@ -24,8 +25,6 @@ hundredths of a degree beside the nominal ones, and starts of different programs
 _ASTRAY_DEG = 5.0
 """A robot that is further from every place of the way drives something else. Chosen: between targets a controller may
 move its joints a little otherwise than planned."""
-_STILL_DEG = 0.03
-"""A joint at rest flickers by less; the slowest circle moves some joint by more in half a second."""
 _STANDS_S = 0.5
 _ENDED_S = 2.0
 """A robot that stands so long at the end of its way has ended: programs stand there for 3 s."""
@@ -65,14 +64,11 @@ class Way:
             pieces.append(angles_along(end_of(before), move))
         at_end = max((k for k, step in enumerate(plan.steps) if isinstance(step, Move)), default=0)
         stands = [step.seconds for step in plan.steps[:at_end] if isinstance(step, Dwell)]
-        return cls(_evenly(np.degrees(np.concatenate(pieces))), max(stands, default=0.0))
-
-
-def _evenly(q_deg: Array) -> Array:
-    """Angles (n, 6) at even distances along a polyline of angles (m, 6)."""
-    far = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q_deg, axis=0)).max(axis=1))])
-    at = np.linspace(0.0, far[-1], 2 + int(far[-1] / _STEP_DEG))
-    return np.stack([np.interp(at, far, joint) for joint in q_deg.T], axis=1)
+        # Angles (n, 6) at even distances along a polyline of angles (m, 6)
+        q_deg = np.degrees(np.concatenate(pieces))
+        far = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q_deg, axis=0)).max(axis=1))])
+        at = np.linspace(0.0, far[-1], 2 + int(far[-1] / _STEP_DEG))
+        return cls(np.stack([np.interp(at, far, joint) for joint in q_deg.T], axis=1), max(stands, default=0.0))
 
 
 class Watch:
@@ -107,7 +103,7 @@ class Watch:
         if self._first is None:
             self._first = q
         self._has_moved = self._has_moved or _apart(q, self._first) > NEAR_DEG
-        if _apart(q, self._stands_at) > _STILL_DEG:
+        if _apart(q, self._stands_at) > STILL_DEG:
             self._stands_at, self._stands_since_s = q, t_s
         self.stood_s = t_s - self._stands_since_s
         return self._follow(q) if self.program else self._await(q)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
+from analysis.correction.deviation import Deviation
 from analysis.reporting.texts import texts_of
 from analysis.session.cell import Run, Screen
 from analysis.session.plan import Pace, minutes_of
@@ -13,7 +14,6 @@ from analysis.session.state import (
     Answer,
     Correction,
     PartOfError,
-    PathError,
     Session,
     Stage,
     Step,
@@ -203,7 +203,7 @@ _DRIVEN: dict[Way, str] = {
 }
 
 
-def _size(error: PathError) -> str:
+def _size(error: Deviation) -> str:
     return f"{error.um:.1f} ± {error.u_um:.1f} µm rms (at most {error.largest_um:.0f})"
 
 

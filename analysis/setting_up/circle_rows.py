@@ -320,8 +320,8 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
         count = max(1, int(np.ceil(_BIN_S / max(float(np.median(np.diff(motion.t_s))), 1e-6) - 0.1)))
         whole = len(motion.t_s) // count * count
         if whole < 2 * count:
-            what = f"has {len(motion.t_s)} rows of motion, too few to find a circle in them"
-            raise FileError(motion.where, what, "record all of the circle, and drive it slower")
+            problem = f"has {len(motion.t_s)} rows of motion, too few to find a circle in them"
+            raise FileError(motion.where, problem, "record all of the circle, and drive it slower")
         t_s = np.median(motion.t_s[:whole].reshape(-1, count), axis=1)
         q = np.median(motion.q[:whole].reshape(-1, count, 6), axis=1)
         first = sum(len(earlier) for earlier in times)
@@ -348,8 +348,8 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
     on &= bins.moving & (along > _ALONG * lengths)
     for _ in range(_TRIMS):
         if on.sum() < _FEWEST:
-            what = f"the robot was on the circle for {_BIN_S * on.sum():.2g} s only, too briefly to fit it"
-            raise FileError(where, what, "drive the circle slower, or record the feedback at a higher rate")
+            problem = f"the robot was on the circle for {_BIN_S * on.sum():.2g} s only, too briefly to fit it"
+            raise FileError(where, problem, "drive the circle slower, or record the feedback at a higher rate")
         circle = nearest_circle(bins.places[on]) or circle
         largest = deviations(circle, bins.places).largest
         on &= largest < _wild_from(largest[on])
@@ -369,13 +369,25 @@ class Fit:
 
 def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, circle: CircleFrame) -> Fit:
     """The circle by all rows of the bins that are on it, a mask (n,), with slow noise allowed for."""
-    t_s, places, stretch = _rows(motions, arm, bins, on | _holes(bins, on))
+    # Which bins (n,) are off a circle that the robot was on just before and just after: their rows are judged singly,
+    # since a wild row spoils the median of three, and so does a joint that turns back
+    before, after = np.zeros_like(on), np.zeros_like(on)
+    for off in (1, 2):
+        before[off:] |= on[:-off] & (bins.run[:-off] == bins.run[off:])
+        after[:-off] |= on[off:] & (bins.run[off:] == bins.run[:-off])
+    holes: Mask = before & after & ~on
+    t_s, places, stretch = _rows(motions, arm, bins, on | holes)
     largest = deviations(circle, places).largest
     sound = largest < _wild_from(largest)
     if sound.mean() < 1 - _MOST_OUTLYING:
         sound[:] = True
     t_s, places, stretch = t_s[sound], places[sound], stretch[sound]
-    starts = _block_starts(stretch)
+    # The first row of each block: stretches (m,) by number cut into pieces of nearly one length
+    size = max(1, -(-len(stretch) // _BLOCKS))
+    begins = np.flatnonzero(np.diff(stretch, prepend=stretch[0] - 1))
+    ends = np.append(begins[1:], len(stretch))
+    pieces = [np.arange(begin, end, size) for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]
+    starts = np.concatenate(pieces)
     count = np.diff(np.append(starts, len(t_s))).astype(float)
 
     def mean(values: Array) -> Array:
@@ -399,17 +411,6 @@ def _wild_from(largest: Array) -> float:
     return max(_OUTLYING * float(np.median(largest)), _SMALLEST_MM)
 
 
-def _holes(bins: Binned, on: Mask) -> Mask:
-    """Which bins (n,) are off a circle that the robot was on just before and just after: their rows are judged singly,
-    since a wild row spoils the median of three, and so does a joint that turns back."""
-    before, after = np.zeros_like(on), np.zeros_like(on)
-    for away in (1, 2):
-        before[away:] |= on[:-away] & (bins.run[:-away] == bins.run[away:])
-        after[:-away] |= on[away:] & (bins.run[away:] == bins.run[:-away])
-    holes: Mask = before & after & ~on
-    return holes
-
-
 def _rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask) -> tuple[Array, Array, Integers]:
     """Times (m,) s, places (m, 3) mm and numbers (m,) of the stretch of the rows in the bins that are on the circle."""
     stretches = np.cumsum(np.diff(on, prepend=False) | (np.diff(bins.run, prepend=0) != 0))
@@ -423,12 +424,3 @@ def _rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask) -> t
     thin = slice(None, None, max(1, sum(map(len, times)) // _MOST_ROWS))
     t_s, q, stretch = (np.concatenate(parts)[thin] for parts in (times, angles, numbers))
     return t_s, forward(arm, q)[:, :3, 3], stretch
-
-
-def _block_starts(stretch: Integers) -> Integers:
-    """The first row of each block: stretches (m,) by number cut into pieces of nearly one length."""
-    size = max(1, -(-len(stretch) // _BLOCKS))
-    begins = np.flatnonzero(np.diff(stretch, prepend=stretch[0] - 1))
-    ends = np.append(begins[1:], len(stretch))
-    pieces = [np.arange(begin, end, size) for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]
-    return np.concatenate(pieces)

@@ -25,6 +25,7 @@ from analysis.setting_up.circle_rows import (
 )
 from analysis.setting_up.touched_ball import StoodCircle, circle_through_stands, distinct, is_jogged
 from analysis.traces.robot_motion import RobotMotion
+from analysis.traces.stands import STOOD_RAD
 from rigs.edit import Values
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -141,8 +142,6 @@ def _unit(vector: tuple[float, float, float]) -> Array:
 # count; where it stood at three or more points and went straight between them, the points. u covers the scatter about
 # the circle and what the arc leaves undetermined, not what the whole run shares, as a wrong zero of a joint.
 
-_STOOD_RAD = np.radians(0.2)
-"""Joints that move by less in a whole run stood still."""
 _SECOND = 1 / 3
 """Another circle that turns by this share of the first, or more, is one that a person drove."""
 _FURTHER = 1.3
@@ -205,7 +204,7 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
         if not np.isfinite(motion.q).all():
             row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
             raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
-        if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < _STOOD_RAD:
+        if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < STOOD_RAD:
             raise FileError(motion.where, "the robot stood still", "move the tool about the ball while it is recorded")
     bins = binned(motions, arm)
     where = _where(motions)

@@ -21,8 +21,8 @@ from analysis.kinematics.arm import Arm, Array, Mask, arm_of, forward
 from analysis.setting_up.circle_rows import DRIVEN, Binned, FoundCircle
 from analysis.traces.align import align, robot_alone
 from analysis.traces.csv_tables import table_from
-from analysis.traces.stands import stands_of
-from analysis.traces.tables import RadialTable, RepeatabilityTable, TouchTable
+from analysis.traces.stands import STILL_DEG, stands_of
+from analysis.traces.tables import TargetTable, TouchTable
 from daq.store import Run
 from rigs.edit import Values
 from rigs.errors import FileError
@@ -232,7 +232,7 @@ def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, 
     path, manifest = run.path, run.manifest
     if run.table is not None:
         table = table_from(run.table, manifest.test, manifest.direction, str(path))
-        if not isinstance(table, RadialTable | RepeatabilityTable):
+        if not isinstance(table, TargetTable):
             raise FileError(str(path), f"is a {manifest.test} table, without stands about a ball", "give a radial run")
         return (table.q, table.g_mm, np.zeros(len(table.q))), ()
     doubts: tuple[str, ...] = ()
@@ -289,8 +289,6 @@ def _slopes(places: Array, g_mm: Array, x: Array) -> tuple[Array, Array]:
 
 STANDS_S = 1.5
 """How long the robot stands until a touch is taken: a guided arm swings for some tenths of a second when let go."""
-_STILL_DEG = 0.03
-"""A joint at rest flickers by less, as in `analysis.session.watch`."""
 _MOVED_DEG = 3.0
 """How far some joint moves between touches: the ball need not leave the socket, and the same posture again shows
 nothing but scatter."""
@@ -349,7 +347,7 @@ class Touching:
         if self._sides is None:
             self._sides, self._stands_at, self._since_s = _Sides(q), q, t_s
         self._sides.feed(q)
-        if np.abs(q - self._stands_at).max() > _STILL_DEG:
+        if np.abs(q - self._stands_at).max() > STILL_DEG:
             self._stands_at, self._since_s, self._told = q, t_s, False
         if self._told or not self.socket or t_s - self._since_s < STANDS_S:
             return "nothing"

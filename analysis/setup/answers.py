@@ -22,6 +22,7 @@ from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.schema.part import Part
 from rigs.schema.robot import Pose
+from rigs.schema.vocabulary import MeasuredBy
 from rigs.yaml_text import read_yaml
 
 _ENDING = ".init"
@@ -98,6 +99,7 @@ class Options:
 
     path: Path
     name: str
+    measured_by: MeasuredBy
     robot: str | None
     ports: tuple[str, ...]
     places: tuple[str, ...]

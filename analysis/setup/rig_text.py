@@ -6,7 +6,7 @@ Its arm is one of the library by its name, or the `robot` section of a file.
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,13 +19,13 @@ from rigs.arms import arm_names, load_arm
 from rigs.errors import FileError
 from rigs.files import read_text
 from rigs.problems import RigFileError, problems_of
-from rigs.schema.declared_tests import Circle
+from rigs.schema.declared_tests import Circle, Touch
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.schema.limits import limits_of_tolerance
 from rigs.schema.part import Part
-from rigs.schema.robot import Robot
-from rigs.schema.vocabulary import DRIVEN_AXES
+from rigs.schema.robot import Pose, Robot
+from rigs.schema.vocabulary import DRIVEN_AXES, MeasuredBy
 from rigs.text import plain, the_same
 from rigs.yaml_text import flow, read_yaml
 
@@ -47,8 +47,17 @@ class _ArmFile(Part):
     robot: Robot
 
 
-def chosen_arm(name: str) -> ChosenArm:
-    """Return an arm of the library by its name, or from a file with a section `robot`. Raises FileError."""
+def chosen_arm(name: str, measured_by: MeasuredBy = "gauges") -> ChosenArm:
+    """Return an arm of the library by its name, or from a file with a section `robot`. Raises FileError, also for an
+    arm that cannot drive the circles of gauges where these measure it."""
+    arm = _arm_of(name)
+    if measured_by == "gauges" and (axes := len(arm.robot.axes)) != DRIVEN_AXES:
+        problem = f"has {axes} axes, and the ball link's programs are of six"
+        raise FileError(name, problem, "give --measured-by sockets or --measured-by tracker (docs/any-arm.md)")
+    return arm
+
+
+def _arm_of(name: str) -> ChosenArm:
     if the_same(name, arm_names()):
         return _of_library(name)
     try:
@@ -65,24 +74,16 @@ def chosen_arm(name: str) -> ChosenArm:
         robot = _ArmFile.model_validate(section).robot
     except ValidationError as error:
         raise RigFileError(name, problems_of(error, section, root, _ArmFile)) from None
-    _hold_six(robot, name)
     return ChosenArm(robot, None, f"the file {Path(name).name}")
-
-
-def _hold_six(robot: Robot, where: str) -> None:
-    """Raises FileError for an arm that cannot drive the circles of a ball link."""
-    if (axes := len(robot.axes)) != DRIVEN_AXES:
-        problem = f"has {axes} axes, and the ball link's programs are of six"
-        raise FileError(where, problem, "write a rig file of its robot section and tests.touch alone (docs/any-arm.md)")
 
 
 def _of_library(name: str) -> ChosenArm:
     arm = load_arm(name)
-    _hold_six(arm.robot, name)
     return ChosenArm(arm.robot, arm.repeatability_mm, f"the arm library: {arm.maker} {arm.model}")
 
 
 _BASELINE_MM = 50.0
+_SOCKETS = ("A", "B")
 _NO_CIRCLE = """\
 # No circle yet. Put the ball link on, lead the robot around the ball with the tool's z axis towards it, and let
 # `rig circle fit --live --rig FILE --write` write the circle here; or write it by hand:
@@ -91,9 +92,15 @@ _NO_CIRCLE = """\
 _CIRCLE = "from where the robot stood at its start, with the nominal arm: within some mm"
 
 
-def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> str:
+def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date, measured_by: MeasuredBy = "gauges") -> str:
     """Return the rig file that the answers make, a line each; effects and certificates are left to later."""
-    return "\n".join(_lines(answers, arm, name, today)) + "\n"
+    lines = [
+        f"# Written by rig init on {today}. Lengths are mm, angles degrees; after each edit run rig check.",
+        f"name: {name}",
+        "",
+        *_ARM_LINES[measured_by](answers, arm),
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def placed(answers: Answers) -> dict[str, Gauge]:
@@ -103,12 +110,7 @@ def placed(answers: Answers) -> dict[str, Gauge]:
     return {name: gauge.model_copy(update={"offset_mm": at_mm}) for name, at_mm, gauge in signed}
 
 
-def _lines(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> Iterator[str]:
-    feedback = answers.feedback
-    assert feedback is not None  # noqa: S101 - the questions come first
-    yield f"# Written by rig init on {today}. Lengths are mm, angles degrees; after each edit run rig check."
-    yield f"name: {name}"
-    yield ""
+def _of_gauges(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"# Nominal arm, from {plain(arm.source)}; tool is the ball's place on the flange."
     yield robot_text(arm.robot.model_copy(update={"tool": answers.tool or arm.robot.tool})).rstrip()
     yield ""
@@ -121,9 +123,7 @@ def _lines(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> Itera
         if gauge.origin.doubts:
             yield f"    # not confirmed: {gauge.origin.doubts}"
     yield ""
-    yield f"feedback: # {feedback.origin.instruments}"
-    yield from _indented(_part(feedback, ("interface", "port", "rate_hz", "cycle_ms", "fields")), 2)
-    yield ""
+    yield from _feedback(answers)
     if answers.circle is not None:
         yield "tests:"
         yield f"  circle: # {_CIRCLE}"
@@ -131,6 +131,54 @@ def _lines(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> Itera
     else:
         yield _NO_CIRCLE
     yield from _limits(answers, arm.repeatability_mm)
+
+
+def _of_tracker(_: Answers, arm: ChosenArm) -> Iterator[str]:
+    yield f"# Nominal arm, from {plain(arm.source)}. Where tracker and target are is found from the poses."
+    yield robot_text(arm.robot).rstrip()
+    yield from _data_sheet(arm)
+
+
+def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
+    yield f"# Nominal arm, from {plain(arm.source)}."
+    yield robot_text(arm.robot.model_copy(update={"tool": Pose()})).rstrip()
+    yield ""
+    yield from _feedback(answers)
+    ball_mm = list(answers.tool.xyz_mm if answers.tool else Touch.model_fields["ball_mm"].default)
+    yield "tests:"
+    yield "  touch:"
+    yield f"    sockets: [{', '.join(_SOCKETS)}]"
+    yield f"    ball_mm: {flow(ball_mm)} # about where the ball is on the flange; where it is exactly is found"
+    yield f"    touches: {Touch.model_fields['touches'].default}"
+    yield "    # One known distance says how large the arm is; measure over both balls (rig parts --over-balls-mm):"
+    yield f"    # distances: [{{between: [{', '.join(_SOCKETS)}], distance_mm: 100, u_mm: 0.05}}]"
+    yield from _data_sheet(arm)
+
+
+_ARM_LINES: dict[MeasuredBy, Callable[[Answers, ChosenArm], Iterator[str]]] = {
+    "gauges": _of_gauges,
+    "tracker": _of_tracker,
+    "sockets": _of_sockets,
+}
+
+
+def _feedback(answers: Answers) -> Iterator[str]:
+    """How the joints are read, where they are."""
+    if (feedback := answers.feedback) is None:
+        return
+    yield f"feedback: # {feedback.origin.instruments}"
+    yield from _indented(_part(feedback, ("interface", "port", "rate_hz", "cycle_ms", "fields")), 2)
+    yield ""
+
+
+def _data_sheet(arm: ChosenArm) -> Iterator[str]:
+    """The section `limits` of an arm whose data sheet is known."""
+    if arm.repeatability_mm is not None:
+        yield from ("", "limits:", _rp_line(arm.repeatability_mm))
+
+
+def _rp_line(rp_mm: float) -> str:
+    return f"  data_sheet_rp_mm: {flow(rp_mm)} # pose repeatability by ISO 9283, data sheet"
 
 
 def _limits(answers: Answers, rp_mm: float | None) -> Iterator[str]:
@@ -149,7 +197,7 @@ def _limits(answers: Answers, rp_mm: float | None) -> Iterator[str]:
     else:
         yield "limits:"
     if rp_mm is not None:
-        yield f"  data_sheet_rp_mm: {flow(rp_mm)} # pose repeatability by ISO 9283, data sheet"
+        yield _rp_line(rp_mm)
 
 
 def _part(part: Gauge | Feedback | Circle, first: tuple[str, ...]) -> Iterator[str]:

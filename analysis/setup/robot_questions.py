@@ -25,7 +25,7 @@ from rigs.schema.feedback import Feedback
 from rigs.schema.limits import TOLERANCE_BY_RP, USUAL_RP_MM, WATCH_SHARE, offered_tolerance_mm
 from rigs.schema.part import Vector
 from rigs.schema.robot import Pose, Robot
-from rigs.schema.vocabulary import maker_of
+from rigs.schema.vocabulary import DRIVEN_AXES, maker_of
 
 
 def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:
@@ -51,6 +51,7 @@ def _vector(values: Array, decimals: int) -> Vector:
 
 
 _COLUMNS = 79
+_NO_ROBOT = "none"
 _MOST_TOLERANCE_MM = 1000.0
 
 
@@ -76,6 +77,23 @@ def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers
             "deg",
         )
     return answers.model_copy(update={"robot_address": report.address, "feedback": feedback})
+
+
+def ask_robot_if_any(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Find the robot whose joints guide from touch to touch; without one they are typed into a table."""
+    axes = len(chosen_arm(answers.arm or "", options.measured_by).robot.axes)
+    address = options.robot or answers.robot_address
+    if axes != DRIVEN_AXES:  # no interface reads them
+        return answers
+    if address is None:
+        question = (
+            "rigd can read the joints and guide from touch to touch; else they are typed into a table.\n"
+            "Robot, its address, or none"
+        )
+        address = dialogue.ask(question, "--robot", str, _NO_ROBOT)
+    if address == _NO_ROBOT:
+        return answers.model_copy(update={"robot_address": _NO_ROBOT, "feedback": None})
+    return ask_robot(answers, replace(options, robot=address), dialogue)
 
 
 def describe_robot(report: RobotReport) -> Iterator[str]:
@@ -117,7 +135,7 @@ def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     """Choose the arm."""
 
     def read(name: str) -> str:
-        chosen_arm(name)
+        chosen_arm(name, options.measured_by)
         return name
 
     arms = fill(
@@ -139,7 +157,7 @@ def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     """Ask where the ball stands on the flange; an arm that has a tool of its own offers that."""
     tool = _pose(options.tool) if options.tool else answers.tool
     if tool is None:
-        arm_tool = chosen_arm(answers.arm or "").robot.tool
+        arm_tool = chosen_arm(answers.arm or "", options.measured_by).robot.tool
         usual = (
             None if arm_tool == Pose() else ",".join(f"{value:g}" for value in (*arm_tool.xyz_mm, *arm_tool.rpy_deg))
         )

@@ -3,19 +3,36 @@
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
-from analysis.setup.answers import Answers, Options, checked, forget_answers, keep_answers, kept_in, load_answers
+from analysis.setup.answers import (
+    Answers,
+    Options,
+    checked,
+    forget_answers,
+    keep_answers,
+    kept_in,
+    load_answers,
+)
 from analysis.setup.dialogue import Dialogue
 from analysis.setup.gauge_questions import ask_baseline, ask_gauges, hold_baseline_mm
 from analysis.setup.rig_text import chosen_arm, rig_text
-from analysis.setup.robot_questions import ask_arm, ask_circle, ask_robot, ask_tolerance, ask_tool
+from analysis.setup.robot_questions import ask_arm, ask_circle, ask_robot, ask_robot_if_any, ask_tolerance, ask_tool
 from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.load import parse
 from rigs.rig import Rig
+from rigs.schema.vocabulary import MeasuredBy
 from rigs.text import as_argument
+
+_QUESTIONS: dict[MeasuredBy, tuple[Callable[[Answers, Options, Dialogue], Answers], ...]] = {
+    "gauges": (ask_robot, ask_gauges, ask_baseline, ask_arm, ask_tool, ask_tolerance),
+    "sockets": (ask_arm, ask_robot_if_any, ask_tool),
+    "tracker": (ask_arm,),
+}
+"""What is asked, in order."""
 
 
 def make_rig_file(options: Options, dialogue: Dialogue) -> None:
@@ -27,13 +44,16 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     if options.baseline_mm is not None:
         hold_baseline_mm(options.baseline_mm, "--baseline-mm")
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")
+    if options.arm is not None:
+        chosen_arm(options.arm, options.measured_by)
     answers = load_answers(path)
     if answers.count:
         dialogue.say(f"going on with the answers in {kept_in(path)}; remove it to begin again")
-    for ask in (ask_robot, ask_gauges, ask_baseline, ask_arm, ask_tool, ask_tolerance):
+    for ask in _QUESTIONS[options.measured_by]:
         answers = ask(answers, options, dialogue)
         keep_answers(path, answers)
-    answers = ask_circle(answers, options, dialogue, _rig(answers, options)[0])
+    if options.measured_by == "gauges":
+        answers = ask_circle(answers, options, dialogue, _rig(answers, options)[0])
     _, text = _rig(answers, options)
     _check_new(path)
     try:
@@ -54,5 +74,6 @@ def _check_new(path: Path) -> None:
 def _rig(answers: Answers, options: Options) -> tuple[Rig, str]:
     """The rig that the answers make, and its text. Raises RigFileError."""
     assert answers.arm is not None  # noqa: S101 - asked for before
-    text = rig_text(answers, chosen_arm(answers.arm), options.name, dt.datetime.now(dt.UTC).date())
+    arm, today = chosen_arm(answers.arm, options.measured_by), dt.datetime.now(dt.UTC).date()
+    text = rig_text(answers, arm, options.name, today, options.measured_by)
     return parse(text, str(options.path)), text

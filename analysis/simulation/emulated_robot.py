@@ -25,10 +25,12 @@ from analysis.geometry.ball_link import angle
 from analysis.geometry.circle import SENSE, frame_of
 from analysis.geometry.programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
 from analysis.kinematics.arm import Array, arm_of
+from analysis.measures.link_angle import planted_setup
 from analysis.measures.yaw import plain_figures
 from analysis.model.gravity import load_of, pull
+from analysis.model.predict import model_of, nominal_setup, path_of, predict
 from analysis.noise.certificate import as_shown, link_excess_mm
-from analysis.simulation.simulate import readings_along
+from analysis.traces.tables import CircleTable, RadialTable
 from daq import clock
 from daq.store import durable
 from rigs.errors import FileError
@@ -44,7 +46,7 @@ from rigs.schema.condition import (
     words_of,
 )
 from rigs.schema.feedback import condition_columns
-from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
+from rigs.schema.vocabulary import CIRCLES, CircleTest, Direction, DrivenTest
 
 ROOM_C = 22.0
 _TORQUE_NM_A = np.array([12.0, 12.0, 10.0, 8.0, 8.0, 8.0])
@@ -141,10 +143,10 @@ class _Pace:
         return self.begin_s + (self.rate + rate) / 2 * since_s, rate
 
 
-def trace(rig: Rig, direction: Direction, test: Literal["yaw", "roll"] = "yaw") -> Trace:
+def trace(rig: Rig, direction: Direction, test: CircleTest = "yaw") -> Trace:
     """The circle of a rig with the effects of its file. Raises FileError where it cannot be driven."""
     program = circle_program(rig, direction)
-    return Trace(program.t_s, program.phi, program.q, readings_along(rig, test, program.t_s, program.q))
+    return Trace(program.t_s, program.phi, program.q, _readings_along(rig, test, program.t_s, program.q))
 
 
 def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
@@ -156,8 +158,19 @@ def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
 def trace_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
     """Return what the gauges, mounted for a test, read without noise, (n, k) mm, along angles q (n, 6) rad at t_s (n,)
     s, which are reported as the arm was built."""
-    g_mm = readings_along(rig, test, t_s, q)
+    g_mm = _readings_along(rig, test, t_s, q)
     return g_mm if test in CIRCLES else np.repeat(g_mm, len(list(rig.gauges)), axis=1) - link_excess_mm(rig)
+
+
+def _readings_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
+    """Noise-free readings (n, k) mm at every moment t_s (n,) of a motion q (n, 6)."""
+    model = model_of(rig)
+    if test in CIRCLES:
+        circle = CircleTable(test, "acw", t_s, q, np.empty((0, 2)))
+        return predict(model, circle, path_of(model, circle), planted_setup(rig))
+    nothing, none = np.zeros(len(q)), np.zeros(len(q), dtype=np.int64)
+    targets = RadialTable(none, nothing, nothing, none, t_s, q, nothing)
+    return predict(model, targets, path_of(model, targets), nominal_setup(rig, targets))
 
 
 PROGRAMS = ("acw", "cw", "roll acw", "roll cw", "radial", "repeatability")

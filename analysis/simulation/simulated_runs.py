@@ -6,7 +6,8 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from analysis.simulation.simulate import Noise, simulate
+from analysis.measures.simulated_gauges import Noise
+from analysis.simulation.simulate import simulate
 from analysis.traces.csv_tables import columns_of
 from analysis.traces.loading import SIMULATED, Measured, measured_of, rig_of
 from daq.store import table_run

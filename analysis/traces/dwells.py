@@ -8,104 +8,61 @@ or waited at a target for something else. They are counted, not used.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Hashable, Sequence
-from itertools import pairwise
+from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.geometry.hemisphere import hemisphere_frame
-from analysis.geometry.programs import (
-    TargetProgram,
-    hemisphere_of,
-    radial_program,
-    repeatability_of,
-    repeatability_program,
-)
+from analysis.geometry.programs import TargetProgram
 from analysis.kinematics.arm import Array, Integers, arm_of, forward
-from analysis.traces.align import Aligned
-from analysis.traces.stands import Stand, stands_of
-from analysis.traces.tables import RadialTable, RepeatabilityTable
+from analysis.traces.stands import Stand
 from rigs.errors import FileError
 from rigs.rig import Rig
 
 _NEAR_MM = 20.0
-_TURNED_RAD = np.radians(8.0)
+TURNED_RAD = np.radians(8.0)
 """A stand further from every target than this is not at a target."""
 _FOLLOWED = 0.5
 """A run follows the program's order where at least this share of its stands at targets fits it."""
 
 
-def radial_table(data: Aligned, rig: Rig, where: str) -> tuple[RadialTable, list[str]]:
-    """Readings at every stand, and what a person should know. Raises FileError where no stand is at a target."""
-    stands, program = stands_of(data.t_s, data.q, data.g_mm), radial_program(rig)
-    near = _matched(stands, program, rig, _TURNED_RAD)
-    at = [(stand, row) for stand, row in zip(stands, near, strict=True) if row >= 0]
-    places = list(zip(program.target.tolist(), program.orientation.tolist(), strict=True))
-    fits, doubts = _in_order([places[row] for _, row in at], places, len(places) // hemisphere_of(rig).visits)
-    kept = [at[k] for k in fits]
-    rows = _rows(kept, where)
-    doubts = _elsewhere(len(stands) - len(at)) + doubts + _missing(program, rows) + _outliers(kept)
-    table = RadialTable(
-        program.target[rows],
-        program.polar[rows],
-        program.azimuth[rows],
-        program.orientation[rows],
-        np.array([stand.t_s for stand, _ in kept]),
-        np.array([stand.q for stand, _ in kept]),
-        np.array([stand.g_mm[0] for stand, _ in kept]),
-    )
-    return table, doubts
+@dataclass(frozen=True)
+class Visits:
+    """The stands that follow the order of a program: which (n,) of those at targets, the program's row of each, means
+    t_s (n,) s, q (n, 6) rad and g_mm (n,), and what a person should know."""
+
+    number: list[int]
+    rows: Integers
+    t_s: Array
+    q: Array
+    g_mm: Array
+    doubts: list[str]
 
 
-def repeatability_table(data: Aligned, rig: Rig, where: str) -> tuple[RepeatabilityTable, list[str]]:
-    """Readings at every stand with the side it was approached from, and what a person should know. Raises FileError
-    as above."""
-    stands, program = stands_of(data.t_s, data.q, data.g_mm), repeatability_program(rig)
-    frame, arm = hemisphere_frame(hemisphere_of(rig)), arm_of(rig.robot)
-    limit = repeatability_of(rig).approach_mm / 2
-    outwards = np.linalg.norm(forward(arm, data.q)[:, :3, 3] - frame.centre, axis=1) - frame.radius
-    at = [
-        (stand, row)
-        for stand, row in zip(stands, _matched(stands, program, rig, np.pi), strict=True)
-        if row >= 0 and abs(outwards[stand.begin : stand.end].mean()) < limit
-    ]
-    sides = _sides([stand for stand, _ in at], [row for _, row in at], outwards, limit)
-    order = ["none", *["out", "in"] * repeatability_of(rig).rounds]
-    wanted = [(row, side) for row in range(len(program.target)) for side in order]
-    found = [(row, side) for (_, row), side in zip(at, sides, strict=True)]
-    fits, doubts = _in_order(found, wanted, len(wanted))
-    kept = [at[k] for k in fits]
-    rows = _rows(kept, where)
-    table = RepeatabilityTable(
-        program.target[rows],
-        np.array([sides[k] for k in fits]),
-        _rounds([found[k] for k in fits]),
-        np.array([stand.t_s for stand, _ in kept]),
-        np.array([stand.q for stand, _ in kept]),
-        np.array([stand.g_mm[0] for stand, _ in kept]),
-    )
-    return table, doubts + _missing(program, rows) + _outliers(kept)
-
-
-def _sides(stands: list[Stand], rows: list[int], outwards: Array, limit: float) -> list[str]:
-    """Side of approach of each stand."""
-    sides = ["none"]
-    for (before, now), (last, row) in zip(pairwise(stands), pairwise(rows), strict=True):
-        way = outwards[before.end : now.begin]
-        furthest = way[np.argmax(np.abs(way))] if len(way) else 0.0
-        sides.append("none" if last != row or abs(furthest) < limit else "out" if furthest > 0 else "in")
-    return sides[: len(stands)]
-
-
-def _rounds(approaches: list[tuple[int, str]]) -> Integers:
-    """Round (n,) of each approach (target, side): the count of that side at that target."""
-    seen: Counter[tuple[int, str]] = Counter()
-    rounds = []
-    for one in approaches:
-        seen[one] += 1
-        rounds.append(seen[one])
-    return np.array(rounds, dtype=np.int64)
+def visits_of(
+    at: Sequence[tuple[Stand, int]],
+    places: Sequence[Hashable],
+    wanted: Sequence[Hashable],
+    once: int,
+    program: TargetProgram,
+    where: str,
+) -> Visits:
+    """Return the visits among stands at targets, each with its row of the program; places: what each is of, wanted:
+    those of the program in order, once: of one pass of it. Raises FileError where no stand is at a target."""
+    fits, doubts = _in_order(places, wanted, once)
+    stands = [at[k][0] for k in fits]
+    if not stands:
+        remedy = "correct tests.hemisphere, or record its program"
+        raise FileError(where, "the robot did not stand at any target", remedy)
+    rows = np.array([at[k][1] for k in fits], dtype=np.int64)
+    missing = sorted(set(program.target.tolist()) - set(program.target[rows].tolist()))
+    if missing:
+        ending = " …" if len(missing) > 8 else ""
+        doubts.append(f"the run has no stand at target {', '.join(map(str, missing[:8]))}{ending}")
+    if outliers := sum(stand.outliers for stand in stands):
+        doubts.append(f"{outliers} readings lie far from the others of their stand and are not used")
+    t_s, q, g_mm = zip(*((stand.t_s, stand.q, stand.g_mm[0]) for stand in stands), strict=True)
+    return Visits(fits, rows, np.array(t_s), np.array(q), np.array(g_mm), doubts)
 
 
 def _in_order(found: Sequence[Hashable], wanted: Sequence[Hashable], once: int) -> tuple[list[int], list[str]]:
@@ -145,32 +102,10 @@ def _longest_common(found: Sequence[Hashable], wanted: Sequence[Hashable]) -> li
     return pairs[::-1]
 
 
-def _rows(kept: list[tuple[Stand, int]], where: str) -> Integers:
-    if not kept:
-        raise FileError(
-            where, "the robot did not stand at any target", "correct tests.hemisphere, or record its program"
-        )
-    return np.array([row for _, row in kept], dtype=np.int64)
-
-
-def _outliers(kept: list[tuple[Stand, int]]) -> list[str]:
-    count = sum(stand.outliers for stand, _ in kept)
-    return [f"{count} readings lie far from the others of their stand and are not used"] if count else []
-
-
-def _elsewhere(count: int) -> list[str]:
-    return [f"{count} stands are left out because they are not at a target"] if count else []
-
-
-def _missing(program: TargetProgram, rows: Integers) -> list[str]:
-    missing = sorted(set(program.target.tolist()) - set(program.target[rows].tolist()))
-    if not missing:
-        return []
-    return [f"the run has no stand at target {', '.join(map(str, missing[:8]))}{' …' if len(missing) > 8 else ''}"]
-
-
-def _matched(stands: list[Stand], program: TargetProgram, rig: Rig, turned: float) -> list[int]:
-    """For each stand the row of the program nearest to it; -1 where none is near."""
+def at_targets(
+    stands: Sequence[Stand], program: TargetProgram, rig: Rig, turned: float = TURNED_RAD
+) -> list[tuple[Stand, int]]:
+    """Return the stands that are near a row of the program, turned by less, each with the nearest row."""
     if not stands:
         return []
     arm = arm_of(rig.robot)
@@ -178,7 +113,7 @@ def _matched(stands: list[Stand], program: TargetProgram, rig: Rig, turned: floa
     away = np.linalg.norm(reached[:, None, :3, 3] - wanted[None, :, :3, 3], axis=2)
     cosine = (np.einsum("aij,bij->ab", reached[:, :3, :3], wanted[:, :3, :3]) - 1) / 2
     angle = np.arccos(np.clip(cosine, -1, 1))
-    badness = away / _NEAR_MM + angle / _TURNED_RAD
+    badness = away / _NEAR_MM + angle / TURNED_RAD
     best = badness.argmin(axis=1)
     near = (away[np.arange(len(best)), best] < _NEAR_MM) & (angle[np.arange(len(best)), best] < turned)
-    return [int(row) if good else -1 for row, good in zip(best, near, strict=True)]
+    return [(stand, int(row)) for stand, row, good in zip(stands, best, near, strict=True) if good]

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from analysis.conventions.off_path import Off
     from analysis.kinematics.arm import Arm, Array, Integers, Mask
     from analysis.measures.evaluate import Evaluated, Instruments
+    from analysis.measures.simulated_gauges import Simulation
     from analysis.model.predict import Model, Path, SetUp
     from analysis.model.scene import Scene
     from analysis.traces.align import Aligned
@@ -52,6 +53,16 @@ class Kind(ABC, Generic[T]):
     """The gauges that it is read with."""
     certified: tuple[str, ...] = ()
     """What of the rig file may have a certificate, and decides its readings: gauges, ball, link."""
+
+    example: tuple[str, float, float] | None = None
+    """One of its figures, and bounds from which it is watched and fails, of the size of those in docs/rig-file.md:
+    examples, to be replaced."""
+    part = ""
+    """The part of `tests` in a rig file that says where and how it is driven."""
+    further: tuple[str, str] | None = None
+    """What a plan calls it as a further test in a rig file with that part, and why it adds something."""
+    along = "place"
+    """What its curve runs along, in a table of measured and simulated."""
 
     in_order_of_time = False
     """Whether its rows have times, which increase."""
@@ -138,6 +149,14 @@ class Kind(ABC, Generic[T]):
     def read(self, model: Model, table: T, path: Path, scene: Scene, setup: SetUp) -> Array:
         """Return readings (m, k): gauges in mm; for places T_instrument_target, (m, 16) row by row."""
         raise self.refused(f"rig {model.rig.name}")
+
+    def with_readings(self, table: T, values: Array) -> T:
+        """Return the table with other readings (n, k) mm, of gauges."""
+        raise self.refused(f"a {self.test} table")
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> T:
+        """Return one run as it would be measured. Raises FileError where the robot cannot do the test."""
+        raise FileError(f"{self.test} test", "is not simulated", "simulate another test")
 
     # ------------------------------------------------------------------------------------------------------------------
     # What speaks against its columns being what they are called.

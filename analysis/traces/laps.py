@@ -16,6 +16,8 @@ import numpy as np
 from analysis.geometry.circle import SENSE, CircleFrame, frame_of
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward
+from analysis.noise.readings import rms
+from analysis.traces.stands import STOOD_RAD
 from analysis.traces.tables import CircleTable
 from rigs.errors import DirectionError, FileError
 from rigs.rig import Rig
@@ -42,7 +44,6 @@ _BLOCK = 4096
 """Rows whose poses are reckoned at a time, so that a long run needs no memory for all of them."""
 _HARDLY = 0.01
 """A run that ends by less than this share before the whole lap holds it; a wider gap would be refused anyway."""
-_STANDING_RAD = np.radians(0.2)
 _JUMP_RAD = np.radians(1.0)
 _JUMP_SPEEDS = 3.0
 """Between two rows a joint moves no further than this many times its greatest speed, and _JUMP_RAD, allow."""
@@ -156,7 +157,7 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
         lap_s,
         float(np.diff(begins).mean()) if len(laps) > 1 else lap_s,
         len(laps),
-        0.0 if table.u_t_s is None else float(np.sqrt(np.mean(table.u_t_s[inside] ** 2))),
+        0.0 if table.u_t_s is None else rms(table.u_t_s[inside]),
     )
 
 
@@ -243,7 +244,7 @@ def _is_motion(where: str, table: CircleTable) -> None:
     if not np.isfinite(table.q).all():
         row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
         raise FileError(where, f"row {row} has a joint angle that is not a number", "remove such rows")
-    if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < _STANDING_RAD:
+    if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < STOOD_RAD:
         raise FileError(where, "the robot stood still", "start the recording first, then the circle program")
 
 

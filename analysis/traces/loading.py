@@ -126,8 +126,13 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
 
 
 def known_doubts(run: Run, rig: Rig) -> list[str]:
-    """What is doubtful of a run before its readings are looked at, in words. Raises FileError for what is no run."""
-    _is_in_step(run)
+    """What is doubtful of a run before its readings are looked at, in words. Raises FileError for what is no run, and
+    for one that was made from a replay whose instruments were out of step with one another."""
+    seconds = {stream: counted.get("out_of_step", 0) for stream, counted in run.manifest.counters.items()}
+    if listed := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
+        what = f"was made from a replay out of step ({listed}), so its figures would be wrong"
+        remedy = "replay the capture again on a computer that is less busy, and record that"
+        raise FileError(str(run.path), what, remedy)
     if kind_named(run.manifest.test).gauges and not rig.gauges.recorded:
         what = f"is a {run.manifest.test} run, and its rig file has no gauges"
         raise FileError(str(run.path), what, "add gauges and feedback to the rig file, and import it again")
@@ -141,16 +146,6 @@ def measured_as(
     bare = replace(run, streams={})
     doubts = (*doubts, *condition.doubts)
     return Measured(run.path, bare, rig, table, u_lag_s, doubts, _systematic(rig, table), condition)
-
-
-def _is_in_step(run: Run) -> None:
-    """Raises FileError for a run that was made from a replay whose instruments were out of step with one another."""
-    seconds = {stream: counted.get("out_of_step", 0) for stream, counted in run.manifest.counters.items()}
-    if listed := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
-        what = f"was made from a replay out of step ({listed}), so its figures would be wrong"
-        raise FileError(
-            str(run.path), what, "replay the capture again on a computer that is less busy, and record that"
-        )
 
 
 def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:

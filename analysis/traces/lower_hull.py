@@ -67,26 +67,19 @@ def low_outliers(x: Array, y: Array) -> Mask:
         return none
     slope = float(np.median((least[-half:] - least[:half])[advances] / apart[advances]))
     level = least - slope * at
-    around = np.median(np.lib.stride_tricks.sliding_window_view(_mirrored(level), _NEIGHBOURS), axis=1)
+    mirrored = np.pad(level, _NEIGHBOURS // 2, mode="reflect")
+    around = np.median(np.lib.stride_tricks.sliding_window_view(mirrored, _NEIGHBOURS), axis=1)
     spread = float(np.quantile(np.abs(level - around), 0.95))
     level = around - _SPREADS * spread - _SHORT_S
     low = none.copy()
-    for block in np.flatnonzero(_least_above(x, least, slope, size) < level).tolist():
+    # No point of a block lies below its least, less the larger of the line's two ends.
+    above = least - np.maximum(slope * at, slope * x[np.arange(1, blocks + 1) * size - 1])
+    for block in np.flatnonzero(above < level).tolist():
         rows = slice(block * size, (block + 1) * size)
         low[rows] = y[rows] - slope * x[rows] < level[block]
     rest = slice(blocks * size, None)
     low[rest] = y[rest] - slope * x[rest] < level[-1]
     return low if low.sum() <= max(3, _FEW * len(x)) else none
-
-
-def _least_above(x: Array, least: Array, slope: float, size: int) -> Array:
-    """What no point of a block (m,) lies below, less the slope: its least, less the larger of the line's two ends."""
-    begins = np.arange(len(least)) * size
-    return np.asarray(least - np.maximum(slope * x[begins], slope * x[begins + size - 1]))
-
-
-def _mirrored(level: Array) -> Array:
-    return np.pad(level, _NEIGHBOURS // 2, mode="reflect")
 
 
 def lower_line(x: Array, y: Array) -> tuple[float, float]:

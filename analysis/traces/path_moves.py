@@ -51,7 +51,9 @@ def moves_of(t_s: Array, xyz_mm: Array) -> list[Moved]:
     when = np.add.reduceat(t_s, first) / count
     way = np.linalg.norm(np.diff(at, axis=0), axis=1)
     speed = way / np.diff(when)
-    noise = _noise_mm(xyz_mm) * np.sqrt(6 / max(float(np.median(count)), 1.0)) / span_s
+    bends = np.abs(xyz_mm[2:] - 2 * xyz_mm[1:-1] + xyz_mm[:-2])
+    noise_mm = float(_NORMAL * np.median(bends) / np.sqrt(6))  # the standard deviation of a coordinate
+    noise = noise_mm * np.sqrt(6 / max(float(np.median(count)), 1.0)) / span_s
     rests = speed < max(_SLOW * float(np.quantile(speed, 0.9)), _NOISES * noise)
     begins, ends = _stands(rests, when)
     gaps = np.concatenate([[0], np.cumsum(np.diff(t_s) > max(_GAP_S, 3 * span_s))])
@@ -69,9 +71,3 @@ def _stands(rests: np.ndarray, when: Array) -> tuple[Integers, Integers]:
     begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     long = when[ends] - when[begins] > _STAND_S
     return begins[long], ends[long]
-
-
-def _noise_mm(xyz_mm: Array) -> float:
-    """The standard deviation of a coordinate from place to place."""
-    bends = np.abs(xyz_mm[2:] - 2 * xyz_mm[1:-1] + xyz_mm[:-2])
-    return float(_NORMAL * np.median(bends) / np.sqrt(6))

@@ -16,12 +16,10 @@ from analysis.kinematics.arm import Array
 from daq.store import Run
 from daq.store.ledger import first_error
 from rigs.errors import FileError
-from rigs.schema.declared_tests import Rule
+from rigs.schema.declared_tests import STILL_DEG, STOOD_S, Rule
 from rigs.schema.feedback import SIGNAL
-from rigs.schema.vocabulary import CIRCLES
+from rigs.schema.vocabulary import CIRCLES, OF_ISO9283
 
-_STILL_DEG = 0.02
-_STOOD_S = 0.3
 _ON_THE_WAY_DEG = 3.0
 _STEP_S = 0.05
 _LEAST_STILL_S = 2.0
@@ -33,12 +31,14 @@ def rule_of(run: Run) -> Rule:
     manifest, where = run.manifest, str(run.path)
     if "robot" not in run.streams:
         raise FileError(where, "holds a table and no robot stream", "give a run that rigd recorded")
-    if manifest.test == "pose":
-        raise FileError(where, "is a pose test, which rigd cannot record", "give a recorded run of another test")
+    if manifest.test in OF_ISO9283:
+        what = f"is a {manifest.test} test, which rigd cannot record"
+        raise FileError(where, what, "give a recorded run of another test")
     robot = run.streams["robot"]
     t_s = (robot["last_byte_ns"] - robot["last_byte_ns"][:1]) / 1e9
     q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])
-    t_s, q_deg = _thinned(t_s, q_deg)
+    kept = np.unique(t_s // _STEP_S, return_index=True)[1]  # enough to see a stand
+    t_s, q_deg = t_s[kept], q_deg[kept]
     when = _signal(robot) or _departure(t_s, q_deg, where)
     direction = manifest.direction if manifest.test in CIRCLES else None  # of another test it means nothing
     still_s = _patience_s(t_s, q_deg, when)
@@ -60,8 +60,8 @@ def _signal(robot: dict[str, np.ndarray[Any, Any]]) -> dict[str, Any]:
 def _departure(t_s: Array, q_deg: Array, where: str) -> dict[str, Any]:
     if not len(t_s) or _leaves(q_deg, _ON_THE_WAY_DEG) == len(t_s):
         raise FileError(where, "the robot stood still", "record its program from before it starts")
-    begins = _leaves(q_deg, _STILL_DEG)
-    if t_s[begins - 1] < _STOOD_S:
+    begins = _leaves(q_deg, STILL_DEG)
+    if t_s[begins - 1] < STOOD_S:
         raise FileError(where, "the robot moves already where the run begins", "record from before its program starts")
     start, onwards = np.median(q_deg[:begins], axis=0), q_deg[_leaves(q_deg, _ON_THE_WAY_DEG)]
     return {"from_deg": start.round(3).tolist(), "to_deg": onwards.round(3).tolist()}
@@ -71,19 +71,13 @@ def _patience_s(t_s: Array, q_deg: Array, when: dict[str, Any]) -> float:
     """How long it must stand to have ended: twice its longest stand on the way, where a stand may end it."""
     if "signal" in when:
         return _LEAST_STILL_S
-    begin, longest_s = _leaves(q_deg, _STILL_DEG), 0.0
+    begin, longest_s = _leaves(q_deg, STILL_DEG), 0.0
     while begin < len(t_s):
-        after = _leaves(q_deg, _STILL_DEG, begin)
+        after = _leaves(q_deg, STILL_DEG, begin)
         if after < len(t_s):  # the last one is the end
             longest_s = max(longest_s, t_s[after - 1] - t_s[begin])
         begin = after
     return max(_LEAST_STILL_S, float(math.ceil(2 * longest_s)))
-
-
-def _thinned(t_s: Array, q_deg: Array) -> tuple[Array, Array]:
-    """A row each 0.05 s at most: enough to see a stand."""
-    kept = np.unique(t_s // _STEP_S, return_index=True)[1]
-    return t_s[kept], q_deg[kept]
 
 
 def _leaves(q_deg: Array, by_deg: float, begin: int = 0) -> int:

@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array, Integers, Mask
+from analysis.traces.stands import STANDS_RAD
 from analysis.traces.tables import Table
 
-_STANDS_RAD = float(np.radians(0.01))
-"""Joints that differ by less stood between two rows; an encoder's noise is a tenth of it (`analysis.traces.stands`)."""
 STANDS_MM = 1.0
 """Places or readings of one stand that differ by more are no readings of one thing; they are left as they are."""
 
@@ -45,5 +44,5 @@ def _begins(table: Table) -> Mask | None:
     differs = table.kind.differs(table) if len(table.q) else None
     if differs is None:
         return None
-    moved = (np.abs(np.diff(table.q, axis=0)) > _STANDS_RAD).any(axis=1) | differs
+    moved = (np.abs(np.diff(table.q, axis=0)) > STANDS_RAD).any(axis=1) | differs
     return np.concatenate([[True], moved])

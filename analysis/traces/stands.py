@@ -8,8 +8,12 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 
-_STANDS_RAD = np.radians(0.01)
+STANDS_RAD = float(np.radians(0.01))
 """Joints that move by less within the window stand; an encoder's noise is a tenth of it."""
+STILL_DEG = 0.03
+"""A joint seen live that is at rest flickers by less; the slowest circle moves some joint by more in half a second."""
+STOOD_RAD = float(np.radians(0.2))
+"""Joints that move by less in a whole run stood still."""
 _WINDOW_S = 0.3
 _INSTANT_S = 1e-6
 """A rounding error of a time."""
@@ -42,7 +46,7 @@ class Stand:
 def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
     """The stands of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k) of k gauges."""
     stands = []
-    for begin, end in standing(t_s, q, _STANDS_RAD, _WINDOW_S):
+    for begin, end in standing(t_s, q, STANDS_RAD, _WINDOW_S):
         settled = _settled(begin, end)
         mean_mm, outliers = _averaged(g_mm[settled])
         stands.append(Stand(begin, end, float(t_s[settled].mean()), _averaged(q[settled])[0], mean_mm, outliers))

@@ -7,14 +7,14 @@ Angles are radians and lengths mm here; in files (`analysis.traces.csv_tables`) 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, Self, cast
+from typing import TYPE_CHECKING, ClassVar, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array, Integers
 from analysis.traces.kind import Kind, kind_named
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import CircleTest, Direction, TestName
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class CircleTable(Table):
     beside what all rows share, None where nothing is known of it.
     """
 
-    test: Literal["yaw", "roll"]
+    test: CircleTest
     direction: Direction
     t_s: Array
     q: Array
@@ -155,7 +155,11 @@ class PathTable(Table):
         return np.empty((len(self.t_s), 0))
 
 
+TargetTable = RadialTable | RepeatabilityTable
+"""Tables of one gauge at targets of a hemisphere."""
+GaugeTable = CircleTable | TargetTable
+"""Tables whose readings are those of gauges, each at its time."""
 PlaceTable = PoseTable | TouchTable
 """Tables whose readings are places, three coordinates a row, each of a posture."""
-Evidence = CircleTable | RadialTable | RepeatabilityTable | PlaceTable
+Evidence = GaugeTable | PlaceTable
 """Tables of what was read beside joint angles, from which an arm is diagnosed."""

@@ -92,24 +92,31 @@ class Gate:
 
     def is_token(self, token: str) -> bool:
         """Whether this is the token, in the same time whatever is given."""
-        return self.token is not None and _same(token, self.token)
+        return self.token is not None and _are_equal(token, self.token)
 
     def is_let_in(self, headers: Mapping[str, str]) -> bool:
         """Whether a request shows the token or the pass."""
         if self.token is None:
             return True
         kind, _, credentials = headers.get("authorization", "").partition(" ")
-        return (kind.lower() == "bearer" and self.is_token(credentials.strip())) or _same(_cookie(headers), self.pass_)
+        if kind.lower() == "bearer" and self.is_token(credentials.strip()):
+            return True
+        try:
+            cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        except CookieError:
+            return False
+        return cookie is not None and _are_equal(cookie.value, self.pass_)
 
     def is_own_form(self, form: Mapping[str, str]) -> bool:
         """Whether a form was made by this process."""
-        return _same(form.get("secret", ""), self.secret)
+        return _are_equal(form.get("secret", ""), self.secret)
 
     def wrong(self, scope: Scope) -> tuple[int, str]:
         """Return the status and the reason for which a request is refused, 0 and nothing where it is not."""
         headers = Headers(scope=scope)
         host = headers.get("host", "")
-        if _name(host) not in self.names:
+        name = (urlsplit(f"//{host}").hostname or "").lower()  # without port; of version 6 without its brackets
+        if name not in self.names:
             return 421, "This window is not served under that name; rig window --name NAME allows one."
         origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
         is_own = urlsplit(origin).netloc == host if origin else site in ("same-origin", "none")
@@ -174,18 +181,5 @@ def _status_of(gate: Gate, scope: Scope) -> tuple[int, str]:
         return 400, "The request is not understood."
 
 
-def _name(host: str) -> str:
-    """The name in a Host header, without port; an address of version 6 without its brackets."""
-    return (urlsplit(f"//{host}").hostname or "").lower()
-
-
-def _cookie(headers: Mapping[str, str]) -> str:
-    try:
-        cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
-    except CookieError:
-        return ""
-    return cookie.value if cookie else ""
-
-
-def _same(text: str, secret: str) -> bool:
+def _are_equal(text: str, secret: str) -> bool:
     return hmac.compare_digest(text.encode("utf-8", "surrogateescape"), secret.encode())

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from analysis.window.shelf import Figure, Shown
-from daq.service.exposition import Labels, Metric, render
+from analysis.window.shelf import Shown
+from daq.service.exposition import Metric, render
 from rigs.schema.limits import Standing
 
 _STANDINGS: tuple[Standing, ...] = ("pass", "watch", "fail")
@@ -26,12 +26,14 @@ def metrics_of(runs: Iterable[Shown], *, daemon_is_up: bool) -> str:
 
 
 def _metrics(runs: list[Shown]) -> Iterator[Metric]:
-    shown = [
-        (_labels(run, figure), figure)
-        for run in runs
-        for figure in run.figures
-        if figure.limit or figure in run.leading
-    ]
+    shown = []
+    for run in runs:
+        for figure in run.figures:
+            if figure.limit or figure in run.leading:
+                record = run.record
+                assert record is not None  # noqa: S101 - of runs with figures
+                labels = {"rig": record.rig, "test": record.test, "direction": record.direction, "figure": figure.name}
+                shown.append((labels, figure))
     values = tuple((labels, figure.value.value) for labels, figure in shown)
     yield Metric("rig_figure", "gauge", "Figure of the newest run of each test, in the unit of its name.", values)
     u = tuple((labels, figure.value.u) for labels, figure in shown)
@@ -51,9 +53,3 @@ def _metrics(runs: list[Shown]) -> Iterator[Metric]:
         for name in _STANDINGS
     )
     yield Metric("rig_figure_standing", "gauge", "1 for how the figure stands against its limits.", standings)
-
-
-def _labels(run: Shown, figure: Figure) -> Labels:
-    assert run.record is not None  # noqa: S101 - of runs with figures
-    record = run.record
-    return {"rig": record.rig, "test": record.test, "direction": record.direction, "figure": figure.name}

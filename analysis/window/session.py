@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from analysis.correction.deviation import Deviation
 from analysis.session.next_step import Correct, Decide, Done, Drive, Enter, Infer, Report, next_of
-from analysis.session.state import Correction, PathError, Session, Verified
+from analysis.session.state import Correction, Session, Verified
 from analysis.session.words import correction_lines
 
 _BUSY = {Infer: "infer", Decide: "decide", Correct: "correct", Report: "report"}
@@ -80,5 +81,5 @@ def _before_after(verified: Verified, correction: Correction | None) -> Iterator
             }
 
 
-def _error(error: PathError | None) -> dict[str, float] | None:
+def _error(error: Deviation | None) -> dict[str, float] | None:
     return {"um": error.um, "u_um": error.u_um, "largest_um": error.largest_um} if error else None

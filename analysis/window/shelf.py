@@ -63,7 +63,7 @@ class Shown:
     @property
     def standing(self) -> Standing | None:
         """The worst standing of its figures, None without limits."""
-        standings = {one.standing for one in self.figures}
+        standings = {figure.standing for figure in self.figures}
         return next((worst for worst in _WORST if worst in standings), None)
 
 
@@ -75,9 +75,14 @@ class Shelf:
 
     def runs(self, words: str = "") -> tuple[list[Shown], int]:
         """Return the newest runs that have each of these words in name, test, state or rig, and how many there are."""
-        searched = words.lower().split()
+        searched, matching = words.lower().split(), []
         try:
-            matching = [run for run in survey(self.directory) if all(word in _text(run) for word in searched)]
+            for run in survey(self.directory):
+                of_run = [run.path.name, run.status]
+                if (manifest := run.manifest) is not None:
+                    of_run += [manifest.test, manifest.direction or "", manifest.rig_name]
+                if all(word in " ".join(of_run).lower() for word in searched):
+                    matching.append(run)
         except FileError:  # the first recording makes it
             return [], 0
         matching.sort(key=lambda run: run.ended_s, reverse=True)
@@ -105,14 +110,6 @@ class Shelf:
             return read_records(self.directory / FILE)[0]
         except Unusable:
             return {}
-
-
-def _text(run: RunInfo) -> str:
-    manifest = run.manifest
-    parts = [run.path.name, run.status]
-    if manifest:
-        parts += [manifest.test, manifest.direction or "", manifest.rig_name]
-    return " ".join(parts).lower()
 
 
 def _shown(run: RunInfo, record: Record | None) -> Shown:

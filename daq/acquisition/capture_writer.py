@@ -57,7 +57,11 @@ class CaptureWriter(clock.Thread):
             self._file = self._path.open("x", encoding="utf-8")
         except OSError as error:
             raise FileError(str(self._path), error.strerror or str(error), "give --capture another file") from None
-        self._size = self._file.write("".join(f"{line}\n" for line in [HEAD, *map(_described, self._streams)]))
+        lines = [HEAD]
+        for stream in self._streams:
+            settings = f", {stream.line}" if stream.port.startswith("/") else ""
+            lines.append(f"# stream {stream.name}: {stream.port}{settings}")
+        self._size = self._file.write("".join(f"{line}\n" for line in lines))
         super().start()
 
     def captured(self, stream: str, link: ByteLink) -> ByteLink:
@@ -136,11 +140,6 @@ class _CapturedLink:
 
     def set_dtr(self, on: bool) -> None:
         self._link.set_dtr(on)
-
-
-def _described(stream: Stream) -> str:
-    settings = f", {stream.line}" if stream.port.startswith("/") else ""
-    return f"# stream {stream.name}: {stream.port}{settings}"
 
 
 _LINE = re.compile(r"(\S+) ([+-][0-9.]+)")

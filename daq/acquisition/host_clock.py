@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -73,44 +73,48 @@ class HostClockMonitor:
         if slept_ns > _STEP_NS:
             details.append(f"the computer slept for {slept_ns / 1e9:.1f} s and read nothing; switch its suspend off")
         if abs(set_ns) > _STEP_NS:
-            earlier, after = (_utc(wall_ns) for wall_ns in (now.wall_ns - set_ns, now.wall_ns))
+            earlier, after = (
+                datetime.fromtimestamp(wall_ns // 10**6 / 1e3, UTC).isoformat(timespec="milliseconds")
+                for wall_ns in (now.wall_ns - set_ns, now.wall_ns)
+            )
             details.append(f"the wall clock was set by {set_ns / 1e9:+.3f} s, from {earlier} to {after}")
         if details:
             self._known = now
         return [Fault(FaultKind.CLOCK, now.monotonic_ns, detail) for detail in details]
 
 
-def _utc(wall_ns: int) -> str:
-    return datetime.fromtimestamp(wall_ns // 10**6 / 1e3, UTC).isoformat(timespec="milliseconds")
-
-
 _SLEEP_S = 0.1
 
 
 class StallWatch(clock.Thread):
-    """Sleeps until `stop`, and keeps a fault for each time it woke up late."""
+    """Sleeps until `stop`, and keeps a fault for each time it was asleep for longer than `longest_ns`."""
 
-    def __init__(self) -> None:
+    def __init__(self, longest_ns: int = STALL_NS) -> None:
         super().__init__(name="stalls", daemon=True)
+        self._longest_ns = longest_ns
         self._stop_asked = clock.Event()
         self._faults: deque[Fault] = deque()
+        self._awake_ns = clock.now_ns()
 
     def run(self) -> None:
         """Do the work until `stop`: the body of the thread."""
-        before_ns = clock.now_ns()
+        self._awake_ns = clock.now_ns()
         while not self._stop_asked.wait(_SLEEP_S):
-            now_ns = clock.now_ns()
-            self.note(before_ns, now_ns)
-            before_ns = now_ns
+            self._awake()
+
+    def _awake(self) -> None:
+        before_ns, self._awake_ns = self._awake_ns, clock.now_ns()
+        self.note(before_ns, self._awake_ns)
 
     def note(self, before_ns: int, now_ns: int) -> None:
         """Keep a fault if the thread was asleep for too long between these times."""
-        if now_ns - before_ns > STALL_NS:
+        if now_ns - before_ns > self._longest_ns:
             detail = f"rigd or the computer stood still for {(now_ns - before_ns) / 1e9:.1f} s"
             self._faults.append(Fault(FaultKind.STALLED, now_ns, f"{detail}; what came meanwhile is stamped late"))
 
     def take(self) -> list[Fault]:
-        """Return the faults since the last call."""
+        """Return the faults since the last call, that of a sleep which has just ended among them."""
+        self._awake()
         return [self._faults.popleft() for _ in range(len(self._faults))]
 
     def stop(self) -> None:
@@ -164,14 +168,7 @@ class DriftMonitor:
         """Return the state as of the last complete window; None before there is one."""
         if not self._minima:
             return None
-        return ClockState(self._minima[-1][1], _drift_ppm(self._minima), self._late_s)
-
-
-def _drift_ppm(minima: Iterable[tuple[float, float]]) -> float | None:
-    """Slope of the least-squares line; None for less than three points."""
-    points = list(minima)
-    if len(points) < 3:
-        return None
-    x0, y0 = statistics.fmean(x for x, _ in points), statistics.fmean(y for _, y in points)
-    rise = sum((x - x0) * (y - y0) for x, y in points)
-    return 1e6 * rise / sum((x - x0) ** 2 for x, _ in points)
+        drift_ppm = None
+        if len(self._minima) >= 3:  # two make a line of any two readings
+            drift_ppm = 1e6 * statistics.linear_regression(*zip(*self._minima, strict=True)).slope
+        return ClockState(self._minima[-1][1], drift_ppm, self._late_s)

@@ -158,7 +158,13 @@ class PlausibilityCheck:
         for item in items:
             if not isinstance(item, Fault):
                 read = np.isfinite(np.atleast_2d(item.values))
-                in_error -= {place for place in in_error if _of_gauge(read, place).all(axis=1).any()}
+                # What of the rows (n, columns) has to be there before an error is over: one gauge's column, or the
+                # whole row
+                in_error -= {
+                    place
+                    for place in in_error
+                    if (read if place is None else read[:, place : place + 1]).all(axis=1).any()
+                }
             elif item.kind is FaultKind.DEVICE_ERROR and item.column not in in_error:
                 in_error.add(item.column)
                 doubts += self._count_error(stream if item.column is None else _name(columns[item.column]), item)
@@ -186,11 +192,13 @@ def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> 
     before_mm, after_mm = readings_mm[BEFORE - 1 : -AFTER], readings_mm[BEFORE : len(readings_mm) - AFTER + 1]
     larger, smaller = np.fmax(abs(before_mm), abs(after_mm)), np.fmin(abs(before_mm), abs(after_mm))
     (likely,) = np.nonzero(abs(larger - INCH_MM * smaller) < larger / 2)  # few, of which each is looked at
-    return [
-        _unit_changed(column, int(window.last_byte_ns[k + BEFORE]), float(before_mm[k]), float(after_mm[k]))
-        for k in likely
-        if _goes_on_rescaled(readings_mm[k : k + BEFORE], readings_mm[k + BEFORE : k + BEFORE + AFTER])
-    ]
+    faults = []
+    for k in likely:
+        if _goes_on_rescaled(readings_mm[k : k + BEFORE], readings_mm[k + BEFORE : k + BEFORE + AFTER]):
+            change = f"from {before_mm[k]:.4f} to {after_mm[k]:.4f} mm, a factor of 25.4, and stays there"
+            detail = f"{_name(column)} went {change}: did somebody press in/mm? Switch it back, and record again"
+            faults.append(Fault(FaultKind.UNIT_CHANGED, int(window.last_byte_ns[k + BEFORE]), detail))
+    return faults
 
 
 def _goes_on_rescaled(before_mm: NDArray[np.float64], after_mm: NDArray[np.float64]) -> bool:
@@ -206,18 +214,6 @@ def _goes_on_rescaled(before_mm: NDArray[np.float64], after_mm: NDArray[np.float
         if led_to.all():
             return True
     return False
-
-
-def _unit_changed(column: str, at_ns: int, before_mm: float, after_mm: float) -> Fault:
-    observation = f"{_name(column)} went from {before_mm:.4f} to {after_mm:.4f} mm, a factor of 25.4, and stays there"
-    return Fault(
-        FaultKind.UNIT_CHANGED, at_ns, f"{observation}: did somebody press in/mm? Switch it back, and record again"
-    )
-
-
-def _of_gauge(read: NDArray[np.bool_], place: int | None) -> NDArray[np.bool_]:
-    """What of the rows (n, columns) has to be there before an error is over: one gauge's column, or the whole row."""
-    return read if place is None else read[:, place : place + 1]
 
 
 def _name(column: str) -> str:

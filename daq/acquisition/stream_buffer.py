@@ -81,9 +81,12 @@ class StreamBuffer:
         if len(items) > _FEW:
             items = packed(items)
         with self._lock:
+            newest: Sample | Samples | None = None
             for item in items:
-                self._note(item)
                 size = size_of(item)
+                self._note(item, size)
+                if not isinstance(item, Fault):
+                    newest = item
                 if self._waiting + size <= _ROOM:
                     self._items.append(item)
                     self._waiting += size
@@ -92,16 +95,15 @@ class StreamBuffer:
                 else:
                     self._without_room[FaultKind.DROPPED] += size
                     self._counters[FaultKind.DROPPED] += size
-            newest = next((item for item in reversed(items) if not isinstance(item, Fault)), None)
             if newest is not None:
-                last = newest[-1] if isinstance(newest, Samples) else newest
-                self._arrivals.append((last.last_byte_ns, self._counters["samples"]))
+                last_ns = newest.last_byte_ns if isinstance(newest, Sample) else newest.last_byte_ns[-1]
+                self._arrivals.append((int(last_ns), self._counters["samples"]))
 
     def count(self, faults: Sequence[Fault]) -> None:
         """Count faults that the recorder found itself and has written into the run; they are not delivered again."""
         with self._lock:
             for fault in faults:
-                self._note(fault)
+                self._note(fault, 1)
 
     def drain(self) -> list[Samples | Fault]:
         """Return everything since the last call, in order, for the recorder."""
@@ -164,7 +166,7 @@ class StreamBuffer:
             available += size_of(taken[-1])
         return newest, samples_of(taken[::-1])[-requested:] if requested > 0 else []
 
-    def _note(self, item: Item) -> None:
+    def _note(self, item: Item, size: int) -> None:
         if isinstance(item, Fault):
             self._counters[item.kind] += item.count
             is_stall = item.kind is FaultKind.STALLED
@@ -172,11 +174,12 @@ class StreamBuffer:
                 self._last_fault, self._is_faulty = item.detail, not is_stall
             return
         self._is_faulty = False
-        self._counters["samples"] += size_of(item)
+        self._counters["samples"] += size
         self._recent.append(item)
-        self._recent_size += size_of(item)
-        while self._recent_size - size_of(self._recent[0]) >= _RECENT:
-            self._recent_size -= size_of(self._recent.popleft())
+        self._recent_size += size
+        while self._recent_size - (oldest := size_of(self._recent[0])) >= _RECENT:
+            self._recent.popleft()
+            self._recent_size -= oldest
         if not isinstance(item, Sample):
             for name, values in zip(self.columns, item.values.T, strict=True):
                 good = np.flatnonzero(~np.isnan(values))

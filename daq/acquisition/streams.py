@@ -11,7 +11,7 @@ from daq.protocol.conversation import Host
 from daq.wire.links import DEAD_S, Link, open_link
 from rigs.errors import CellError
 from rigs.rig import Rig
-from rigs.schema.feedback import Feedback, columns_beside_joints
+from rigs.schema.feedback import Feedback, NoFeedback, columns_beside_joints
 from rigs.schema.links import Line, ModemLines
 
 ROBOT = "robot"
@@ -54,9 +54,10 @@ def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
 
 def streams_of(rig: Rig) -> list[Stream]:
     """Return all streams of a rig, the robot last. Raises CellError for one without instruments."""
-    if not rig.gauges.recorded:
+    if isinstance(rig.feedback, NoFeedback):
         problem = "has no gauges and no feedback, so there is nothing to read"
-        raise CellError(rig.name, problem, "add both to its rig file; poses of a tracker are imported: rig import")
+        remedy = "add feedback to its rig file, and gauges for circles; poses of a tracker are imported: rig import"
+        raise CellError(rig.name, problem, remedy)
     members = rig.gauges.recorded
     streams = []
     for names in gauge_groups(rig):

@@ -71,7 +71,8 @@ def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
         Attempt(gauges, line, "requests")
         for line in USUAL_LINES
         for gauges in asked
-        if not (_has_line(gauges) and gauges[0].line == line) and _fits(gauges, line)
+        if not (_has_line(gauges) and gauges[0].line == line)
+        and (line.bits == 8 or gauges[0].interface != "modbus_map")  # Modbus RTU needs all eight
     ]
     return [*listened, *by_line, *usual]
 
@@ -113,6 +114,10 @@ def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge,
         if tcp_address(port) or any(key not in STAND_IN for key in needed):
             continue
         fields = {"port": port, "offset_mm": 0.0, **{key: STAND_IN[key] for key in needed}}
+        channels: Sequence[int] = (1,)
+        if model.shares:
+            most = next(bound.le for bound in model.model_fields["channel"].metadata if hasattr(bound, "le"))
+            channels = range(1, min(most, _MOST_CHANNELS) + 1)
         for choice in _choices(model):
             default = model.model_fields["line"].default
             made = {
@@ -121,7 +126,7 @@ def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge,
                 "interface": name_of(model),
                 "line": (default if isinstance(default, Line) else USUAL_LINES[0]),
             }
-            yield tuple(_GAUGE.validate_python({**made, "channel": channel}) for channel in _channels(model))
+            yield tuple(_GAUGE.validate_python({**made, "channel": channel}) for channel in channels)
 
 
 def _streams(members: tuple[Gauge, ...]) -> bool:
@@ -134,11 +139,6 @@ def _has_line(members: tuple[Gauge, ...]) -> bool:
     return members[0].interface == "modbus_map" or isinstance(type(members[0]).model_fields["line"].default, Line)
 
 
-def _fits(members: tuple[Gauge, ...], line: Line) -> bool:
-    """Whether a protocol can be spoken with so many data bits: Modbus RTU needs all eight."""
-    return line.bits == 8 or members[0].interface != "modbus_map"
-
-
 def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
     """The ways in which an instrument may be set to speak: its own keys that have a few possible values.
 
@@ -149,13 +149,6 @@ def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
     several = [key for key in settings if get_origin(model.model_fields[key].annotation) is Literal]
     values = [get_args(model.model_fields[key].annotation) for key in several]
     return [dict(zip(several, chosen, strict=True)) for chosen in product(*values)]
-
-
-def _channels(model: type[Probe]) -> Sequence[int]:
-    if not model.shares:
-        return (1,)
-    most = next(bound.le for bound in model.model_fields["channel"].metadata if hasattr(bound, "le"))
-    return range(1, min(most, _MOST_CHANNELS) + 1)
 
 
 _MOST_FAULTS = 3
@@ -200,9 +193,5 @@ class Probing:
                 self._faults += 1
                 self._silences -= item.kind is FaultKind.SILENT
         hopeless = not self._has_read and (self._faults >= _MOST_FAULTS or self._silences <= 0)
-        return replace(step, send=self._allowed(step.send), hang_up=step.hang_up or hopeless)
-
-    def _allowed(self, send: bytes) -> bytes:
-        if self._sends == "all":
-            return send
-        return b"" if self._sends == "nothing" or send == self._opening else send
+        silent = self._sends == "nothing" or (self._sends != "all" and step.send == self._opening)
+        return replace(step, send=b"" if silent else step.send, hang_up=step.hang_up or hopeless)

@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import pairwise
 from typing import Literal
 
@@ -29,7 +28,7 @@ from daq.discovery.attempts import Probing, Sends
 from daq.discovery.reports import OF_THE_INSTRUMENT, RobotReport, evidence_of
 from daq.doctor.finding import condition_in, stopped_by
 from daq.doctor.trial import Trial, try_line
-from daq.protocol.conversation import Arrival, Fault, FaultKind, Host
+from daq.protocol.conversation import Arrival, Fault, FaultKind
 from daq.protocol.framing import Lines, Message
 from daq.protocol.numerals import number
 from daq.wire.links import LinkLost, open_link
@@ -63,15 +62,13 @@ def layout_of(arrivals: Sequence[Arrival]) -> Layout | None:
         if isinstance(message, Message)
     ]
     for separator in _SEPARATORS:
-        rows = [[number(part.strip()) for part in _split(text, separator)] for text, _ in lines]
+        rows = [
+            [number(part.strip()) for part in text.split(None if separator == " " else separator)] for text, _ in lines
+        ]
         if len(rows) >= _FEWEST_LINES and len(rows[0]) >= 6 and len({len(row) for row in rows}) == 1:
             columns = [list(column) for column in zip(*rows, strict=True)]
             return _layout(columns, [at_s for _, at_s in lines], separator)
     return None
-
-
-def _split(text: str, separator: str) -> list[str]:
-    return text.split(None if separator == " " else separator)
 
 
 def _layout(columns: list[list[float | None]], at_s: list[float], separator: str) -> Layout | None:
@@ -149,7 +146,10 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
                     units_sure=tried.sure,
                     reported=stopped or _own_report(tried.trial),
                 )
-            failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {_why_not(tried.trial)}")
+            trial = tried.trial
+            silence = "not understood" if trial.received else "nothing arrived"
+            why = trial.error.what if trial.error else _own_report(trial) or silence
+            failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {why}")
     except ValidationError:
         return RobotReport(
             address, problem="is not an address", remedy="give HOST, tcp://HOST:PORT or udp://ADDRESS:PORT"
@@ -222,19 +222,9 @@ def _try(robot: Feedback) -> _Tried:
     # An RSI that expects no answers gets none.
     limits = {"timeout_s": _LISTEN_S / _SILENCES} | ({"onlysend": True} if robot.interface == "kuka_rsi" else {})
     tried = robot.model_copy(update=limits)
-    host = partial(_host, tried, "nothing" if robot.listens else "all")
-    stream = replace(robot_stream(tried), host=host)
+    sends: Sends = "nothing" if robot.listens else "all"
+    stream = replace(robot_stream(tried), host=lambda: Probing(feedback.host(tried), sends, _SILENCES))
     return _Tried(robot, try_line(stream, NO_LINE, _PATIENCE_S, _CONFIRM_S))
-
-
-def _host(robot: Feedback, sends: Sends) -> Host:
-    return Probing(feedback.host(robot), sends, _SILENCES)
-
-
-def _why_not(trial: Trial) -> str:
-    if trial.error:
-        return trial.error.what
-    return _own_report(trial) or ("not understood" if trial.received else "nothing arrived")
 
 
 def _own_report(trial: Trial) -> str:

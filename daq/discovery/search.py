@@ -20,6 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 from serial.tools import list_ports
 
 from daq import clock, gauges
+from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import Stream
 from daq.discovery.attempts import Attempt, Probing, Sends, attempts
@@ -35,6 +36,9 @@ from rigs.schema.links import Line, Port
 _ANSWER_S = 0.3
 """What an answer may take while it is tried: 9 characters at 4800 baud take 21 ms, an FTDI adapter holds them for 16
 more, and a Heidenhain ND 281 B takes up to 50 ms."""
+_STOOD_STILL_NS = 250_000_000
+"""An answer may be missed when this program or the computer stands still for longer, so the attempt is made again."""
+_MOST_REPEATS = 3
 _PATIENCE_S = 2.0
 _SILENT_S = 20.0
 """For a port that is built in, and so is there with nothing plugged in: the makers' own line settings and the two that
@@ -112,8 +116,8 @@ def search_port(port: str, description: str, options: Wanted, progress: Progress
                 return _failed(report, finding.what.removeprefix(f"{port}: "), finding.remedy)
     tried = options.named.get(port) or attempts(port, options.modbus_units)
     try:
-        with _as_it_was(port):
-            return _tried(report, tried, options.listen_s, progress, stop)
+        with _as_it_was(port), _stalls_watched() as stalls:
+            return _tried(report, tried, partial(_trial, port, stalls, options.listen_s), progress, stop)
     except (OSError, termios.error) as error:
         return _failed(report, f"is not a serial port ({error.args[-1]})", "give the path of a serial port")
 
@@ -127,7 +131,11 @@ def host_of(members: Sequence[Gauge], sends: Sends, listen_s: float, silences: i
 
 
 def _tried(
-    report: PortReport, tried: Sequence[Attempt], listen_s: float, progress: Progress, stop: threading.Event
+    report: PortReport,
+    tried: Sequence[Attempt],
+    trial_of: Callable[[Attempt], Trial],
+    progress: Progress,
+    stop: threading.Event,
 ) -> PortReport:
     best: list[tuple[Attempt, Trial]] = []
     own_error: tuple[Attempt, Trial] | None = None
@@ -144,7 +152,7 @@ def _tried(
         if asked in unanswered:  # as another interface's, which has the same request
             continue
         progress(f"{number} of {len(tried)}: {attempt.interface} at {attempt.line} on {report.port}")
-        trial = _trial(report.port, attempt, listen_s)
+        trial = trial_of(attempt)
         if trial.error is not None:
             return _failed(report, trial.error.what, trial.error.remedy)
         kinds = {fault.kind for fault in faults_of(trial.items)}
@@ -176,10 +184,26 @@ def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
     return enough, understood, candidate[0].interface not in _FORGIVING, readings
 
 
-def _trial(port: str, attempt: Attempt, listen_s: float) -> Trial:
+def _trial(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> Trial:
+    """Make an attempt, and again where no reading came while the computer stood still."""
     host = partial(host_of, attempt.gauges, attempt.sends, listen_s)
     stream = Stream(port, (), port, attempt.line, host, modem=attempt.gauges[0].modem)
-    return try_line(stream, attempt.line, _PATIENCE_S + listen_s, _CONFIRM_S)
+    stalls.take()
+    for _ in range(1 + _MOST_REPEATS):
+        trial = try_line(stream, attempt.line, _PATIENCE_S + listen_s, _CONFIRM_S)
+        if trial.samples or trial.error or not stalls.take():
+            break
+    return trial
+
+
+@contextlib.contextmanager
+def _stalls_watched() -> Iterator[StallWatch]:
+    stalls = StallWatch(_STOOD_STILL_NS)
+    stalls.start()
+    try:
+        yield stalls
+    finally:
+        stalls.stop()
 
 
 def _with_gauges(report: PortReport, attempt: Attempt, trial: Trial, also: tuple[str, ...]) -> PortReport:

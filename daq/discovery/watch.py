@@ -88,7 +88,8 @@ class Watch:
         with self._changed:
             for values in self._latest.values():
                 values.clear()
-            self._changed.wait_for(lambda: self._lost or self._have_rested(), _SETTLE_S)
+            latest = self._latest.values()
+            self._changed.wait_for(lambda: self._lost or all(len(values) >= _AT_REST for values in latest), _SETTLE_S)
             self._rest = {place: list(values) for place, values in self._latest.items()}
         self.readings_mm()
 
@@ -106,9 +107,6 @@ class Watch:
     def _end(self) -> None:
         self._stop.set()
         join_started(self._threads)
-
-    def _have_rested(self) -> bool:
-        return all(len(values) >= _AT_REST for values in self._latest.values())
 
     def _read(self, group: Sequence[FoundGauge]) -> None:
         members = [gauge.gauge for gauge in group]

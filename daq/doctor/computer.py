@@ -179,10 +179,16 @@ def allowed(about: str, port: str, root: Path) -> Finding | None:
     """Check whether this user, and the user of the service, may read and write the port."""
     device = _at(port, root)
     status = device.stat()
-    group = _group_name(status.st_gid)
+    try:
+        group = grp.getgrgid(status.st_gid).gr_name
+    except KeyError:
+        group = str(status.st_gid)
     mode = f"belongs to the group {group} with mode {status.st_mode & 0o777:o}"
     if not os.access(device, os.R_OK | os.W_OK):
-        return wrong(about, f"{port} {mode}; this user may not use it", _join(group))
+        remedy = f"join the group {group}"
+        with contextlib.suppress(KeyError, OSError):
+            remedy = f"run: sudo usermod -aG {group} {getpass.getuser()}; then log in again"
+        return wrong(about, f"{port} {mode}; this user may not use it", remedy)
     if _BY_PLUGGING_ORDER.fullmatch(f"/dev/{device.resolve().name}") and group != _GROUP:
         return doubtful(about, f"{port} {mode}; the service may use ports of {_GROUP} only", "run scripts/install")
     return None
@@ -193,7 +199,11 @@ def free(about: str, port: str, root: Path) -> Finding | None:
 
     A pty is held by the process that created it.
     """
-    device = f"/dev/{_below_dev(port, root)}"
+    # `ttyUSB0` or `pts/3`, whatever the rig file calls it
+    real = _at(port, root).resolve()
+    dev = (root / "dev").resolve()
+    below = str(real.relative_to(dev)) if real.is_relative_to(dev) else real.name
+    device = f"/dev/{below}"
     if device.startswith("/dev/pts/"):
         return None
     for folder in sorted((root / "proc").glob("[0-9]*")):
@@ -220,25 +230,5 @@ def quick(about: str, port: str, root: Path) -> Finding | None:
     return doubtful(about, observation, f"run scripts/install, or until it is replugged: echo 1 | sudo tee {timer}")
 
 
-def _join(group: str) -> str:
-    with contextlib.suppress(KeyError, OSError):
-        return f"run: sudo usermod -aG {group} {getpass.getuser()}; then log in again"
-    return f"join the group {group}"
-
-
 def _at(port: str, root: Path) -> Path:
     return root / port.removeprefix("/")
-
-
-def _below_dev(port: str, root: Path) -> str:
-    """`ttyUSB0` or `pts/3`, whatever the rig file calls it."""
-    device = _at(port, root).resolve()
-    dev = (root / "dev").resolve()
-    return str(device.relative_to(dev)) if device.is_relative_to(dev) else device.name
-
-
-def _group_name(gid: int) -> str:
-    try:
-        return grp.getgrgid(gid).gr_name
-    except KeyError:
-        return str(gid)

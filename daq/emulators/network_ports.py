@@ -47,15 +47,13 @@ class TcpPort:
         """Serve until `stop` is set; when a connection ends, the next is accepted."""
         self._accept(stop)
         while not stop.is_set():
-            if self.plugged.wait(_ACCEPT_S) and self._listen():
-                self._accept(stop)
-
-    def _listen(self) -> bool:
-        try:
-            self._server = socket.create_server(self._address)
-        except OSError:
-            return False  # somebody's connection was lent the port meanwhile; soon it is free again
-        return True
+            if not self.plugged.wait(_ACCEPT_S):
+                continue
+            try:
+                self._server = socket.create_server(self._address)
+            except OSError:
+                continue  # somebody's connection was lent the port meanwhile; soon it is free again
+            self._accept(stop)
 
     def _accept(self, stop: clock.Event) -> None:
         self._server.settimeout(_ACCEPT_S)

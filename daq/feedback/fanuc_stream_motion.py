@@ -93,22 +93,11 @@ def _decode(currents: bool, data: bytes) -> Position | Refused:
     place = _STAMP[kind]
     state, robot, contact = fields[_BYTES_OF_STATE : _BYTES_OF_STATE + 3]
     drawn = map(plausible, fields[place + 19 : place + 25]) if currents else ()
-    safety = math.nan if kind == 0 else float(_safety(robot, contact))
+    gravest = _CONTACT.get(contact, SafetyState.FAULT if robot & _ERROR else SafetyState.NORMAL)
+    gravest = SafetyState.EMERGENCY_STOP if robot & _E_STOP else gravest
+    safety = math.nan if kind == 0 else float(gravest)
     condition = (safety, float(bool(state & _SYSRDY)), *drawn)
     return Position(fields[place + 10 : place + 16], fields[place] / 1000, fields[2], condition)
-
-
-def _safety(robot: int, contact: int) -> SafetyState:
-    """The state of the safety functions, the gravest first."""
-    if robot & _E_STOP:
-        return SafetyState.EMERGENCY_STOP
-    return _CONTACT.get(contact, SafetyState.FAULT if robot & _ERROR else SafetyState.NORMAL)
-
-
-def _bytes_of_state(safety: float, motors: float) -> tuple[int, int, int]:
-    contact = next((code for code, state in _CONTACT.items() if state == safety), 0)
-    robot = {SafetyState.EMERGENCY_STOP: _E_STOP, SafetyState.FAULT: _ERROR}.get(SafetyState(int(safety)), 0)
-    return _SYSRDY if motors else 0, robot, contact
 
 
 def _nine(values: Sequence[float]) -> list[float]:
@@ -193,7 +182,10 @@ class _StreamMotionController:
     def _status(self, instant_ns: int) -> bytes:
         stamp_ms = (self.STAMP_START_MS + round((instant_ns - self._connected_ns) / 1e6)) % 2**32
         shown = self._read(instant_ns)
-        state = _bytes_of_state(*shown[6:8])
+        safety, motors = shown[6:8]
+        contact = next((code for code, state in _CONTACT.items() if state == safety), 0)
+        robot = {SafetyState.EMERGENCY_STOP: _E_STOP, SafetyState.FAULT: _ERROR}.get(SafetyState(int(safety)), 0)
+        state = _SYSRDY if motors else 0, robot, contact
         numbers = [*[0.0] * 9, *_nine(shown[:6]), *_nine(shown[8:])]
         kind = status_type(self._version)
         head = (kind, self._version, self.sent % 2**32)

@@ -49,19 +49,6 @@ def _answer(sentype: str, ipoc: str) -> bytes:
     return f'<Sen Type="{sentype}"><IPOC>{ipoc}</IPOC></Sen>'.encode()
 
 
-def _tags(feedback: KUKARSI) -> list[re.Pattern[bytes]]:
-    """An expression for each part of the condition: an element, or an attribute of one."""
-    expressions = []
-    for tag in feedback.condition.values():
-        element, _, attribute = (re.escape(part).encode() for part in tag.partition("."))
-        value = rb"\s*([^\s\"<>&]{1,40})\s*"
-        if attribute:
-            expressions.append(re.compile(rb"<%b\s(?:[^<>]*\s)?%b\s*=\s*\"%b\"" % (element, attribute, value)))
-        else:
-            expressions.append(re.compile(rb"<%b>%b</%b>" % (element, value, element)))
-    return expressions
-
-
 def _decode(tags: Sequence[re.Pattern[bytes]], data: bytes) -> Position | Refused:
     ipoc, joints = _IPOC.findall(data), _JOINTS.findall(data)
     if not _ROB.fullmatch(data) or len(ipoc) != 1:
@@ -90,7 +77,16 @@ class _RSIDialect(Positions):
 
     def __init__(self, feedback: KUKARSI) -> None:
         check = "check that the program with RSI_ON runs, and that the controller sends to this address"
-        super().__init__(partial(_decode, _tags(feedback)), check, Order(feedback.cycle_ms, _IPOC_WRAP))
+        # An expression for each part of the condition: an element, or an attribute of one
+        expressions = []
+        for tag in feedback.condition.values():
+            element, _, attribute = (re.escape(part).encode() for part in tag.partition("."))
+            value = rb"\s*([^\s\"<>&]{1,40})\s*"
+            if attribute:
+                expressions.append(re.compile(rb"<%b\s(?:[^<>]*\s)?%b\s*=\s*\"%b\"" % (element, attribute, value)))
+            else:
+                expressions.append(re.compile(rb"<%b>%b</%b>" % (element, value, element)))
+        super().__init__(partial(_decode, expressions), check, Order(feedback.cycle_ms, _IPOC_WRAP))
         self._onlysend = feedback.onlysend
         self._sentype = feedback.sentype
         self._delays = 0
@@ -101,16 +97,13 @@ class _RSIDialect(Positions):
             return reaction
         ipoc = _IPOC.search(message.data)
         answer = _answer(self._sentype, ipoc[1].decode("ascii")) if ipoc else b""
-        return Reaction((*reaction.items, *self._late_answers(message)), answer)
-
-    def _late_answers(self, message: Message) -> list[Fault]:
-        """What the controller says of our answers: it counts those that did not come in their cycle."""
-        counted = _DELAY.search(message.data)
+        # The controller counts our answers that did not come in their cycle.
+        counted, late = _DELAY.search(message.data), list[Fault]()
         before, self._delays = self._delays, int(counted[1]) if counted else 0
-        if self._delays <= before:
-            return []
-        detail = "the controller found answers late, and stops its program after too many; lower this host's load"
-        return [Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail, self._delays - before)]
+        if self._delays > before:
+            detail = "the controller found answers late, and stops its program after too many; lower this host's load"
+            late = [Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail, self._delays - before)]
+        return Reaction((*reaction.items, *late), answer)
 
 
 class _RSIController:

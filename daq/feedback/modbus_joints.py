@@ -7,7 +7,6 @@ that of the answer, as good as the network and no better.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from daq.feedback import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
@@ -42,16 +41,16 @@ def host(feedback: ModbusJoints) -> Host:
 
 def device(feedback: ModbusJoints, read: Read) -> Device:
     """Return the controller's side of the conversation."""
-    return RegisterDevice([(feedback, lambda now_ns: _registers(feedback, read(now_ns)))])
 
+    def shown(now_ns: int) -> list[int] | None:
+        """All registers; None where an angle does not fit into its own."""
+        registers = [0] * feedback.count
+        for joint, angle_deg in zip(feedback.joints, read(now_ns), strict=True):
+            raw = (angle_deg / _DEG_PER_UNIT[feedback.units] - joint.offset) / joint.scale
+            if not fits(raw, joint):
+                return None
+            pack(registers, joint, feedback, raw)
+        pack_verdict(registers, feedback.status, feedback, good=True)
+        return registers
 
-def _registers(feedback: ModbusJoints, angles_deg: Sequence[float]) -> list[int] | None:
-    """All registers; None where an angle does not fit into its own."""
-    registers = [0] * feedback.count
-    for joint, angle_deg in zip(feedback.joints, angles_deg, strict=True):
-        raw = (angle_deg / _DEG_PER_UNIT[feedback.units] - joint.offset) / joint.scale
-        if not fits(raw, joint):
-            return None
-        pack(registers, joint, feedback, raw)
-    pack_verdict(registers, feedback.status, feedback, good=True)
-    return registers
+    return RegisterDevice([(feedback, shown)])

@@ -126,7 +126,11 @@ class _Client:
             return _over(FaultKind.MISSING, str(error), message)
         except Refused as error:
             return _over(FaultKind.DEVICE_ERROR, f"the server answers {error}", message)
-        return replace(reaction, send=reaction.send + self._renewal(message.last_byte_ns))
+        renewal = b""
+        if self._renew_ns is not None and message.last_byte_ns >= self._renew_ns:
+            self._renew_ns = None
+            renewal = self._request(channel_request(renew=True), OPEN)
+        return replace(reaction, send=reaction.send + renewal)
 
     def _meaning(self, received: Received, message: Message) -> Reaction:
         if received.kind == ACKNOWLEDGE and not self._requests:
@@ -154,12 +158,6 @@ class _Client:
             raise Refused(f"{_name(response)} where values are read")
         self.due_ns = max(asked_ns + round(1e9 / self._feedback.rate_hz), message.last_byte_ns)
         return Reaction(tuple(self._values.polled(response.Results or (), asked_ns, message)))
-
-    def _renewal(self, now_ns: int) -> bytes:
-        if self._renew_ns is None or now_ns < self._renew_ns:
-            return b""
-        self._renew_ns = None
-        return self._request(channel_request(renew=True), OPEN)
 
     def _next(self, response: Any, message: Message) -> Reaction:
         """Go on with the preparations; they end with a subscription, or in polling."""

@@ -157,22 +157,22 @@ def currents_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
 
 def fields_of(shown: Mapping[str, float]) -> dict[str, Numbers]:
     """Return the fields by which a controller shows a condition and currents, where both are known."""
-    fields = _condition_fields(shown) if PROGRAM in shown else {}
-    (name,) = CURRENT_TYPES
-    return fields | ({name: tuple(shown[current] for current in CURRENTS)} if CURRENTS[0] in shown else {})
-
-
-def _condition_fields(condition: Mapping[str, float]) -> dict[str, Numbers]:
-    safety = _SHOWN_SAFETY[SafetyState(int(condition[SAFETY]))]
-    return {
-        "runtime_state": (_SHOWN_PROGRAM[ProgramState(int(condition[PROGRAM]))],),
-        _SAFETY_FIELD: (safety,),
-        OLDER[_SAFETY_FIELD]: (safety,),
-        "speed_scaling": (1.0,),
-        "target_speed_fraction": (condition[SPEED] / 100,),
-        "payload": (condition[PAYLOAD],),
-        "joint_temperatures": tuple(condition[name] for name in TEMPERATURES),
-    }
+    fields: dict[str, Numbers] = {}
+    if PROGRAM in shown:
+        safety = _SHOWN_SAFETY[SafetyState(int(shown[SAFETY]))]
+        fields = {
+            "runtime_state": (_SHOWN_PROGRAM[ProgramState(int(shown[PROGRAM]))],),
+            _SAFETY_FIELD: (safety,),
+            OLDER[_SAFETY_FIELD]: (safety,),
+            "speed_scaling": (1.0,),
+            "target_speed_fraction": (shown[SPEED] / 100,),
+            "payload": (shown[PAYLOAD],),
+            "joint_temperatures": tuple(shown[name] for name in TEMPERATURES),
+        }
+    if CURRENTS[0] in shown:
+        (currents,) = CURRENT_TYPES
+        fields[currents] = tuple(shown[current] for current in CURRENTS)
+    return fields
 
 
 _MOST_UNKNOWN = 3
@@ -211,13 +211,6 @@ def _signal(place: RTDESignal, raw: int) -> float:
     if place.int_register is not None:
         return float(raw)
     return float(sum((raw >> output & 1) << bit for bit, output in enumerate(place.outputs)))
-
-
-def _raw(place: RTDESignal, signal: float) -> int:
-    """The field's value for a number; the outputs not named are off."""
-    if place.int_register is not None:
-        return int(signal)
-    return sum((int(signal) >> bit & 1) << output for bit, output in enumerate(place.outputs))
 
 
 class _RTDEClient:
@@ -420,7 +413,10 @@ class _RTDEController:
         shown = self._read(instant_ns)
         fields: dict[str, Numbers] = {"timestamp": (clock_s,), "actual_q": tuple(map(math.radians, shown[:6]))}
         if self._place:
-            fields[_signal_field(self._place)] = (_raw(self._place, shown[6]),)
+            raw = signal = int(shown[6])
+            if self._place.int_register is None:  # outputs that are not named are off
+                raw = sum((signal >> bit & 1) << output for bit, output in enumerate(self._place.outputs))
+            fields[_signal_field(self._place)] = (raw,)
         if self._condition:
             fields |= fields_of(dict(zip(self._condition, shown[-len(self._condition) :], strict=True)))
         return self._recipe.written(1, fields)

@@ -21,7 +21,6 @@ from daq.protocol.framing import Lines, Message
 from daq.protocol.polled import Polled, Reply
 from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, shown, wrong_unit
 from rigs.schema.gauges import HeidenhainND287
-from rigs.schema.probe import Units
 
 _STX, _NAK, _NUL, _END = b"\x02", b"\x15", b"\0", b"\r\n"
 _DISPLAY, _POSITION, _IDENTITY, _ERROR = b"\x1bA0100", b"\x1bA0200", b"\x1bA0000", b"\x1bA0301"
@@ -87,20 +86,14 @@ class _Dialect(TextDialect[HeidenhainND287]):
         if not self._asked_status or not _STATUS_REPLY.fullmatch(message.data):
             return super().read(message, requested_ns)
         bar = _STATUS_BAR.fullmatch(message.data)
-        trouble = _forbids(bar["mode"], bar["unit"], self._units) if bar else None
-        if trouble is None:
+        if bar and bar["mode"] != b"0":
+            trouble = Trouble("the display shows the distance to go; switch it to ACTUAL VALUE")
+        elif bar and bar["unit"] != _UNITS[self._units]:
+            trouble = wrong_unit({b"0": "mm", b"1": "inch"}.get(bar["unit"], "an angle"), self._units)
+        else:
             return Reply(())
         self._questions = 0
         return Reply((Fault(trouble.kind, message.last_byte_ns, trouble.detail),), trouble.then)
-
-
-def _forbids(mode: bytes, unit: bytes, units: Units) -> Trouble | None:
-    """Return why a display in this mode and unit cannot be read."""
-    if mode != b"0":
-        return Trouble("the display shows the distance to go; switch it to ACTUAL VALUE")
-    if unit != _UNITS[units]:
-        return wrong_unit({b"0": "mm", b"1": "inch"}.get(unit, "an angle"), units)
-    return None
 
 
 class _Replies(Lines):

@@ -38,7 +38,12 @@ def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
         if asked is None:
             return b"ERR1" + _END
         values = dict(zip((gauge.channel for gauge in gauges), show(), strict=True))
-        return b";".join(_written(k, values.get(k, math.nan), gauges[0].units) for k in asked) + _END
+        written, units = [], gauges[0].units
+        for feature in asked:
+            value = values.get(feature, math.nan)
+            text = f"{format(value, _FORMAT[units])} {units}" if math.isfinite(value) else "ERR6"
+            written.append(f"{feature} {text}".encode())
+        return b";".join(written) + _END
 
     return TextDevice(gauges, read, Lines(_END), answer)
 
@@ -58,8 +63,3 @@ def _read(data: bytes, gauge: MahrC1202) -> Reading:
             return Trouble(f"feature {gauge.channel} answers {error.decode()}; see the gauge's manual")
         return in_mm(value, unit, gauge)
     return Trouble(f"no feature {gauge.channel} in the answer; correct `channel`", FaultKind.MISSING)
-
-
-def _written(feature: int, value: float, units: str) -> bytes:
-    text = f"{format(value, _FORMAT[units])} {units}" if math.isfinite(value) else "ERR6"
-    return f"{feature} {text}".encode()

@@ -122,28 +122,22 @@ def _mm(raw: float, gauge: ModbusMap) -> float:
 def _in_other_orders(registers: Registers, gauge: ModbusMap) -> list[str]:
     """Return what the value would be in the other orders, where that is a length."""
     readings = []
-    for orders in _orders_but(gauge):
-        value_mm = _mm(unpack(registers, gauge.value, gauge.model_copy(update=orders)), gauge)
-        if abs(value_mm) > _FINE_MM and refusal(value_mm, gauge) is None:
-            readings.append(f"{value_mm:.4g} mm with {', '.join(f'{key}: {order}' for key, order in orders.items())}")
-    return readings
-
-
-def _orders_but(gauge: ModbusMap) -> list[dict[str, Order]]:
-    """Return what to change of a gauge's orders to read its value in each other way that there is."""
-    ways: list[dict[str, Order]] = []
     for word_order, byte_order in product(get_args(Order), repeat=2):
         orders: dict[str, Order] = {"word_order": word_order, "byte_order": byte_order}
         changed = {key: order for key, order in orders.items() if order != getattr(gauge, key)}
-        if changed and not (gauge.value.count == 1 and "word_order" in changed):
-            ways.append(changed)
-    return ways
+        if not changed or (gauge.value.count == 1 and "word_order" in changed):
+            continue
+        value_mm = _mm(unpack(registers, gauge.value, gauge.model_copy(update=changed)), gauge)
+        if abs(value_mm) > _FINE_MM and refusal(value_mm, gauge) is None:
+            readings.append(f"{value_mm:.4g} mm with {', '.join(f'{key}: {order}' for key, order in changed.items())}")
+    return readings
 
 
 def _clock_s(gauge: ModbusMap, registers: Registers) -> float:
+    if gauge.clock_s is None and gauge.clock_us is None:
+        return math.nan
     parts = [(gauge.clock_s, 1.0), (gauge.clock_us, 1e-6)]
-    times_s = [unpack(registers, part, gauge) * scale for part, scale in parts if part is not None]
-    clock_s = sum(times_s) if times_s else math.nan
+    clock_s = sum(unpack(registers, part, gauge) * scale for part, scale in parts if part is not None)
     return clock_s if math.isfinite(clock_s) else math.nan
 
 

@@ -258,7 +258,7 @@ class Bursts:
 
     def merge(self, items: Sequence[Item], now_ns: int) -> list[Item]:
         """Return the items of one message, with repeated faults held back and those that are due added."""
-        if not self._open and not any(isinstance(item, Fault) for item in items):
+        if not self._open and not has_fault(items):
             return list(items)
         coming = {_sameness(item) for item in items if isinstance(item, Fault)}
         merged = [fault for key in list(self._open) if key not in coming for fault in self._close(key)]
@@ -285,6 +285,14 @@ class Bursts:
     def _close(self, key: tuple[FaultKind, str]) -> list[Item]:
         fault = self._open.pop(key)
         return [fault] if fault.count else []
+
+
+def has_fault(items: Sequence[Item]) -> bool:
+    """Return whether a fault is among the items; asked of each message, so without the cost of a generator."""
+    for item in items:  # noqa: SIM110
+        if isinstance(item, Fault):
+            return True
+    return False
 
 
 def _sameness(fault: Fault) -> tuple[FaultKind, str]:

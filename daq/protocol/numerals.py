@@ -121,18 +121,21 @@ class HeldShape:
         self._other = shape
         if self._agreed < AGREED and self._others > self._agreed:
             before, self._agreed = self._agreed, 0
-            doubt = f"readings before had {_told(usual)}, all since have {_told(shape)}; they may be damaged"
+            doubt = f"readings before had {_in_words(usual)}, all since have {_in_words(shape)}; they may be damaged"
             return self._believed(written)[0], Doubt(FaultKind.DOUBTFUL, doubt, before)
         if shape.decimals != usual.decimals and self._others >= _LASTING and self._agreed >= _LASTING:
-            return False, Doubt(FaultKind.UNIT_CHANGED, _changed(shape, usual))
+            change = f"the gauge writes {shape.decimals} decimals, before it wrote {usual.decimals}"
+            reason = "somebody pressed in/mm, or changed its resolution"
+            remedy = "switch it back; if it is meant, correct `units` and start rigd again"
+            return False, Doubt(FaultKind.UNIT_CHANGED, f"{change}: {reason}; {remedy}")
         alike = (shape.decimals, shape.fields) == (usual.decimals, usual.fields)
         if self._others >= AGREED and shape.decimals == usual.decimals:
             return self._believed(written)  # it was set otherwise
         narrower = shape.width < usual.width
         if not alike or _PADDED.match(written.text) or (self._padded and narrower):
-            return False, self._misshapen(written, f"so far they had {_told(usual)}")
+            return False, self._misshapen(written, f"so far they had {_in_words(usual)}")
         if self._may_be_damaged(written, shape.width - usual.width) and not self._borne_out(written):
-            return False, self._misshapen(written, f"so far they had {_told(usual)}")
+            return False, self._misshapen(written, f"so far they had {_in_words(usual)}")
         return self._believed(written)
 
     def _believed(self, written: Written) -> tuple[bool, Doubt | None]:
@@ -216,15 +219,9 @@ def hand_on(earlier: object, later: object) -> None:
         later.shapes = earlier.shapes
 
 
-def _told(shape: Shape) -> str:
+def _in_words(shape: Shape) -> str:
     numbers = f", {shape.fields} to a message" if shape.fields > 1 else ""
     return f"{shape.width} characters with {shape.decimals} decimals{numbers}"
-
-
-def _changed(shape: Shape, usual: Shape) -> str:
-    change = f"the gauge writes {shape.decimals} decimals, before it wrote {usual.decimals}"
-    then = "switch it back; if it is meant, correct `units` and start rigd again"
-    return f"{change}: somebody pressed in/mm, or changed its resolution; {then}"
 
 
 def _number(text: bytes) -> float:

@@ -24,7 +24,12 @@ _SUSPENDED = "Suspended"
 
 def condition_of(shown: Mapping[str, Any]) -> dict[str, float]:
     """Return all columns of the condition. shown: values by browse name (temperatures by column); nan: not shown."""
-    columns = {PROGRAM: _program(shown), SAFETY: _safety(shown), MOTORS: _flag(shown.get(DRIVES))}
+    state, drives = shown.get(STATE), shown.get(DRIVES)
+    program = float(_STATES.get(state, math.nan)) if isinstance(state, str) else math.nan
+    if state == "Ready" and shown.get(READY) == _SUSPENDED:
+        program = float(ProgramState.PAUSED)
+    motors = float(drives) if isinstance(drives, bool) else math.nan
+    columns = {PROGRAM: program, SAFETY: _safety(shown), MOTORS: motors}
     columns |= {SPEED: _number(shown.get(OVERRIDE)), PAYLOAD: _number(shown.get(MASS))}
     return columns | {name: _number(shown.get(name)) for name in TEMPERATURES}
 
@@ -44,13 +49,6 @@ def shown_of(condition: Mapping[str, float]) -> dict[str, Any]:
     } | {name: condition[name] for name in TEMPERATURES}
 
 
-def _program(shown: Mapping[str, Any]) -> float:
-    state = shown.get(STATE)
-    if state == "Ready" and shown.get(READY) == _SUSPENDED:
-        return float(ProgramState.PAUSED)
-    return float(_STATES.get(state, math.nan)) if isinstance(state, str) else math.nan
-
-
 def _safety(shown: Mapping[str, Any]) -> float:
     """Both stops have to be shown for a robot to be called free of them."""
     emergency, protective = shown.get(EMERGENCY), shown.get(PROTECTIVE)
@@ -61,10 +59,6 @@ def _safety(shown: Mapping[str, Any]) -> float:
     if emergency is not False or protective is not False:
         return math.nan
     return float(SafetyState.REDUCED if shown.get(MODE) == _MANUAL_REDUCED else SafetyState.NORMAL)
-
-
-def _flag(value: Any) -> float:
-    return float(value) if isinstance(value, bool) else math.nan
 
 
 def _number(value: Any) -> float:

@@ -121,7 +121,9 @@ def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
 def _deg_per_unit(names: Sequence[str], positions: Sequence[Any], feedback: OPCUARobotics) -> Talk[tuple[float, ...]]:
     """Degrees of a unit of each position; what the server states goes before what the rig file says."""
     units = yield from engineering_units(positions)
-    stated = [None if unit is None else _deg_per(unit) for unit in units]
+    stated = [
+        None if unit is None else _DEG_PER.get(unit.UnitId) or _DEG_PER_NAME.get(_name(unit).lower()) for unit in units
+    ]
     if unknown := [k for k, unit in enumerate(units) if unit is not None and stated[k] is None]:
         raise Unfit(f"axis {names[unknown[0]]!r} is measured in {_name(units[unknown[0]])!r}, no angle; correct `axes`")
     declared = {"deg": 1.0, "rad": math.degrees(1)}.get(feedback.units or "")
@@ -129,10 +131,6 @@ def _deg_per_unit(names: Sequence[str], positions: Sequence[Any], feedback: OPCU
     if any(per is None for per in scales):
         raise Unfit(f"the server does not state the unit of axis {names[scales.index(None)]!r}; state `units`")
     return tuple(per for per in scales if per is not None)
-
-
-def _deg_per(unit: Any) -> float | None:
-    return _DEG_PER.get(unit.UnitId) or _DEG_PER_NAME.get(_name(unit).lower())
 
 
 def _name(unit: Any) -> str:

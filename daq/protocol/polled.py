@@ -39,7 +39,7 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import Protocol
 
-from daq.protocol.conversation import NO_TIME, Bursts, Fault, FaultKind, Item, Step
+from daq.protocol.conversation import NO_TIME, Bursts, Fault, FaultKind, Item, Step, has_fault
 from daq.protocol.framing import Framer, Message
 from daq.protocol.numerals import HeldShape, Shaped
 
@@ -218,7 +218,7 @@ class Polled:
         if isinstance(message, Fault):
             return Reply((self._explained(message),), Then.DRAIN)
         reply = self._dialect.read(message, self._requested_ns)
-        if not any(isinstance(item, Fault) for item in reply.items):
+        if not has_fault(reply.items):
             return reply  # a reading, nearly always
         return replace(reply, items=tuple(map(self._explained, reply.items)))
 

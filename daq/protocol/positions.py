@@ -223,7 +223,12 @@ class SteadySteps:
         if math.isnan(self._period_s):
             return []
         steps, self._unjudged = self._unjudged, []
-        return [*faults, *(fault for step in steps for fault in self._skipped(*step, at_ns))]
+        for before_s, after_s in steps:
+            periods = (after_s - before_s) / self._period_s
+            if periods > _MORE:
+                detail = f"controller time goes from {before_s:.3f} s to {after_s:.3f} s; lower rate_hz if this recurs"
+                faults.append(Fault(FaultKind.SKIPPED, at_ns, detail, round(periods) - 1))
+        return faults
 
     def _found_period(self, at_ns: int) -> list[Fault]:
         """Take the period from the steps so far, if they are enough."""
@@ -236,10 +241,3 @@ class SteadySteps:
             detail = f"the controller sends {sent_hz:g} packets a second, not {asked_hz:g}; write rate_hz: {sent_hz:g}"
             return [Fault(FaultKind.DOUBTFUL, at_ns, detail)]
         return []
-
-    def _skipped(self, before_s: float, after_s: float, at_ns: int) -> list[Fault]:
-        periods = (after_s - before_s) / self._period_s
-        if not periods > _MORE:
-            return []
-        detail = f"controller time goes from {before_s:.3f} s to {after_s:.3f} s; lower rate_hz if this recurs"
-        return [Fault(FaultKind.SKIPPED, at_ns, detail, round(periods) - 1)]

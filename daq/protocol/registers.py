@@ -9,6 +9,7 @@ carry its unit: on a line with several (`daq.protocol.bus`) a late one is recogn
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeVar
@@ -51,6 +52,8 @@ _REMEDY = {
     ExcCodes.GATEWAY_PATH_UNAVIABLE: "check the gateway's settings and `unit`",
     ExcCodes.GATEWAY_NO_RESPONSE: "check the cable behind the gateway and `unit`",
 }
+_PREFIX = 9
+"""Bytes of an answer on TCP before its registers: transaction, protocol, length, unit, function, size."""
 _DAMAGED = "checksum wrong; check the cable and the line's settings"
 _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 
@@ -84,6 +87,10 @@ class RegisterDialect:
         self._resync = wire.resync_of(block)
         self.frames = wire.frames
         self._requests: dict[int, bytes] = {}
+        size = 2 * block.count
+        self._plainly = struct.pack(">HHBBB", 0, 3 + size, block.unit, block.function, size)
+        """How a sound answer to the whole block goes on behind its transaction id."""
+        self._words = struct.Struct(f">{block.count}H")
         self._sent, self._count = b"", block.count
         """The request on the line, and the registers that it asks for."""
 
@@ -98,6 +105,13 @@ class RegisterDialect:
         return self._sent
 
     def read(self, message: Message, requested_ns: int) -> Reply:
+        data = message.data
+        if self._wire.numbered and data[:_PREFIX] == self._sent[:2] + self._plainly:  # nearly always
+            return self._meant(self._words.unpack_from(data, _PREFIX), message, requested_ns)
+        return self._examined(message, requested_ns)
+
+    def _examined(self, message: Message, requested_ns: int) -> Reply:
+        """What a message means of which not every byte before the registers is as expected."""
         if self._wire.is_sent(message.data, self._sent):
             return Reply((), Then.WAIT)  # an adapter with an echo
         if self._wire.asks(message.data) is not None:
@@ -140,6 +154,9 @@ class RegisterDialect:
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
         if registers is None:
             return Reply((_refusal(refusal or 0, at_ns),), Then.PAUSE)
+        return self._meant(registers, message, requested_ns)
+
+    def _meant(self, registers: Registers, message: Message, requested_ns: int) -> Reply:
         item = self._reading(registers, message, requested_ns)
         return Reply((item,), Then.ASK if isinstance(item, Sample) else Then.PAUSE)
 

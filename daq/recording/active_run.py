@@ -32,7 +32,7 @@ from daq.store.startup_recovery import recover_and_log
 from daq.store.writer import MOST_PENDING
 from rigs.errors import CellError, FileError, RigError
 from rigs.schema.part import Part
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
 NAME_RULE = "use up to 64 letters, digits, . _ and -, a letter or digit first"
 
@@ -54,7 +54,7 @@ _FRESH_S = 3.0
 
 def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> None:
     """Raise CellError if a gauge that the test needs, or the robot, is missing or has no fresh reading."""
-    needed = {"g1_mm", "q1_deg"} | ({"g2_mm"} if test in ("yaw", "roll") else set())
+    needed = {"g1_mm", "q1_deg"} | ({"g2_mm"} if test in CIRCLES else set())
     for column in sorted(needed):
         states = [buffer.state() for buffer in buffers.values() if column in buffer.columns]
         name = "robot" if column == "q1_deg" else column.removesuffix("_mm")
@@ -158,7 +158,7 @@ class ActiveRun:
         self._columns = columns
         self._kept: dict[str, list[Item]] = {name: list(kept.get(name, ())) for name in columns}
         self._host_faults: list[Fault] = []
-        self._plausibility = PlausibilityCheck(touching=label.test in ("yaw", "roll"))
+        self._plausibility = PlausibilityCheck(touching=label.test in CIRCLES)
 
     @property
     def taken(self) -> Counter[str]:

@@ -34,17 +34,14 @@ from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
 from daq.store.ledger import Ending
 from rigs.errors import RigError
-from rigs.schema.declared_tests import NEAR_DEG, Automatic, Rule, When
+from rigs.schema.declared_tests import NEAR_DEG, STILL_DEG, STOOD_S, Automatic, Rule, When
 
 _S = 1_000_000_000
 _SETTLED_NS = _S // 10
-_STOOD_NS = 3 * _S // 10
-"""A robot that only passes its start posture does not stand there."""
+_STOOD_NS = round(STOOD_S * _S)
 _TAIL_NS = 10 * _S
 """A robot that drives on when its signal is over: the run ends without its standing still."""
 _SILENT_NS = 10 * _S
-_STILL_DEG = 0.02
-"""Encoders at rest flicker by less; the slowest circle moves some joint by more in a second."""
 AXES = 6
 
 
@@ -145,7 +142,7 @@ class _Standstill:
         self._at: Sequence[float] = (math.inf,) * AXES
 
     def feed(self, joints: Sequence[float], at_ns: int) -> None:
-        if _apart(joints, self._at) > _STILL_DEG:
+        if _apart(joints, self._at) > STILL_DEG:
             self._at, self.since_ns = joints, at_ns
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import ipaddress
 import socket
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from rigs.errors import CellError, RigError
@@ -38,8 +38,19 @@ def main(arguments: Sequence[str]) -> int:
 
 def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
     """Return the lines that allow what a rig needs. resolve: a name's addresses; resolv_conf: that file's text."""
-    lines = [f"# What {rig.name} reads, by its rig file; scripts/install writes it again.", "[Service]"]
-    return "\n".join([*lines, *(f"IPAddressAllow={address}" for address in _needed(rig, resolve, resolv_conf))]) + "\n"
+    listens = rig.feedback.listens
+    ports = [*(gauge.port for gauge in rig.gauges.recorded.values()), *([] if listens else [rig.feedback.port])]
+    hosts = [address[0] for port in ports if (address := tcp_address(port) or udp_address(port))]
+    lines = (line.strip().partition(" ") for line in resolv_conf.splitlines())
+    resolvers = [value.strip() for key, _, value in lines if key == "nameserver" and _is_address(value.strip())]
+    needed = list(_PRIVATE) if listens else []
+    for host in hosts:
+        if _is_address(host):
+            needed.append(host)
+        else:
+            needed += [*resolve(host), *resolvers]
+    head = [f"# What {rig.name} reads, by its rig file; scripts/install writes it again.", "[Service]"]
+    return "\n".join([*head, *(f"IPAddressAllow={address}" for address in dict.fromkeys(needed))]) + "\n"
 
 
 def resolved(name: str) -> Sequence[str]:
@@ -50,26 +61,6 @@ def resolved(name: str) -> Sequence[str]:
         problem = f"has no address here: {getattr(error, 'strerror', None) or error}"
         raise CellError(name, problem, "write its address into the rig file") from None
     return [str(address[4][0]) for address in addresses]
-
-
-def _needed(rig: Rig, resolve: Resolve, resolv_conf: str) -> list[str]:
-    listens = rig.feedback.listens
-    ports = [*(gauge.port for gauge in rig.gauges.recorded.values()), *([] if listens else [rig.feedback.port])]
-    hosts = [address[0] for port in ports if (address := tcp_address(port) or udp_address(port))]
-    needed = list(_PRIVATE) if listens else []
-    for host in hosts:
-        if _is_address(host):
-            needed.append(host)
-        else:
-            needed += [*resolve(host), *_resolvers(resolv_conf)]
-    return list(dict.fromkeys(needed))
-
-
-def _resolvers(resolv_conf: str) -> Iterator[str]:
-    for line in resolv_conf.splitlines():
-        key, _, value = line.strip().partition(" ")
-        if key == "nameserver" and _is_address(value.strip()):
-            yield value.strip()
 
 
 def _is_address(text: str) -> bool:

@@ -7,7 +7,6 @@ kind is one line instead of a traceback, what is more is passed on. Every text i
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -133,15 +132,6 @@ _OF_COMMAND: dict[str, type[_Answer]] = {
 }
 
 
-def _shapes(command: str, answer: dict[str, Any]) -> Iterator[type[_Answer]]:
-    if not answer["ok"]:
-        yield Refusal
-        return
-    yield _OF_COMMAND.get(command, _Answer)
-    if command == "status":
-        yield NotRecording if answer.get("recording") is None else Recording
-
-
 def read_answer(command: str, line: bytes) -> dict[str, Any]:
     """Return an answer, `ok` and all, with plain texts. Raises ValueError where it is not one of this command."""
     try:
@@ -150,8 +140,11 @@ def read_answer(command: str, line: bytes) -> dict[str, Any]:
         raise ValueError("nested too deeply") from None
     if not isinstance(answer, dict) or not isinstance(answer.get("ok"), bool):
         raise ValueError("not an answer")
+    shapes: list[type[_Answer]] = [_OF_COMMAND.get(command, _Answer) if answer["ok"] else Refusal]
+    if command == "status" and answer["ok"]:
+        shapes.append(NotRecording if answer.get("recording") is None else Recording)
     try:
-        for shape in _shapes(command, answer):
+        for shape in shapes:
             shape.model_validate(answer)
     except ValidationError as error:
         detail = error.errors(include_url=False, include_input=False, include_context=False)[0]

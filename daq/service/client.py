@@ -37,7 +37,31 @@ class Client:
 
     def __enter__(self) -> Client:
         """Connect. Raises CellError where no daemon answers, or one that this user has no reason to trust."""
-        self._sock = _connect(self._path)
+        try:
+            owners = hold_trusted(self._path)
+        except PermissionError:
+            raise _forbidden(self._path) from None
+        except OSError:
+            raise CellError(str(self._path), "no rigd answers here", "start it: rigd RIG") from None
+        sock = socket.socket(socket.AF_UNIX)
+        try:
+            # A connect that waits in the system's queue gets its turn; one that tries again and again may never.
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _TIMEVAL.pack(*divmod(int(_CONNECT_S * 1e6), 10**6)))
+            sock.connect(str(self._path))
+            if (user := peer_user(sock)) not in owners:
+                problem = f"a program of another user (number {user}) answers here"
+                raise CellError(str(self._path), problem, "stop it, then start rigd again: rigd RIG")
+        except BaseException as error:
+            sock.close()
+            if isinstance(error, BlockingIOError):
+                problem = "rigd does not answer: other clients are waiting already"
+                raise CellError(str(self._path), problem, _RESTART) from None
+            if isinstance(error, PermissionError):
+                raise _forbidden(self._path) from None
+            if isinstance(error, OSError):
+                raise CellError(str(self._path), "no rigd answers here", "start it: rigd RIG") from None
+            raise
+        self._sock = sock
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -85,35 +109,6 @@ class Client:
                 raise TimeoutError
         line, _, self._unread = self._unread.partition(b"\n")
         return line
-
-
-def _connect(path: Path) -> socket.socket:
-    """Connect to a daemon's socket. Raises CellError."""
-    try:
-        owners = hold_trusted(path)
-    except PermissionError:
-        raise _forbidden(path) from None
-    except OSError:
-        raise CellError(str(path), "no rigd answers here", "start it: rigd RIG") from None
-    sock = socket.socket(socket.AF_UNIX)
-    try:
-        # A connect that waits in the system's queue gets its turn; one that tries again and again may never.
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _TIMEVAL.pack(*divmod(int(_CONNECT_S * 1e6), 10**6)))
-        sock.connect(str(path))
-        if (user := peer_user(sock)) not in owners:
-            problem = f"a program of another user (number {user}) answers here"
-            raise CellError(str(path), problem, "stop it, then start rigd again: rigd RIG")
-    except BaseException as error:
-        sock.close()
-        if isinstance(error, BlockingIOError):
-            problem = "rigd does not answer: other clients are waiting already"
-            raise CellError(str(path), problem, _RESTART) from None
-        if isinstance(error, PermissionError):
-            raise _forbidden(path) from None
-        if isinstance(error, OSError):
-            raise CellError(str(path), "no rigd answers here", "start it: rigd RIG") from None
-        raise
-    return sock
 
 
 def _forbidden(path: Path) -> CellError:

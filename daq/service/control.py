@@ -89,7 +89,24 @@ class ControlServer:
 
     def start(self) -> None:
         """Listen, and accept connections. Raises CellError where the socket cannot be made."""
-        self._listener = _listen(self._path)
+        listener = socket.socket(socket.AF_UNIX)
+        before = os.umask(0o117)
+        try:
+            if (self._path.exists() or self._path.is_symlink()) and (
+                self._path.is_symlink() or not self._path.is_socket()
+            ):
+                raise CellError(str(self._path), "exists already and is not a socket", "give another --socket")
+            self._path.unlink(missing_ok=True)  # one that a dead daemon left, as the lock shows
+            listener.bind(str(self._path))
+            listener.listen(_MOST)
+        except (OSError, CellError) as error:
+            listener.close()
+            if isinstance(error, CellError):
+                raise
+            raise CellError(str(self._path), error.strerror or str(error), "give another --socket") from None
+        finally:
+            os.umask(before)
+        self._listener = listener
         self._thread.start()
 
     def close(self) -> None:
@@ -191,26 +208,6 @@ class ControlServer:
             self._changed.notify_all()
 
 
-def _listen(path: Path) -> socket.socket:
-    """Return the listening socket, in the place of one that a dead daemon left, as the lock shows."""
-    listener = socket.socket(socket.AF_UNIX)
-    before = os.umask(0o117)
-    try:
-        if (path.exists() or path.is_symlink()) and (path.is_symlink() or not path.is_socket()):
-            raise CellError(str(path), "exists already and is not a socket", "give another --socket")
-        path.unlink(missing_ok=True)
-        listener.bind(str(path))
-        listener.listen(_MOST)
-    except (OSError, CellError) as error:
-        listener.close()
-        if isinstance(error, CellError):
-            raise
-        raise CellError(str(path), error.strerror or str(error), "give another --socket") from None
-    finally:
-        os.umask(before)
-    return listener
-
-
 def _refuse(connection: _Connection) -> None:
     error = CellError("rigd", "all its connections are busy with other requests", "try again when they are answered")
     with contextlib.suppress(OSError):
@@ -241,8 +238,16 @@ def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
 
 def reply(line: bytes, answer: Answer) -> dict[str, Any]:
     """Return the answer to a request line; an error is an answer too."""
+    request, problem = None, f"a request is one line of at most {LONGEST_REQUEST} bytes"
+    if len(line) <= LONGEST_REQUEST:
+        try:
+            request, problem = json.loads(line), "a request is a JSON object"
+        except (ValueError, RecursionError):
+            problem = "not JSON"
+    if not isinstance(request, dict):
+        return _as_answer(CellError("control socket", problem, 'send {"command": "status"}'))
     try:
-        return {"ok": True, **answer(_request(line))}
+        return {"ok": True, **answer(request)}
     except RigError as error:
         return _as_answer(error)
 
@@ -259,15 +264,3 @@ def _encoded(answer: dict[str, Any]) -> bytes:
         return line
     error = CellError("rigd", f"its answer has {len(line)} bytes, more than a client takes", "see its log")
     return _encoded(_as_answer(error))
-
-
-def _request(line: bytes) -> dict[str, Any]:
-    request, problem = None, f"a request is one line of at most {LONGEST_REQUEST} bytes"
-    if len(line) <= LONGEST_REQUEST:
-        try:
-            request, problem = json.loads(line), "a request is a JSON object"
-        except (ValueError, RecursionError):
-            problem = "not JSON"
-    if isinstance(request, dict):
-        return request
-    raise CellError("control socket", problem, 'send {"command": "status"}')

@@ -272,6 +272,11 @@ class Daemon:
         )
 
     def _status(self) -> dict[str, Any]:
+        try:  # the disk that will hold the runs
+            usage = shutil.disk_usage(next(path for path in (self._runs, *self._runs.parents) if path.exists()))
+            disk = {"free_bytes": usage.free, "size_bytes": usage.total}
+        except OSError:
+            disk = None
         return {
             "rig": self._rig.name,
             "baseline_mm": self._rig.gauges.baseline_mm,
@@ -280,7 +285,7 @@ class Daemon:
             "clocks": {name: vars(clock) for name, watch in self._drift.items() if (clock := watch.state())},
             "automatic": self._arbiter.state(),
             "retention": self._retention.state() if self._retention else None,
-            "disk": _disk(self._runs),
+            "disk": disk,
             **self._recorder.state(),
         }
 
@@ -294,13 +299,8 @@ class Daemon:
         for stream, fault in self._replay.read_new() if self._replay else ():
             if stream in self._buffers:
                 self._buffers[stream].deliver([fault])
-        self._feed_watchdog()
-
-    def _feed_watchdog(self) -> None:
-        """Feed the watchdog after each round of the recorder, but only while every reader runs as well."""
-        if watchdog_s() is None:
-            return
-        if all(buffer.alive(_HEART_STOPS_S) for buffer in self._buffers.values()):
+        # The watchdog is fed after each round of the recorder, but only while every reader runs as well.
+        if watchdog_s() is not None and all(buffer.alive(_HEART_STOPS_S) for buffer in self._buffers.values()):
             notify("WATCHDOG=1")
 
 
@@ -324,15 +324,6 @@ def _warn_if_not_writable(runs: Path) -> None:
         log.warning("%s: no run can be recorded: it is a file; give rigd a directory there", runs)
     except OSError as error:
         log.warning("%s: no run can be recorded: %s; give rigd write permission there", runs, error.strerror or error)
-
-
-def _disk(runs: Path) -> dict[str, int] | None:
-    """Return the free space and the size of the disk that will hold the runs; None if they are unknown."""
-    try:
-        usage = shutil.disk_usage(next(path for path in (runs, *runs.parents) if path.exists()))
-    except OSError:
-        return None
-    return {"free_bytes": usage.free, "size_bytes": usage.total}
 
 
 def _short(value: object) -> str:

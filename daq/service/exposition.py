@@ -24,17 +24,14 @@ class Metric:
 
 def render(metrics: Iterable[Metric]) -> str:
     """Return the text of metrics, without those that have no value."""
-    return "".join(_block(metric) for metric in metrics if metric.values)
-
-
-def _block(metric: Metric) -> str:
-    head = f"# HELP {metric.name} {_escaped(metric.help)}\n# TYPE {metric.name} {metric.kind}\n"
-    return head + "".join(f"{metric.name}{_labels(labels)} {_number(value)}\n" for labels, value in metric.values)
-
-
-def _labels(labels: Labels) -> str:
-    written = ",".join(f'{name}="{_quoted(value)}"' for name, value in labels.items())
-    return f"{{{written}}}" if written else ""
+    lines = []
+    for metric in metrics:
+        if metric.values:
+            lines += [f"# HELP {metric.name} {_escaped(metric.help)}", f"# TYPE {metric.name} {metric.kind}"]
+        for labels, value in metric.values:
+            written = ",".join(f'{name}="{_quoted(text)}"' for name, text in labels.items())
+            lines.append(f"{metric.name}{f'{{{written}}}' if written else ''} {_number(value)}")
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _escaped(text: str) -> str:

@@ -118,7 +118,7 @@ class RunRetention:
     def apply(self) -> None:
         """Apply the retention once to all runs of this rig."""
         try:
-            runs = self._found()
+            runs = self._runs_of_rig()
         except (OSError, FileError) as error:
             log.warning("retention: %s", error)
             return
@@ -149,7 +149,7 @@ class RunRetention:
             "over_bytes": self.over_bytes,
         }
 
-    def _found(self) -> list[RunInfo]:
+    def _runs_of_rig(self) -> list[RunInfo]:
         runs = []
         for run in survey(self._runs) if self._runs.exists() else ():
             clock.sleep(_PAUSE_S)

@@ -29,22 +29,30 @@ _CLOCKS = {
 
 def metrics_text(status: Status) -> str:
     """Return a `status` answer in Prometheus's text format."""
-    return render(_with_rig(metric, status["rig"]) for metric in _all(status))
-
-
-def _with_rig(metric: Metric, rig: str) -> Metric:
-    values = tuple(({"rig": rig, **labels}, value) for labels, value in metric.values)
-    return Metric(metric.name, metric.kind, metric.help, values)
+    rig = {"rig": status["rig"]}
+    return render(
+        Metric(
+            metric.name, metric.kind, metric.help, tuple(({**rig, **labels}, value) for labels, value in metric.values)
+        )
+        for metric in _all(status)
+    )
 
 
 def _all(status: Status) -> Iterator[Metric]:
     yield from _streams(status["streams"], status[HOST])
-    yield from _clocks(status["clocks"])
-    yield from _recording(status)
+    for key, (name, words) in _CLOCKS.items():
+        values = (({"stream": s}, clock[key]) for s, clock in status["clocks"].items() if clock[key] is not None)
+        yield Metric(name, "gauge", words, tuple(values))
+    yield _single("rig_recording", "1 while a run is recorded.", float(status["recording"] is not None))
+    if status["recording"] is not None:
+        about = {"name": status["recording"], "test": status["test"], "direction": status["direction"] or ""}
+        run = {**about, "run": status["run"]}
+        yield Metric("rig_recording_info", "gauge", "The run that is recorded.", ((run, 1.0),))
+        yield _single("rig_recording_seconds", "How long it has been recorded.", status["seconds"])
     yield from _automatic(status["automatic"])
     disk = status["disk"]
-    yield _one("rig_disk_free_bytes", "Room on the disk of the runs for this user.", disk and disk["free_bytes"])
-    yield _one("rig_disk_size_bytes", "Size of the disk of the runs.", disk and disk["size_bytes"])
+    yield _single("rig_disk_free_bytes", "Room on the disk of the runs for this user.", disk and disk["free_bytes"])
+    yield _single("rig_disk_size_bytes", "Size of the disk of the runs.", disk and disk["size_bytes"])
     for key, (name, kind, words) in _RETENTION.items() if status["retention"] else ():
         yield Metric(name, "counter" if kind == "counter" else "gauge", words, (({}, status["retention"][key]),))
 
@@ -80,25 +88,10 @@ def _streams(streams: Mapping[str, Any], host: Mapping[str, int]) -> Iterator[Me
     yield Metric("rig_reading_age_seconds", "gauge", "Since the last good value; none where none came yet.", ages)
 
 
-def _clocks(clocks: Mapping[str, Mapping[str, float]]) -> Iterator[Metric]:
-    for key, (name, words) in _CLOCKS.items():
-        values = (({"stream": stream}, clock[key]) for stream, clock in clocks.items() if clock[key] is not None)
-        yield Metric(name, "gauge", words, tuple(values))
-
-
-def _recording(status: Status) -> Iterator[Metric]:
-    yield _one("rig_recording", "1 while a run is recorded.", float(status["recording"] is not None))
-    if status["recording"] is None:
-        return
-    about = {"name": status["recording"], "test": status["test"], "direction": status["direction"] or ""}
-    yield Metric("rig_recording_info", "gauge", "The run that is recorded.", (({**about, "run": status["run"]}, 1.0),))
-    yield _one("rig_recording_seconds", "How long it has been recorded.", status["seconds"])
-
-
 def _automatic(automatic: Status | None) -> Iterator[Metric]:
     if automatic is None:
         return
-    yield _one(
+    yield _single(
         "rig_automatic_recording", "1 while the robot's own run is recorded.", float(bool(automatic["recording"]))
     )
     counted = {
@@ -109,5 +102,5 @@ def _automatic(automatic: Status | None) -> Iterator[Metric]:
         yield Metric(f"rig_automatic_{key}_total", "counter", words, (({}, automatic[key]),))
 
 
-def _one(name: str, words: str, value: float | None) -> Metric:
+def _single(name: str, words: str, value: float | None) -> Metric:
     return Metric(name, "gauge", words, () if value is None else (({}, value),))

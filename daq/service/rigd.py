@@ -23,7 +23,7 @@ from daq.store.ledger import Ending
 from rigs.distribution import version
 from rigs.errors import RigError, UseError, wrong_use
 from rigs.load import find, is_shipped, load
-from rigs.signals import ignore_interrupts
+from rigs.signals import end_from, ignore_interrupts
 from rigs.text import forget_width_of_0, plain
 
 app = typer.Typer(
@@ -82,13 +82,15 @@ def rigd(
         file = find(rig_file).resolve()
         socket = socket or socket_directory() / f"{rig.name}.sock"
         locked_file = None if is_shipped(file) else file  # a shipped one is everybody's
-        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics(), locked_file)
+        if metrics is None and "RUNTIME_DIRECTORY" in os.environ:  # systemd provides a directory for it and the socket
+            metrics = socket_directory() / "rig.prom"
+        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics, locked_file)
         daemon.start()
     except RigError as error:
         for line in error.lines():
             typer.echo(journal.with_severity(f"error: {plain(line)}", journal.ERROR), err=True)
         raise typer.Exit(error.exit_code) from None
-    end = ends.get()
+    end = end_from(ends)
     log.info("stopping: %s", end.why)
     cut_short = daemon.close(end.exit_status, end.why)
     if cut_short:
@@ -131,8 +133,3 @@ def _listen() -> SimpleQueue[_End]:
 def _runs() -> Path:
     state = os.environ.get("STATE_DIRECTORY")
     return Path(state.split(":")[0]) / "runs" if state else Path("runs")
-
-
-def _metrics() -> Path | None:
-    """Return the metrics file beside the socket, if systemd provides a directory for both."""
-    return socket_directory() / "rig.prom" if "RUNTIME_DIRECTORY" in os.environ else None

@@ -171,7 +171,13 @@ class InstanceLock:
 
         The lock is an abstract socket, which is in no directory that a service has for itself alone.
         """
-        key = hashlib.sha256(_same_port(port).encode()).hexdigest()[:16]
+        # One name for a port, however it is written: of a serial port the device, of an address small letters. A
+        # pseudo-terminal goes by the path given: its number is another's as soon as it closes.
+        same = port.casefold().replace("//localhost:", "//127.0.0.1:")
+        if port.startswith("/"):
+            device = os.path.realpath(port)
+            same = str(Path(port).absolute()) if device.startswith("/dev/pts/") else device
+        key = hashlib.sha256(same.encode()).hexdigest()[:16]
         address = f"\0rigd-{os.geteuid()}-{key}"
         lock = socket.socket(socket.AF_UNIX)
         try:
@@ -216,15 +222,6 @@ class InstanceLock:
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
-
-
-def _same_port(port: str) -> str:
-    """Return one name for a port, however it is written: of a serial port the device, of an address small letters.
-    A pseudo-terminal goes by the path given: its number is another's as soon as it closes."""
-    if port.startswith("/"):
-        device = os.path.realpath(port)
-        return str(Path(port).absolute()) if device.startswith("/dev/pts/") else device
-    return port.casefold().replace("//localhost:", "//127.0.0.1:")
 
 
 def _is_of_this_user(address: str) -> bool:

@@ -7,6 +7,7 @@ and their checksums, stamps, the rig file and the name are as they were.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import get_args
 
 from pydantic import ValidationError
 
@@ -14,10 +15,7 @@ from daq.store import durable
 from daq.store.ledger import BEING_RECORDED, Entry, Ledger, Relabelling, first_error, iso_now, to_recover
 from daq.store.manifest import PLACEMENT_RULE, Manifest, hold_operator, load_manifest
 from rigs.errors import CellError, FileError, UseError
-from rigs.schema.vocabulary import CIRCLES, Direction, TestName
-
-_GAUGED = ("yaw", "roll", "radial", "repeatability")
-"""Tests whose recorded streams are alike, so that one may have been taken for another."""
+from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, TestName
 
 
 def relabel(
@@ -122,6 +120,5 @@ def _test_and_direction(
 
 def _alike(manifest: Manifest, test: TestName) -> bool:
     """Whether data may be of another test: recorded streams of any with gauges, a table of either circle."""
-    if manifest.table is not None:
-        return manifest.test in CIRCLES and test in CIRCLES
-    return manifest.test in _GAUGED and test in _GAUGED
+    alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
+    return manifest.test in alike and test in alike

@@ -82,26 +82,20 @@ def survey(runs: Path, denied: Callable[[Path], object] = lambda _: None) -> Ite
 
 def look(run: Path) -> RunInfo:
     """Return what is known of one run from its directory. Raises FileNotFoundError if it is gone."""
-    size = sum(map(_size, run.iterdir()))
+    size = 0
+    for file in run.iterdir():
+        with suppress(FileNotFoundError):  # a run that is being recorded makes files and removes them
+            size += file.stat().st_size
     changed_s = (run / (MANIFEST if (run / MANIFEST).exists() else LEDGER)).stat().st_mtime
     try:
         manifest, marks = load_manifest(run), load_marks(run)
         ended_s = datetime.fromisoformat(manifest.ended or manifest.started).timestamp()
     except (FileError, ValueError):
         return RunInfo(run, None, None, "damaged", size, changed_s)
-    return RunInfo(run, manifest, marks, _status(run, manifest), size, ended_s)
-
-
-def _size(file: Path) -> int:
-    with suppress(FileNotFoundError):  # a run that is being recorded makes files and removes them
-        return file.stat().st_size
-    return 0
-
-
-def _status(run: Path, manifest: Manifest) -> str:
-    if manifest.exit_status != "recording" and not any(run.glob("*.arrow")):
-        return manifest.exit_status
-    return "recording" if durable.may_be_locked(run) else "crashed"
+    status: str = manifest.exit_status
+    if status == "recording" or any(run.glob("*.arrow")):
+        status = "recording" if durable.may_be_locked(run) else "crashed"
+    return RunInfo(run, manifest, marks, status, size, ended_s)
 
 
 def decide(runs: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision:

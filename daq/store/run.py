@@ -57,7 +57,10 @@ def read_run(path: Path) -> Run:
     Raises FileError when it is missing, still being recorded, crashed and not recovered, or damaged.
     """
     manifest = closed_manifest(path)
-    streams = {name: _arrays(read_stream(path, manifest, name)) for name in manifest.streams}
+    streams = {}
+    for name in manifest.streams:
+        rows = read_stream(path, manifest, name)
+        streams[name] = {column: _array(rows[column]) for column in rows.column_names}
     table = read_stream(path, manifest, TABLE) if manifest.table else None
     return Run(path, manifest, streams, read_stream(path, manifest, FAULTS).to_pylist(), table)
 
@@ -148,10 +151,6 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema, columns: Sequence[st
     if table.num_rows != chunk.rows:
         raise FileError(str(file), f"holds {table.num_rows} rows, the manifest says {chunk.rows}", remedy)
     return table.replace_schema_metadata(None)
-
-
-def _arrays(table: pa.Table) -> dict[str, np.ndarray[Any, Any]]:
-    return {name: _array(table[name]) for name in table.column_names}
 
 
 def _array(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:

@@ -251,18 +251,7 @@ def removed_at_signals(directory: str | Path, before: Callable[[], None] = lambd
 @contextmanager
 def _hidden(parent: Path) -> Iterator[Path]:
     _remove_left_over(parent)
-    made, fd = _locked_directory(parent)
-    try:
-        with removed_at_signals(made):
-            yield made
-    finally:
-        surely(lambda: shutil.rmtree(made, ignore_errors=True))
-        if fd is not None:
-            os.close(fd)
-
-
-def _locked_directory(parent: Path) -> tuple[Path, int | None]:
-    """Make a hidden directory that no other command removes; the lock is None where the disk has none."""
+    # A hidden directory that no other command removes; the lock is None where the disk has none
     for _ in range(_TRIES):
         made = parent / f".{secrets.token_hex(8)}{durable.TEMPORARY}"
         durable.make_directory(made)
@@ -271,7 +260,13 @@ def _locked_directory(parent: Path) -> tuple[Path, int | None]:
             break
         if fd is not None:  # another command took it for left over, just before the lock
             os.close(fd)
-    return made, fd
+    try:
+        with removed_at_signals(made):
+            yield made
+    finally:
+        surely(lambda: shutil.rmtree(made, ignore_errors=True))
+        if fd is not None:
+            os.close(fd)
 
 
 def _lock_of(directory: Path) -> int | None:

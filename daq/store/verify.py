@@ -157,10 +157,10 @@ def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]
         problems.append(f"{path}: was never ended: the recording crashed; {to_recover(path)}")
     if sha256(manifest.rig_text.encode()) != manifest.rig_sha256:
         problems.append(f"{path}: the rig file in the manifest does not match its SHA-256")
-    return [*problems, *_beside(path, manifest)]
+    return [*problems, *_companions(path, manifest)]
 
 
-def _beside(path: Path, manifest: Manifest) -> list[str]:
+def _companions(path: Path, manifest: Manifest) -> list[str]:
     """What is wrong with a calibration beside a run, of which the rig file in the manifest has the digest. Older runs
     have none."""
     problems = []

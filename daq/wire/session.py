@@ -16,6 +16,9 @@ from daq.wire.links import LinkLost
 
 _LONGEST_WAIT_S = 0.2
 """The limit lets a request to stop take effect, and keeps the watchdog fed on a silent link."""
+_ALIVE_NS = 5_000_000
+"""How seldom a loop that turns faster says so: what is done then (the watchdog's beat, the port's counts, giving way)
+would take a tenth of a poll."""
 _MOST_GATHERED_BYTES = 65_536
 """As much as one read of a link brings: a peer that floods is decoded in pieces of some 2 ms each."""
 
@@ -43,10 +46,12 @@ def run_conversation(
     """Run the conversation on the link until `ended` is true or the conversation hangs up. Raises LinkLost.
 
     The stamp is taken before a write and right after a read, so that the device's reading lies between
-    the two whatever the scheduler does. `alive` is called at least every 0.2 s, and as much later as is gathered.
+    the two whatever the scheduler does. `alive` is called at least every 0.2 s, as much later as is gathered, and at
+    most every 5 ms.
     """
     gathering = conversation if isinstance(conversation, Gathering) else None
     step = conversation.connected(clock.now_ns())
+    alive_ns = now_ns = 0
     while True:
         if step.items:
             deliver(step.items)
@@ -56,7 +61,9 @@ def run_conversation(
             link.write(step.send)
         if step.hang_up or ended():
             return
-        alive()
+        if now_ns >= alive_ns:
+            alive()
+            alive_ns = now_ns + _ALIVE_NS
         data = link.read(_wait_s(step))
         now_ns = clock.now_ns()
         if data and gathering:

@@ -21,7 +21,7 @@ from pydantic import Field, field_validator, model_validator
 
 from rigs.schema.part import Angle, Part, Vector
 from rigs.schema.robot import Pose, Posture
-from rigs.schema.vocabulary import Direction, DrivenTest
+from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
 _LONGEST_LAP_S = 1800.0
 
@@ -187,8 +187,11 @@ class Tests(Part):
 
 NEAR_DEG = 0.5
 """A robot whose joints are all so near to a posture stands there; programs come back to within 0.02°."""
+STILL_DEG = 0.02
+"""Encoders at rest flicker by less; the slowest circle moves some joint by more in a second."""
+STOOD_S = 0.3
+"""A robot that only passes its start posture does not stand there so long."""
 _LEAST_MOVE_DEG = 4 * NEAR_DEG
-Circling = ("yaw", "roll")
 
 
 class When(Part):
@@ -230,9 +233,9 @@ class Rule(Part):
 
     @model_validator(mode="after")
     def _directed(self) -> Rule:
-        if self.test in Circling and self.direction is None:
+        if self.test in CIRCLES and self.direction is None:
             raise ValueError(f"a {self.test} test has a direction; add direction: cw or acw")
-        if self.test not in Circling and self.direction is not None:
+        if self.test not in CIRCLES and self.direction is not None:
             raise ValueError(f"a {self.test} test has no direction; leave it out")
         return self
 
@@ -263,7 +266,7 @@ class Automatic(Part):
     def lacking(self, *, signal: bool, gauges: int) -> list[str]:
         """What the rules need and the rig has not: a signal, a second gauge."""
         unheard = [str(number) for number, rule in enumerate(self.rules, 1) if rule.when.signal is not None]
-        paired = [str(number) for number, rule in enumerate(self.rules, 1) if rule.test in Circling]
+        paired = [str(number) for number, rule in enumerate(self.rules, 1) if rule.test in CIRCLES]
         lacks = []
         if unheard and not signal:
             one_that_can = "take one with a key signal, or a line_feed with that field"

@@ -352,8 +352,8 @@ class Gauges(Part):
 
     @property
     def baseline_mm(self) -> float:
-        """Distance between the gauges, offset of g1 less that of g2: positive where there are two."""
-        return self.g1.offset_mm - (self.g2.offset_mm if self.g2 else 0.0)
+        """Distance between the gauges, offset of g1 less that of g2: positive where there are two, 0 of none."""
+        return sum(sign * gauge.offset_mm for sign, (_, gauge) in zip((1, -1), self, strict=False))
 
 
 NO_GAUGES = Gauges.model_construct(g1=None)  # type: ignore[arg-type]  # which no rig file can write

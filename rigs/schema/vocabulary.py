@@ -19,9 +19,18 @@ if not TYPE_CHECKING and OFFERED_TESTS:
     TestName = Literal[(*get_args(TestName), *sorted(OFFERED_TESTS))]
 Direction = Literal["cw", "acw"]
 
-CIRCLES: tuple[Literal["yaw", "roll"], ...] = ("yaw", "roll")
+CircleTest = Literal["yaw", "roll"]
+DrivenTest = Literal[CircleTest, "radial", "repeatability"]
+"""The tests that a program of the robot drives, with the ball link."""
+ProgramTest = Literal[DrivenTest, "iso9283"]
+"""What programs are written for: the driven tests, and the poses and paths of ISO 9283 for a tracker."""
+SimulatedTest = Literal[DrivenTest, "touch", "iso9283"]
+"""What is simulated: the tests of the ball link, touches, which a person guides, and ISO 9283 before a tracker."""
+CIRCLES: tuple[CircleTest, ...] = get_args(CircleTest)
 """The tests on a circle."""
-WITHOUT_GAUGES: tuple[Literal["pose", "touch", "path"], ...] = ("pose", "touch", "path")
+OF_ISO9283: tuple[TestName, ...] = ("pose", "path")
+"""The tests of ISO 9283, which a tracker records by itself."""
+WITHOUT_GAUGES: tuple[TestName, ...] = (*OF_ISO9283, "touch")
 """The tests that no gauge reads."""
 FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
 """Gauges that no test measures with."""
@@ -29,6 +38,8 @@ FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
 _WAYS: dict[str, Direction] = {
     "acw": "acw", "ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "cw": "cw", "clockwise": "cw"
 }  # fmt: skip
+MeasuredBy = Literal["gauges", "tracker", "sockets"]
+"""What measures the arm: two gauges and a ball link, a tracker, or a ball that is seated in sockets."""
 FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
 """The fewest and the most axes that an arm may have, and those of an arm that drives the ball link: a tool takes any
 pose with six, so that circles, their programs and entries of controllers are of so many."""
@@ -39,12 +50,6 @@ def direction_of(word: str) -> Direction | None:
     return _WAYS.get(word.casefold())
 
 
-DrivenTest = Literal["yaw", "roll", "radial", "repeatability"]
-"""The tests that a program of the robot drives, with the ball link."""
-ProgramTest = Literal["yaw", "roll", "radial", "repeatability", "iso9283"]
-"""What programs are written for: the driven tests, and the poses and paths of ISO 9283 for a tracker."""
-SimulatedTest = Literal["yaw", "roll", "radial", "repeatability", "touch", "iso9283"]
-"""What is simulated: the tests of the ball link, touches, which a person guides, and ISO 9283 before a tracker."""
 MakerName = str
 """A maker of controllers by its name: one of MAKERS, or one that another package offers."""
 _ALSO_NAMED: dict[MakerName, tuple[str, ...]] = {

@@ -35,7 +35,7 @@ from analysis import (
     simulate,
 )
 from analysis.cli import app
-from analysis.simulation.simulate import Noise
+from analysis.measures.simulated_gauges import Noise
 from analysis.simulation.simulated_runs import simulated_run
 from rigs.effects.backlash import Backlash
 from rigs.load import load

@@ -23,7 +23,7 @@ ARMS = arm_names()
 def test_the_library_has_these_arms() -> None:
     assert set(ARMS) == set(SOURCES)
     assert list(ARMS) == sorted(ARMS)
-    assert len(ARMS) == len(list(Path(arms.__file__).parent.glob("*.yaml"))) == 30
+    assert len(ARMS) == len(list(Path(arms.__file__).parent.glob("*.yaml"))) == 31
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -74,7 +74,7 @@ def test_the_shipped_ur10e_is_that_of_the_library() -> None:
 @pytest.mark.parametrize(
     ("name", "remedy"),
     [
-        ("UR10", "did you mean ur10e?"),
+        ("UR10a", "did you mean ur10 or ur10e"),
         ("GP 7", "did you mean yaskawa-gp7?"),
         ("kr6", "did you mean kuka-kr-6-r900-2 or kuka-kr-6-r900-sixx?"),
         ("fanuc-m-21ia", "did you mean fanuc-m-20ia"),

@@ -416,10 +416,11 @@ def test_a_cell_with_a_tracker_alone_names_neither_gauges_nor_feedback() -> None
         streams_of(rig)
 
 
-@pytest.mark.parametrize(("there", "lacks"), [("gauges", "feedback"), ("feedback", "gauges")])
-def test_gauges_and_feedback_are_there_together_or_not_at_all(there: str, lacks: str) -> None:
-    with pytest.raises(RigFileError, match=f"{there} without {lacks}: rigd records both together; add {lacks}"):
-        parse(_with(**{there: True}), "tracker")
+def test_gauges_are_there_with_feedback_and_touches_need_feedback_alone() -> None:
+    with pytest.raises(RigFileError, match="gauges without feedback: rigd records both together; add feedback"):
+        parse(_with(gauges=True), "tracker")
+    rig = parse(_with(feedback=True), "touches")
+    assert [stream.name for stream in streams_of(rig)] == ["robot"] and rig.gauges.baseline_mm == 0
 
 
 def test_the_maker_is_that_of_the_feedback_or_of_the_robots_name() -> None:

@@ -11,17 +11,21 @@ from rigs.effects.joint_offset import JointOffset
 from rigs.effects.link_geometry import Constant, LinkGeometry
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.schema.robot import Pose
+from rigs.schema.robot import Pose, Rail
 
 
-def changed(name: str, seed: int = 0) -> Rig:
-    """A rig with an arm of the library, its base and tool anywhere; each zero and constant is changed twice."""
+def changed(name: str, seed: int = 0, *, rail: bool = False) -> Rig:
+    """A rig with an arm of the library, its base and tool anywhere, on a rail of any way or none; each zero and
+    constant is changed twice."""
     rng = np.random.default_rng(seed)
 
     def pose() -> Pose:
         return Pose(xyz_mm=tuple(rng.uniform(-500, 500, 3)), rpy_deg=tuple(rng.uniform(-170, 170, 3)))
 
-    robot = load_arm(name).robot.model_copy(update={"base": pose(), "tool": pose(), "payload_kg": 2.5})
+    update = {"base": pose(), "tool": pose(), "payload_kg": 2.5}
+    if rail:
+        update["rail"] = Rail(direction=tuple(rng.normal(size=3)), limits_mm=(-700, 2300))
+    robot = load_arm(name).robot.model_copy(update=update)
     effects = [
         effect
         for _ in range(2)
@@ -35,6 +39,9 @@ def changed(name: str, seed: int = 0) -> Rig:
 
 
 def within_limits(rig: Rig, n: int = 20) -> np.ndarray:
-    """Random joint angles (n, axes) rad within the limits."""
-    low, high = np.radians([axis.limits_deg for axis in rig.robot.axes]).T
+    """Random joint angles (n, axes) rad within the limits, and where a rail stands in m in a column more."""
+    limits = np.radians([axis.limits_deg for axis in rig.robot.axes])
+    if rig.robot.rail:
+        limits = np.vstack([limits, np.array(rig.robot.rail.limits_mm) / 1000])
+    low, high = limits.T
     return np.random.default_rng(5).uniform(low, high, (n, len(low)))

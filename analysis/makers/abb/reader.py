@@ -18,7 +18,7 @@ from analysis.makers.machine import OFF, Call, Program, Set, Unknown, Value
 from analysis.makers.numbers import Decimals
 from analysis.makers.points import Points, as_value
 from analysis.makers.reading import ProgramReader, Remark
-from analysis.makers.target import Named, Parsed, Texts, blanked, lines_of, with_newlines
+from analysis.makers.target import Left, Named, Parsed, Texts, blanked, lines_of, with_newlines
 
 _DECIMALS = Decimals(place=(4, 7), turn=(8, 12))
 """0.1 µm and 1e-8 of a quaternion or of a degree: a num has about seven digits."""
@@ -28,6 +28,8 @@ _DATA = re.compile(
     r"(?P<array>\{[^{};]*\}\s*)?(?::=(?P<value>[^;]*))?;",
     re.IGNORECASE,
 )
+_ELEMENT = re.compile(r"\[(?=\s*\[\s*[-+.\d])")
+"""Where a target begins in the value of an array: [[x, y, z], …] or [[q1, …, q6], …]."""
 _PARAMETERS = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+\w+\s*\(([^()]*)\)", re.IGNORECASE)
 _LAST = re.compile(r",\s*([A-Za-z]\w*)\s*(?=[\\;])")
 _WOBJ = re.compile(r"\\\s*WObj\s*:=\s*(\w+)", re.IGNORECASE)
@@ -41,6 +43,7 @@ def parse(texts: Texts) -> Parsed:
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
     reader = Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
     stated: dict[str, Value] = {key: as_value(frame) for key, frame in _NULL.items()}
+    reader.of |= dict.fromkeys(_NULL, len(blank))  # of a module of the system, BASE.sys, which may stand beside
     for file in range(len(blank)):
         _declare(reader, file, stated)
     for text in blank:
@@ -107,7 +110,14 @@ def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
         declares.add(name)
         local = bool(declared["local"]) and declared["local"].strip().upper() == "LOCAL"
         of_program = file < reader.points.files
-        if kind in ("robtarget", "jointtarget") and of_program and declared["value"] and not declared["array"]:
+        if kind not in ("robtarget", "jointtarget"):
+            if kind in ("tooldata", "wobjdata"):
+                _declare_frame(reader, file, kind, declared, stated, shares=not local)
+        elif of_program and declared["value"] and declared["array"]:
+            for element in _ELEMENT.finditer(declared["value"]):
+                line = reader.lines[file].at(declared.start("value") + element.end() - 1)
+                reader.points.leave(Left(file, line, declared["name"], "array"))
+        elif of_program and declared["value"]:
             begin = declared.start("value")
             target, reason = reader.literal(file, kind, begin, declared.end("value"), declared["name"])
             if target:
@@ -115,32 +125,31 @@ def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
                 reader.points.declare(name, target, reason)
                 if not local:
                     reader.shared.add(name)
-        elif kind in ("tooldata", "wobjdata") and (of_program or not local):
-            _declare_frame(reader, file, kind, declared, stated, of_program=of_program)
     reader.declares.append(declares)
 
 
 def _declare_frame(
-    reader: Reader, file: int, kind: str, declared: re.Match[str], stated: dict[str, Value], *, of_program: bool
+    reader: Reader, file: int, kind: str, declared: re.Match[str], stated: dict[str, Value], *, shares: bool
 ) -> None:
-    """Take a tool or work object; one without numbers is that of its name, which a person can state."""
+    """Take a tool or work object; one without numbers is that of its name, which a person can state. A name for two is
+    unknown, unless it stands for persistent data that tasks share, with the same numbers."""
     what: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
     name, line = declared["name"].lower(), reader.lines[file].at(declared.start("name"))
     part = f"{what} {name}"
     reader.frames.add(part)
-    if part in stated:
-        if of_program or reader.of.get(part) != 0:
-            reader.shadowed[part] = Unknown(file, line, f"{declared['name']} is declared twice")
-        return
-    reader.of[part] = 0 if of_program else file
     frames = literal_frames(kind, declared["value"] or "")
+    value: Value = Unknown(file, line, f"{declared['name']} is not one that is written in numbers, on the robot")
     if frames is not None:
-        stated[part] = as_value(frames)
-        reader.points.state(Named(declared["name"], what, file, line, as_value(frames)))
+        value = as_value(frames)
     elif declared["value"] is None:
-        stated[part] = name
-    else:
-        stated[part] = Unknown(file, line, f"{declared['name']} is not one that is written in numbers, on the robot")
+        value = name
+    shared_by = file if shares and declared["storage"].upper() == "PERS" else -1
+    if part not in stated:
+        stated[part], reader.of[part] = value, shared_by
+        if frames is not None:
+            reader.points.state(Named(declared["name"], what, file, line, as_value(frames)))
+    elif value != stated[part] or -1 in (shared_by, reader.of.get(part, -1)) or file == reader.of[part]:
+        reader.shadowed[part] = Unknown(file, line, f"{declared['name']} is declared twice")
 
 
 READER = ProgramReader(

@@ -32,7 +32,18 @@ from analysis.makers.machine import (
 )
 from analysis.makers.numbers import frame_of, is_frame
 from analysis.makers.points import Points, as_value
-from analysis.makers.target import NUMBER, Flags, Left, Lines, Number, Reason, Target, arguments, words
+from analysis.makers.target import (
+    NUMBER,
+    Flags,
+    Left,
+    Lines,
+    Number,
+    Reason,
+    Target,
+    arguments,
+    brackets,
+    words,
+)
 from analysis.robot_programs.posture import beyond_stretch, wrist_in_front
 
 _NUMBER = re.compile(NUMBER)
@@ -94,7 +105,7 @@ _NOTHING = words("""
     moveextj break swapbytes egmreset egmgetid egmsetupuc egmsetupai egmsetupao egmsetupgi
     egmsetupltapp egmstreamstart egmstreamstop egmactpose egmactjoint egmactmove
     textget texttabinstall
-    testsigndefine testsignreset sensdevice startmove stopmove
+    testsigndefine testsignreset sensdevice startmove stopmove cornerpathwarning
     """)
 """Instructions that change neither tool, work object nor displacement, nor where the arm stands: signals, waiting, the
 pendant, files, sockets, interrupts, speeds, loads, world zones."""
@@ -168,8 +179,8 @@ class Reader:
         """Return a reason at a place of the module that is read."""
         return Unknown(self.file, self.lines[self.file].at(begin), " ".join(what.split())[:80])
 
-    def called(self, begin: int, name: str) -> Statement:
-        """Return the call of a routine: that of its module, or the only one that all modules see."""
+    def defined(self, name: str) -> list[str]:
+        """Return the routines that a name can stand for: that of the module, or those that all modules see."""
         if self._defined is None:
             self._defined = {}
             for file, text in enumerate(self.texts):
@@ -179,7 +190,11 @@ class Reader:
                     if not routine[1]:
                         self._defined.setdefault(key, []).append(f"{file}:{key}")
         key = name.lower()
-        routines = self._defined.get(f"{self.file}:{key}") or self._defined.get(key) or []
+        return self._defined.get(f"{self.file}:{key}") or self._defined.get(key) or []
+
+    def called(self, begin: int, name: str) -> Statement:
+        """Return the call of a routine, if its name stands for one."""
+        routines = self.defined(name)
         why = self.why(begin, f"{name} is called" if len(routines) == 1 else f"{name} is not known here")
         return Call(routines[0], why) if len(routines) == 1 else Forget(why)
 
@@ -211,7 +226,15 @@ def read_module(reader: Reader, file: int) -> None:
     reader.file = file
     for begin, end, head in _statements(reader.texts[file]):
         if head is not None and head["routine"]:
-            _begin(reader, begin, head)
+            _close(reader)
+            reader.routine = f"{reader.file}:{head['name'].lower()}"
+            if head["routine"].upper().endswith("TRAP"):
+                reader.beside.append(
+                    Call(reader.routine, reader.why(head.start("name"), f"the trap {head['name']} may run"))
+                )
+            elif reader.routine in reader.routines:  # which one is called is not certain
+                reader.routine = f"{reader.routine} {len(reader.routines)}"
+            reader.blocks = Blocks()
         elif reader.blocks is None:
             continue
         elif head is not None and head["label"]:
@@ -246,16 +269,6 @@ def _statements(text: str) -> Iterator[tuple[int, int, re.Match[str] | None]]:
             end = max(end, stop)
         yield at, end, head
         at = end
-
-
-def _begin(reader: Reader, begin: int, head: re.Match[str]) -> None:
-    _close(reader)
-    reader.routine = f"{reader.file}:{head['name'].lower()}"
-    if head["routine"].upper().endswith("TRAP"):
-        reader.beside.append(Call(reader.routine, reader.why(head.start("name"), f"the trap {head['name']} may run")))
-    elif reader.routine in reader.routines:  # which one is called is not certain
-        reader.routine = f"{reader.routine} {len(reader.routines)}"
-    reader.blocks = Blocks()
 
 
 def _close(reader: Reader) -> None:
@@ -335,13 +348,14 @@ def _after_condition(text: str, begin: int, end: int) -> int:
 def _functions(reader: Reader, begin: int, end: int) -> None:
     """Take the calls of functions with a value."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
-    for call in _CALL.finditer(reader.texts[reader.file], begin, end):
-        statement = reader.called(call.start(), call[1])
-        if isinstance(statement, Call) or call[1].lower() not in _FUNCTIONS:
-            reader.blocks.add(statement)
-            _handed(reader, call.end(), end)
+    text = reader.texts[reader.file]
+    for call in _CALL.finditer(text, begin, end):
+        closing = call.end() + brackets(text[call.end() - 1 : end]).get(0, end - call.end() + 1) - 1
+        if reader.defined(call[1]) or call[1].lower() not in _FUNCTIONS:
+            reader.blocks.evaluated(text[begin : call.start()], reader.called(call.start(), call[1]))
+            _handed(reader, call.end(), closing)
         elif call[1].lower() in _WRITES:
-            _handed(reader, call.end(), end)
+            _handed(reader, call.end(), closing)
 
 
 def _handed(reader: Reader, begin: int, end: int) -> None:
@@ -377,9 +391,8 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
         return
     name, at = instruction["name"].lower(), instruction.start("name")
     _functions(reader, instruction.start("rest"), end)
-    statement = reader.called(at, instruction["name"])
-    if isinstance(statement, Call):
-        blocks.add(statement)
+    if reader.defined(instruction["name"]):
+        blocks.add(reader.called(at, instruction["name"]))
         _handed(reader, instruction.start("rest"), end)
     elif move := _MOVE.fullmatch(instruction["name"]):
         _move(reader, at, instruction, move)

@@ -46,45 +46,37 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """The module, with LOCAL data, so that several can be loaded together."""
     name = identifier(plan.name, _NAME_LENGTH)
     data: dict[str, str] = {}
-    comments = [f"  {line}" for line in _WORDS.remarks(*heading(plan, demand, _shown(plan)))]
+    T = start_of(plan).T
+    x, y, z = T[:3, 3]
+    quaternion = " ".join(f"{value:.4f}" for value in _quaternion(T))
+    begin = f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, q1..q4 {quaternion}"
+    comments = [f"  {line}" for line in _WORDS.remarks(*heading(plan, demand, begin))]
     moves = [f"    {line}" for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, data))]
     declared = [f"  LOCAL CONST {text.replace('@', item)};" for text, item in data.items()]
     identity: list[str] = []
     if isinstance(plan.feedback, ABBEGM):
         identity = ["  LOCAL VAR egmident rig_stream;"]
         setup = '    EGMSetupUC ROB_1,rig_stream,"default","rig"\\Joint;'
-        begin = ["    EGMGetId rig_stream;", setup, "    EGMStreamStart rig_stream\\SampleRate:=4;"]
-        moves = [*begin, *moves, "    EGMStreamStop rig_stream;", "    EGMReset rig_stream;"]
-    head = [f"MODULE {name}_m", *comments, _tool(plan), _BASE, *identity, *declared, f"  PROC {name}()"]
-    module = [*head, *_settings(plan), *moves]
-    return {f"{name}_m.mod": "\n".join([*module, "  ENDPROC", "ENDMODULE", ""])}
-
-
-_BASE = '  LOCAL PERS wobjdata rig_base:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];'
-
-
-def _tool(plan: Plan) -> str:
-    """The tool's frame and load; its centre of mass is taken half way to the ball, since the rig file does not say."""
-    T = plan.arm.T_flange_tool
+        start = ["    EGMGetId rig_stream;", setup, "    EGMStreamStart rig_stream\\SampleRate:=4;"]
+        moves = [*start, *moves, "    EGMStreamStop rig_stream;", "    EGMReset rig_stream;"]
+    # The tool's frame and load; its centre of mass is taken half way to the ball, since the rig file does not say
+    T_tool = plan.arm.T_flange_tool
     mass = max(plan.payload_kg, _LIGHTEST_KG)
-    centre = T[:3, 3] / 2 if np.linalg.norm(T[:3, 3]) > 1 else np.array([0.0, 0.0, 1.0])
+    centre = T_tool[:3, 3] / 2 if np.linalg.norm(T_tool[:3, 3]) > 1 else np.array([0.0, 0.0, 1.0])
     load = f"[{fixed(mass, 3)},[{listed(centre, 1)}],[1,0,0,0],0,0,0]"
-    return f"  LOCAL PERS tooldata rig_tool:=[TRUE,{_pose(T)},{load}];"
-
-
-def _settings(plan: Plan) -> list[str]:
+    tool = f"  LOCAL PERS tooldata rig_tool:=[TRUE,{_pose(T_tool)},{load}];"
+    head = [f"MODULE {name}_m", *comments, tool, _BASE, *identity, *declared, f"  PROC {name}()"]
     limit = fixed(ACCELERATION_MM_S2 / 1e3, 3)
-    return [
+    settings = [
         "    ConfL\\Off;",
         f"    CirPathMode\\{'PathFrame' if turns_with_path(plan) else 'ObjectFrame'};",
         f"    PathAccLim TRUE\\AccMax:={limit},TRUE\\DecelMax:={limit};",
     ]
+    module = [*head, *settings, *moves]
+    return {f"{name}_m.mod": "\n".join([*module, "  ENDPROC", "ENDMODULE", ""])}
 
 
-def _shown(plan: Plan) -> str:
-    T = start_of(plan).T
-    x, y, z = T[:3, 3]
-    return f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, q1..q4 " + " ".join(f"{value:.4f}" for value in _quaternion(T))
+_BASE = '  LOCAL PERS wobjdata rig_base:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];'
 
 
 def _move(data: dict[str, str], step: Move) -> list[str]:

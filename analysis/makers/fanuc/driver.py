@@ -58,18 +58,14 @@ def run(text: str, _: str, machine: Machine) -> None:
     match = _HEADER.fullmatch(text.replace("\r\n", "\n"))
     if not match or not _NAME.fullmatch(match[1]):
         raise ProgramError("the sections /PROG /ATTR /MN /POS /END are not in order")
-    _Controller(_positions(match[3]), machine).obey(_lines(match[2]))
-
-
-def _lines(text: str) -> list[str]:
-    lines, at = list[str](), 0
-    while at < len(text):
-        match = _LINE.match(text, at)
-        if not match or int(match[1]) != len(lines) + 1 or ";" in match[2]:
-            raise ProgramError(f"{text[at : at + 40]!r} is not line {len(lines) + 1}")
-        lines.append(match[2])
-        at = match.end()
-    return lines
+    lines, at, body = list[str](), 0, match[2]
+    while at < len(body):
+        numbered = _LINE.match(body, at)
+        if not numbered or int(numbered[1]) != len(lines) + 1 or ";" in numbered[2]:
+            raise ProgramError(f"{body[at : at + 40]!r} is not line {len(lines) + 1}")
+        lines.append(numbered[2])
+        at = numbered.end()
+    _Controller(_positions(match[3]), machine).obey(lines)
 
 
 def _positions(text: str) -> dict[int, _Position]:
@@ -108,8 +104,8 @@ class _Controller:
             if line.startswith("  !"):
                 if len(line) > 3 + 32:
                     raise ProgramError(f"the remark {line!r} is longer than 32 characters")
-            elif not (self._moves(line) or self._sets(line) or self._acts(line)):
-                raise ProgramError(f"{line!r} is not an instruction")
+            elif not self._moves(line):
+                self._act(line)
 
     def _moves(self, line: str) -> bool:
         if match := re.fullmatch(r"J P\[(\d+)\] (\d+)% FINE", line):
@@ -127,7 +123,7 @@ class _Controller:
             self._machine.arc(via.place, end, speed_mm_s, turning="even", stops=stops, speed=Speed())
         return bool(match)
 
-    def _sets(self, line: str) -> bool:
+    def _act(self, line: str) -> None:
         if match := re.fullmatch(r"  UFRAME_NUM=(\d)", line):
             self._frame = int(match[1])
         elif match := re.fullmatch(r"  UTOOL_NUM=(\d)", line):
@@ -139,16 +135,14 @@ class _Controller:
             self._register[int(match[1])][int(match[2]) - 1] = float(match[3] or match[4])
         elif match := re.fullmatch(r"  UTOOL\[(\d)\]=PR\[(\d+)\]", line):
             self._tools[int(match[1])] = _pose(self._register[int(match[2])])
-        return bool(match)
-
-    def _acts(self, line: str) -> bool:
-        if match := re.fullmatch(r"  WAIT (\d+\.\d\d)\(sec\)", line):
+        elif match := re.fullmatch(r"  WAIT (\d+\.\d\d)\(sec\)", line):
             self._machine.wait(float(match[1]))
         elif match := re.fullmatch(r"  DO\[(\d+)\]=(ON|OFF)", line):
             self._machine.events.append(Switched(int(match[1]), match[2] == "ON"))
-        elif match := re.fullmatch(r"  PAUSE", line):
+        elif line == "  PAUSE":
             self._machine.events.append(Held())
-        return bool(match)
+        else:
+            raise ProgramError(f"{line!r} is not an instruction")
 
     def _at(self, number: str) -> _Position:
         if int(number) not in self._positions:

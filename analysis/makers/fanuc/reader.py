@@ -13,8 +13,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-import numpy as np
-
 from analysis.kinematics.arm import Arm, Array, Mask
 from analysis.makers.machine import (
     HERE,
@@ -54,7 +52,7 @@ from analysis.makers.target import (
     lines_of,
     with_newlines,
 )
-from analysis.robot_programs.posture import posture_of, turns
+from analysis.robot_programs.posture import agreeing, turns
 
 _DECIMALS = Decimals(place=(3, 7), turn=(3, 9))
 """A controller prints three decimals; whether it takes more is not known, so no decimals are added."""
@@ -66,7 +64,8 @@ _LINE = re.compile(r"^[ \t]*(?:(?P<number>\d+)[ \t]*)?:(?P<body>[^\n]*)", re.MUL
 _POINT = re.compile(r"(?<![A-Z])P\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]")
 _ANY_POINT = re.compile(r"(?<![A-Z])P\[\s*(?:(\d{1,6})\b|[^\]\n]{0,60})")
 _POSITION = re.compile(r"\bP\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]\s*\{([^{}]*)\}")
-_MOVE = re.compile(r"(?P<kind>[JLCAS])\s+(?P<point>PR?\[[^\]]*\])\s*(?P<second>PR?\[[^\]]*\])?(?P<rest>.*)")
+_INSIDE = r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
+_MOVE = re.compile(rf"(?P<kind>[JLCAS])\s+(?P<point>PR?{_INSIDE})\s*(?P<second>PR?{_INSIDE})?(?P<rest>.*)")
 _OFFSET = re.compile(r"\b(?:Tool_)?Offset\b(?:\s*,\s*PR\[[^\]]*\])?|\bVOFFSET\b(?:\s*,\s*VR\[[^\]]*\])?", re.IGNORECASE)
 _SPEED = r"(?:\d+(?:\.\d*)?|\.\d+|A?R\[[^\]]*\])\s*(?:%|mm/sec|cm/min|inch/min|deg/sec|sec|msec)|max_speed|WELD_SPEED"
 _OPTIONS = re.compile(
@@ -75,11 +74,13 @@ _OPTIONS = re.compile(
     re.IGNORECASE,
 )
 """What stands behind a target and changes neither where it is nor how it is reached."""
-_SKIP = re.compile(r"\bSkip\s*,\s*LBL\[\s*([^\]:]*)[^\]]*\](?:\s*,\s*PR\[[^\]]*\]\s*=\s*[LJ]POS)?", re.IGNORECASE)
+_SKIP = re.compile(
+    r"\bSkip\s*,\s*LBL\[\s*([^\]:]*)[^\]]*\](?:\s*,\s*(?P<register>PR\[.*?\]\s*=\s*[LJ]POS))?", re.IGNORECASE
+)
 _ALONG = re.compile(r"\b(?:TA|TB|DB|TIME\s+(?:BEFORE|AFTER))\s+[^,;]*,\s*(?P<action>[^;]*)", re.IGNORECASE)
 _ASSIGNED = re.compile(
-    r"(?:P|PR|AR|R|SR|DO|DI|RO|RI|GO|GI|AO|AI|SO|SI|UO|UI|WO|WI|F|M|TIMER|VR|STR)"
-    r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]\s*(?:,\s*\S+\s*)?=.*"
+    r"(?:P|AR|R|SR|DO|DI|RO|RI|GO|GI|AO|AI|SO|SI|UO|UI|WO|WI|F|M|TIMER|VR|STR)"
+    rf"{_INSIDE}\s*(?:,\s*\S+\s*)?=.*"
 )
 _NOTHING = re.compile(
     r"(?:OVERRIDE\s*=.*|PAYLOAD\s*\[.*|UALM\[.*|PAUSE|WAIT\b(?!.*TIMEOUT).*|MESSAGE\[.*|"
@@ -98,7 +99,7 @@ _SELECTED = re.compile(r"(UFRAME_NUM|UTOOL_NUM)\s*(?:\[\s*GP1\s*\])?\s*=\s*(.*)"
 system variable switches the check off ($FRM_CHKTYP, on some $MCR.$UFRCHK). Which of the two counts then was found
 nowhere, so they have to be the same."""
 _FRAME = re.compile(r"(UFRAME|UTOOL)\s*\[\s*(?:GP\d\s*:\s*)?(.*?)\]\s*=.*", re.IGNORECASE)
-_REGISTER = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?([^\],:]*)(?::[^\],]*)?(?:,\s*([^\]:]*)[^\]]*)?\]\s*=\s*(.*)")
+_REGISTER = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?((?:[^\[\]]|\[[^\[\]]*\])*)\]\s*=\s*(.*)")
 _WHOLE = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?(\d+)\s*(?::[^\]]*)?\]")
 _CALL = re.compile(r"CALL\s+([\w-]+)\s*(?:\(.*\))?", re.IGNORECASE)
 _RUN = re.compile(r"(?:RUN\s+|MONITOR\s+(?!END)|ERROR_PROG\s*=\s*|RESUME_PROG[^=]*=\s*)([\w-]+)", re.IGNORECASE)
@@ -201,16 +202,7 @@ def _position(position: re.Match[str], lines: Lines) -> tuple[Target, Reason | N
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
     """Which solutions q (n, 6) rad agree with flip, up, front and the turns of axes 4 to 6, in the sense of `rig
     program`."""
-
-    def agrees(angles: Array) -> bool:
-        stands = posture_of(arm, angles)
-        around = [angles + shift for shift in (-slack_rad, 0.0, slack_rad)]
-        counts = [{turns(float(turned_q[axis])) for turned_q in around} for axis in (3, 4, 5)]
-        return (stands.flip, stands.up, stands.front) == values[:3] and all(
-            n in counts_of_axis for n, counts_of_axis in zip(values[3:], counts, strict=True)
-        )
-
-    return np.array([agrees(angles) for angles in q])
+    return agreeing(arm, q, values[:3], dict(zip((3, 4, 5), values[3:], strict=True)), turns, slack_rad)
 
 
 def _number(component: re.Match[str], begin: int) -> Number:
@@ -318,7 +310,8 @@ def _register(text: str, why: Unknown) -> Value | Built:
 
 def _set_register(reader: _Reader, assignment: re.Match[str]) -> None:
     """Take an assignment to a position register, or to one of its numbers."""
-    number, axis, right = assignment[1].strip(), (assignment[2] or "").strip(), assignment[3].strip().strip("()")
+    index, _, axis = assignment[1].partition(",")
+    number, axis, right = index.partition(":")[0].strip(), axis.strip(), assignment[2].strip().strip("()")
     why = reader.why(f"{assignment[0]} sets it")
     if not number.isdigit():
         reader.blocks.add(*(Lose(f"PR{register}", why) for register in reader.registers))
@@ -348,20 +341,15 @@ def _branch(reader: _Reader, text: str, word: str, last_line: int) -> None:
         else:
             blocks.branch()
     else:  # IF …, action; and the lines of SELECT
-        _, _, action = _split(text)
+        depth, action = 0, ""  # behind the comma that is outside of brackets
+        for at, letter in enumerate(text):
+            depth += (letter in "([") - (letter in ")]")
+            if letter == "," and depth == 0:
+                action = text[at + 1 :]
+                break
         blocks.branch()
         _statement(reader, action.strip(), last_line)
         blocks.close()
-
-
-def _split(text: str) -> tuple[str, str, str]:
-    """Return a condition and the action behind its comma, which is outside of brackets."""
-    depth = 0
-    for at, letter in enumerate(text):
-        depth += (letter in "([") - (letter in ")]")
-        if letter == "," and depth == 0:
-            return text[:at], ",", text[at + 1 :]
-    return text, "", ""
 
 
 def _mentioned(reader: _Reader, text: str) -> None:
@@ -391,6 +379,8 @@ def _move(reader: _Reader, move: re.Match[str], last_line: int) -> None:
         if text:
             _target(reader, move["kind"], text, place, options)
     if skip:
+        if register := _REGISTER.fullmatch(skip["register"] or ""):
+            _set_register(reader, register)
         reader.blocks.add(Elsewhere(), Jump(_labels(reader, skip[0]), falls=True))
     if along:
         reader.blocks.branch()
@@ -423,10 +413,10 @@ def _target(reader: _Reader, kind: str, text: str, line: int, rest: str) -> None
     offset = _OFFSET.findall(rest)
     relative = re.search(r"\bINC\b", rest, re.IGNORECASE)
     if point is None or reader.file or not reader.points.knows(point[1]):
-        if not text.startswith("PR") and (offset or relative):
-            _mentioned(reader, text)
         literal = point is not None and not reader.file
         reader.leave(line, text, "not_literal" if literal else "computed")
+        if point is None and not text.startswith("PR") and not reader.file:
+            _any_target(reader, kind, line, rest)
         blocks.add(Elsewhere())
         return
     if relative:
@@ -455,6 +445,16 @@ def _target(reader: _Reader, kind: str, text: str, line: int, rest: str) -> None
     key = f"{point[1]}@{line}" if offset else point[1]
     base = point[1] if offset else ""
     blocks.add(Move(key, way, 0, line, tool, frame, needs, None, None, missing, base))
+
+
+def _any_target(reader: _Reader, kind: str, line: int, rest: str) -> None:
+    """Take a move to a point that a register names: to any of them."""
+    reader.blocks.cases()
+    for key in tuple(reader.points.keys()):
+        reader.blocks.other()
+        reader.blocks.guard()
+        _target(reader, kind, f"P[{key}]", line, rest)
+    reader.blocks.close()
 
 
 READER = ProgramReader(

@@ -28,7 +28,6 @@ from analysis.robot_programs.plan import (
     Line,
     Move,
     Plan,
-    SignalPlace,
     Target,
     Turn,
     percent_of_axes,
@@ -88,18 +87,21 @@ def feed(plan: Plan) -> dict[str, str]:
         return {}
     if (address := tcp_address(plan.feedback.port)) is None:
         return {}
-    line = f", {_literal(plan.feedback.separator)}, ".join(map(_field, plan.feedback.fields))
-    signal = _signal(plan.signal_place) if SIGNAL in plan.feedback.fields else ""
-    text = _PROGRAM.format(port=address[1], line=line, signal=signal, period=_PERIOD_MS)
-    return {"RIGFEED.KL": text}
-
-
-def _literal(separator: str) -> str:
-    """A text of KAREL: what cannot stand between quotes by its number. Raises FileError for what is not ASCII."""
+    separator = plan.feedback.separator
     if not separator.isascii():
         raise FileError("feedback", f"KAREL cannot print the separator {separator!r}", "choose one in ASCII")
+    # What cannot stand between quotes is written by its number.
     parts = [char if char.isprintable() and char != "'" else f"', CHR({ord(char)}), '" for char in separator]
-    return f"'{''.join(parts)}'".removeprefix("'', ").removesuffix(", ''")
+    literal = f"'{''.join(parts)}'".removeprefix("'', ").removesuffix(", ''")
+    line = f", {literal}, ".join(map(_field, plan.feedback.fields))
+    numbered = []
+    if SIGNAL in plan.feedback.fields:  # the number that the outputs show, the first output the least
+        numbered = ["signal = 0"]
+        for bit, number in enumerate(plan.signal_place.outputs):
+            numbered += [f"IF DOUT[{number}] THEN", f"  signal = signal + {1 << bit}", "ENDIF"]
+    signal = "".join(f"        {line_of_signal}\n" for line_of_signal in numbered)
+    text = _PROGRAM.format(port=address[1], line=line, signal=signal, period=_PERIOD_MS)
+    return {"RIGFEED.KL": text}
 
 
 def _field(name: str) -> str:
@@ -115,14 +117,6 @@ def _field(name: str) -> str:
     return f"{joint}::12::4" if name.endswith("_deg") else f"{joint} * {_RAD_PER_DEG}::12::7"
 
 
-def _signal(place: SignalPlace) -> str:
-    """The number that the outputs show, the first output the least."""
-    lines = ["signal = 0"]
-    for bit, number in enumerate(place.outputs):
-        lines += [f"IF DOUT[{number}] THEN", f"  signal = signal + {1 << bit}", "ENDIF"]
-    return "".join(f"        {line}\n" for line in lines)
-
-
 _NAME_LENGTH = 36
 _WORDS = Words("  WAIT {}(sec)", 2, "  DO[{}]=ON", "  DO[{}]=OFF", "  !{}", 32, "  PAUSE")
 TOOL_NUMBER = 9
@@ -135,38 +129,25 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """The program, and the feed of its joint angles where the rig file reads lines."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: dict[str, int] = {}
-    remarks = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
-    moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, plan.arm, positions))]
-    return {f"{name}.LS": _program(name, [*remarks, *_frames(plan.arm), *moves], positions), **feed(plan)}
-
-
-def _program(name: str, lines: list[str], positions: dict[str, int]) -> str:
-    numbered = [_numbered(number, line) for number, line in enumerate(lines, start=1)]
-    points = [f"P[{number}]{{\n   GP1:\n{text}\n}};" for text, number in positions.items()]
-    head = [f"/PROG  {name}", "/ATTR", 'COMMENT\t\t= "RIG PROGRAM";', "DEFAULT_GROUP\t= 1,*,*,*,*;", "/MN"]
-    return "\n".join([*head, *numbered, "/POS", *points, "/END", ""])
-
-
-def _numbered(number: int, line: str) -> str:
-    """An instruction with its number; a second line of it (the end of an arc) has none."""
-    first, *continued = line.split("\n")
-    return "\n".join([f"{number:4d}:{first}", *(f"    :{text}" for text in continued)]) + " ;"
-
-
-def _frames(arm: Arm) -> list[str]:
-    """The world frame, and the tool's frame from the rig file by way of a position register."""
-    values = [*arm.T_flange_tool[:3, 3], *fixed_xyz_deg(arm.T_flange_tool)]
-    texts = [f"({text})" if text.startswith("-") else text for text in (fixed(value, 6) for value in values)]
-    elements = [f"  PR[{_REGISTER},{place}]={text}" for place, text in enumerate(texts, start=1)]
-    set_tool = [f"  UTOOL[{TOOL_NUMBER}]=PR[{_REGISTER}]", f"  UTOOL_NUM={TOOL_NUMBER}"]
-    return ["  UFRAME_NUM=0", f"  PR[{_REGISTER}]=LPOS", *elements, *set_tool]
-
-
-def _shown(plan: Plan) -> str:
     T = start_of(plan).T
     x, y, z = T[:3, 3]
     w, p, r = fixed_xyz_deg(T)
-    return f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm W {w:.2f} P {p:.2f} R {r:.2f} deg"
+    begin = f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm W {w:.2f} P {p:.2f} R {r:.2f} deg"
+    remarks = _WORDS.remarks(*heading(plan, demand, begin))
+    moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, plan.arm, positions))]
+    # The world frame, and the tool's frame from the rig file by way of a position register
+    values = [*plan.arm.T_flange_tool[:3, 3], *fixed_xyz_deg(plan.arm.T_flange_tool)]
+    texts = [f"({text})" if text.startswith("-") else text for text in (fixed(value, 6) for value in values)]
+    elements = [f"  PR[{_REGISTER},{place}]={text}" for place, text in enumerate(texts, start=1)]
+    set_tool = [f"  UTOOL[{TOOL_NUMBER}]=PR[{_REGISTER}]", f"  UTOOL_NUM={TOOL_NUMBER}"]
+    frames = ["  UFRAME_NUM=0", f"  PR[{_REGISTER}]=LPOS", *elements, *set_tool]
+    numbered = []
+    for number, instruction in enumerate([*remarks, *frames, *moves], start=1):
+        first, *continued = instruction.split("\n")  # its second line, the end of an arc, has no number
+        numbered.append("\n".join([f"{number:4d}:{first}", *(f"    :{text}" for text in continued)]) + " ;")
+    points = [f"P[{number}]{{\n   GP1:\n{text}\n}};" for text, number in positions.items()]
+    head = [f"/PROG  {name}", "/ATTR", 'COMMENT\t\t= "RIG PROGRAM";', "DEFAULT_GROUP\t= 1,*,*,*,*;", "/MN"]
+    return {f"{name}.LS": "\n".join([*head, *numbered, "/POS", *points, "/END", ""]), **feed(plan)}
 
 
 def _move(arm: Arm, positions: dict[str, int], step: Move) -> list[str]:

@@ -102,17 +102,14 @@ class _Controller:
 
     def obey(self, statements: list[list[str]]) -> None:
         for tokens in statements:
-            self._do(tokens)
+            if tokens[:2] == ["DECL", "INT"] and len(tokens) == 3 and self._declaring:
+                self._variables.add(_named(tokens[2]))
+                continue
+            self._declaring = False
+            if not self._moves(tokens):
+                self._act(tokens)
         if self._opened:
             raise ProgramError("an IF has no ENDIF")
-
-    def _do(self, tokens: list[str]) -> None:
-        if tokens[:2] == ["DECL", "INT"] and len(tokens) == 3 and self._declaring:
-            self._variables.add(_named(tokens[2]))
-            return
-        self._declaring = False
-        if not (self._moves(tokens) or self._sets(tokens) or self._acts(tokens)):
-            raise ProgramError(f"{' '.join(tokens)!r} is not an instruction")
 
     def _moves(self, tokens: list[str]) -> bool:
         match tokens:
@@ -145,7 +142,7 @@ class _Controller:
         turning = self._settings.get("$VEL.ORI1")
         return Speed(mm_s2=1000 * self._settings["$ACC.CP"], rad_s=turning and np.radians(turning))
 
-    def _sets(self, tokens: list[str]) -> bool:
+    def _act(self, tokens: list[str]) -> None:
         match tokens:
             case ["$TOOL", "=", *aggregate]:
                 self._machine.tool = _frame(aggregate)
@@ -155,12 +152,6 @@ class _Controller:
                 self._settings[name] = value if value[0] in "#$" else float(value)
             case [name, "=", call, "(", *arguments, ")"] if name in self._variables and call.startswith("RSI_"):
                 self._call(call, arguments)
-            case _:
-                return False
-        return True
-
-    def _acts(self, tokens: list[str]) -> bool:
-        match tokens:
             case ["WAIT", "SEC", seconds]:
                 self._machine.wait(float(seconds))
             case ["$OUT", "[", number, "]", "=", "TRUE" | "FALSE" as state]:
@@ -175,8 +166,7 @@ class _Controller:
             case ["BAS", "(", *arguments, ")"]:
                 self._call("BAS", arguments)
             case _:
-                return False
-        return True
+                raise ProgramError(f"{' '.join(tokens)!r} is not an instruction")
 
     def _call(self, name: str, arguments: list[str]) -> None:
         if name == "RSI_CREATE":

@@ -20,7 +20,7 @@ from analysis.makers.kuka.statements import (
     read_statement,
     read_submit,
 )
-from analysis.makers.machine import OFF, Program, Unknown, Value
+from analysis.makers.machine import OFF, Call, Program, Unknown, Value
 from analysis.makers.numbers import Decimals
 from analysis.makers.points import Points, as_value
 from analysis.makers.reading import ProgramReader, Remark
@@ -45,6 +45,8 @@ _WORD = re.compile(r"[A-Za-z_]\w*")
 _IMPORT = re.compile(r"\bIMPORT\b[^\n]*\.\.\s*(\w+)", re.IGNORECASE)
 """Another name for a point of this program, under which it may be written."""
 _CONFIG = "$config.dat"
+_OWN_LIST = re.compile(r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*FRAME\s+(?:.*,\s*)?(TOOL_DATA|BASE_DATA)\b", re.IGNORECASE)
+"""A list of tools or bases that hides the controller's."""
 
 
 def parse(texts: Texts) -> Parsed:
@@ -61,8 +63,12 @@ def parse(texts: Texts) -> Parsed:
         for begin, line in lines_in(blank[file]):
             if routine := _ROUTINE.match(line):
                 reader.define(file, routine[2].upper(), everywhere=bool(routine[1]))
-            elif name.lower() == _CONFIG and (data := _DATA.fullmatch(line)):
-                _configured(reader, file, begin, data, stated)
+            elif name.lower() == _CONFIG:
+                if data := _DATA.fullmatch(line):
+                    _configured(reader, file, begin, data, stated)
+            elif hides := _OWN_LIST.match(line):
+                why = reader.why(file, begin, f"{hides[1]} is declared here, beside the controller's own")
+                reader.beside.append(Call("\0", why))
     for file, name in enumerate(texts.names):
         if name.lower().endswith(".src"):
             for begin, line in lines_in(blank[file]):
@@ -82,10 +88,9 @@ def parse(texts: Texts) -> Parsed:
             return Unknown(0, 0, "nothing in these files sets it before")
         return "checked" if part == LINES else OFF
 
+    kept, stem = ("TOOL_DATA[", "BASE_DATA[", "switch", "external_tcp"), texts.names[0].rpartition(".")[0].upper()
     return reader.points.parsed(
-        Program(
-            reader.routines, initial, tuple(reader.beside), kept=("TOOL_DATA[", "BASE_DATA[", "switch", "external_tcp")
-        )
+        Program(reader.routines, initial, tuple(reader.beside), kept=kept, starts=f"{stem}:{stem}")
     )
 
 

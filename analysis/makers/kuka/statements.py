@@ -75,6 +75,8 @@ _STAYS = re.compile(r"\$(?:AXIS|POS)_ACT(?:_MES)?\s*(?:C_\w+\s*)*", re.IGNORECAS
 _ASSIGNED = re.compile(
     r"\s*(?P<left>\$?[A-Za-z_][\w$]*(?:\s*\[[^\]]*\])?(?:\.\w+(?:\[[^\]]*\])?)*)\s*=(?!=)(?P<right>.*)"
 )
+_CYCLICAL = re.compile(r"\s*\$CYCFLAG\b", re.IGNORECASE)
+"""Its right side is evaluated again and again beside the program."""
 _BY_NUMBER = re.compile(r"(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]", re.IGNORECASE)
 _AGGREGATE = re.compile(r"\{([^{}]*)\}")
 _HANDED = re.compile(r"\b(?:TOOL_DATA|BASE_DATA)\b|\$(?:TOOL|BASE)\b", re.IGNORECASE)
@@ -97,7 +99,7 @@ and outputs."""
 _SYSTEM = re.compile(
     r"\$(?:VEL|ACC|APO|VEL_AXIS|ACC_AXIS|VEL_EXTAX|ACC_EXTAX|OV_PRO|OV_APPL|ADVANCE|OUT|ANOUT|FLAG|CYCFLAG|TIMER|"
     r"TIMER_STOP|TIMER_FLAG|CIRC_TYPE|CIRC_MODE|SPL_ORI_JOINT_AUTO|BWDSTART|H_POS|LOAD|LOAD_A1|LOAD_A2|LOAD_A3|"
-    r"ACT_TOOL|ACT_BASE|GEAR_JERK|JERK|APO_DIS_PTP|CMD|MSG_T|PRO_I_O|SEN_PINT|SEN_PREA|SINT_LIST|CYCLE|TORQUE_AXIS|"
+    r"ACT_TOOL|ACT_BASE|OUT_C|GEAR_JERK|JERK|APO_DIS_PTP|CMD|MSG_T|PRO_I_O|SEN_PINT|SEN_PREA|SINT_LIST|CYCLE|TORQUE_AXIS|"
     r"REDVEL|RED_VEL|VEL_AXIS_MA|LOOP_CONT|LOOP_MSG|OUTPUT|FILTER|ECO_LEVEL|OVERRIDE|ANIN|DIGIN\w*|SOFTPLCBOOL|"
     r"SOFTPLCINT|SOFTPLCREAL)",
     re.IGNORECASE,
@@ -154,10 +156,14 @@ class Reader:
         if everywhere or stem == name:
             self._defined.setdefault(name, []).append(key)
 
-    def called(self, file: int, begin: int, name: str) -> Statement:
-        """Return the call of a routine: the one of its file, or the only one of all files."""
+    def defined(self, file: int, name: str) -> list[str]:
+        """Return the routines that a name can stand for in a file: that of the file, or those that all files see."""
         stem, key = self.names[file].rpartition(".")[0].upper(), name.upper()
-        routines = self._defined.get(f"{stem}:{key}") or self._defined.get(key) or []
+        return self._defined.get(f"{stem}:{key}") or self._defined.get(key) or []
+
+    def called(self, file: int, begin: int, name: str) -> Statement:
+        """Return the call of a routine, if its name stands for one."""
+        routines = self.defined(file, name)
         why = self.why(file, begin, f"{name} is called" if len(routines) == 1 else f"{name} is not known here")
         return Call(routines[0], why) if len(routines) == 1 else Forget(why)
 
@@ -291,8 +297,8 @@ def _functions(reader: Reader, file: int, begin: int, line: str) -> None:
     assert reader.blocks is not None  # noqa: S101 - within a routine
     for call in _CALL.finditer(line):
         statement = reader.called(file, begin, call[1])
-        if isinstance(statement, Call) or call[1].upper() not in _FUNCTIONS:
-            reader.blocks.add(statement)
+        if reader.defined(file, call[1]) or call[1].upper() not in _FUNCTIONS:
+            reader.blocks.evaluated(line[: call.start()], statement)
             for handed in _AGGREGATE.finditer(line, call.end(), brackets(line).get(call.end() - 1, len(line))):
                 if reader.literal(file, begin, LITERAL_TYPE.sub("", handed[1]), "")[0]:
                     _list(reader, file, begin, "handed", handed[0])
@@ -356,22 +362,29 @@ def _runs_beside(reader: Reader, file: int, begin: int, interrupt: re.Match[str]
             reader.routines[key] = tuple(inner.blocks.body)
             reader.beside.append(Call(key, reader.why(file, begin, "an interrupt may set it at any moment")))
         return
-    for call in _CALL.finditer(action):
+    _calls_beside(reader, file, begin, action)
+
+
+def _calls_beside(reader: Reader, file: int, begin: int, text: str) -> None:
+    """Take calls that happen at any moment."""
+    for call in _CALL.finditer(text):
         statement = reader.called(file, begin, call[1])
         why = reader.why(file, begin, f"{call[1]} may run at any moment")
         if isinstance(statement, Call):
             reader.beside.append(Call(statement.name, why))
-        elif call[1].upper() not in _FUNCTIONS:
+        elif reader.defined(file, call[1]) or call[1].upper() not in _FUNCTIONS:
             reader.beside.append(Call(f"\0{call[1]}", why))
 
 
 def _other(reader: Reader, blocks: Blocks, file: int, begin: int, line: str) -> None:
     """Take an assignment, a call of BAS or of a routine, or what changes nothing."""
-    if bas := _BAS.fullmatch(line):
+    if (bas := _BAS.fullmatch(line)) and not reader.defined(file, "BAS"):
         blocks.add(*_bas(reader, file, begin, bas[1].upper(), (bas[2] or "").strip()))
         return
     if assigned := _ASSIGNED.fullmatch(line):
         _functions(reader, file, begin, assigned["right"])
+        if _CYCLICAL.match(line):
+            _calls_beside(reader, file, begin, assigned["right"])
         blocks.add(*_assigned(reader, file, begin, re.sub(r"\s", "", assigned["left"]).upper(), assigned["right"]))
         return
     if _DECLARATION.fullmatch(line):

@@ -44,35 +44,17 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """The program and its data list."""
     name = identifier(plan.name, _NAME_LENGTH)
     points: dict[str, str] = {}
-    comments = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
+    T = start_of(plan).T
+    x, y, z = T[:3, 3]
+    c, b, a = fixed_xyz_deg(T)
+    begin = f"(base $ROBROOT) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, A {a:.2f} B {b:.2f} C {c:.2f} deg"
+    comments = _WORDS.remarks(*heading(plan, demand, begin))
     moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, plan.arm, points))]
     sensor = isinstance(plan.feedback, KUKARSI)
     declared = ["DECL INT rsi_state", "DECL INT rsi_context"] if sensor else []
     calls = [f'RSI_CREATE("{RSI_CONTEXT}", rsi_context, TRUE)', "RSI_ON(#RELATIVE)"] if sensor else []
     on = [line for call in calls for line in (f"rsi_state = {call}", "IF (rsi_state <> RSIOK) THEN", "HALT", "ENDIF")]
-    steps = _without_repeats([*_settings(plan), *on, *moves])
-    body = [*comments, *declared, *steps]
-    source = ["&ACCESS RVP", f"DEF {name}()", *body, *(["rsi_state = RSI_OFF()"] if sensor else []), "END", ""]
-    data = [f"DECL {text.replace('@', point)}" for text, point in points.items()]
-    listing = ["&ACCESS RVP", f"DEFDAT {name}", *data, "ENDDAT", ""]
-    return {f"{name}.src": "\n".join(source), f"{name}.dat": "\n".join(listing)}
-
-
-def _without_repeats(lines: list[str]) -> list[str]:
-    """The same without settings of system variables to what they are; outputs are switched each time."""
-    kept, assigned_values = list[str](), dict[str, str]()
-    for line in lines:
-        name, assigned, value = line.partition(" = ")
-        if assigned and name.startswith("$") and not name.startswith("$OUT"):
-            if assigned_values.get(name) == value:
-                continue
-            assigned_values[name] = value
-        kept.append(line)
-    return kept
-
-
-def _settings(plan: Plan) -> list[str]:
-    return [
+    settings = [
         "BAS(#INITMOV,0)",
         f"$TOOL = {_frame(plan.arm.T_flange_tool)}",
         "$BASE = $ROBROOT",
@@ -82,20 +64,32 @@ def _settings(plan: Plan) -> list[str]:
         "$ORI_TYPE = #VAR",
         f"$CIRC_TYPE = {'#PATH' if turns_with_path(plan) else '#BASE'}",
     ]
-
-
-def _shown(plan: Plan) -> str:
-    T = start_of(plan).T
-    x, y, z = T[:3, 3]
-    c, b, a = fixed_xyz_deg(T)
-    return f"(base $ROBROOT) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, A {a:.2f} B {b:.2f} C {c:.2f} deg"
+    # System variables are not set to what they are; outputs are switched each time.
+    steps, assigned_values = list[str](), dict[str, str]()
+    for instruction in [*settings, *on, *moves]:
+        variable, assigned, value = instruction.partition(" = ")
+        if assigned and variable.startswith("$") and not variable.startswith("$OUT"):
+            if assigned_values.get(variable) == value:
+                continue
+            assigned_values[variable] = value
+        steps.append(instruction)
+    body = [*comments, *declared, *steps]
+    source = ["&ACCESS RVP", f"DEF {name}()", *body, *(["rsi_state = RSI_OFF()"] if sensor else []), "END", ""]
+    data = [f"DECL {text.replace('@', point)}" for text, point in points.items()]
+    listing = ["&ACCESS RVP", f"DEFDAT {name}", *data, "ENDDAT", ""]
+    return {f"{name}.src": "\n".join(source), f"{name}.dat": "\n".join(listing)}
 
 
 def _move(arm: Arm, points: dict[str, str], step: Move) -> list[str]:
     match step:
         case JointMove(target, speed_rad_s):
             percent = percent_of_axes(arm, speed_rad_s)
-            return [*(f"$VEL_AXIS[{axis}] = {percent}" for axis in range(1, 7)), f"PTP {_axes(target.q, points)}"]
+            angles = [
+                f"A{axis} {fixed(angle, DEG_DECIMALS)}" for axis, angle in enumerate(np.degrees(target.q), start=1)
+            ]
+            none = [f"E{axis} 0.0" for axis in range(1, 7)]
+            point = _named(f"E6AXIS @ = {{{', '.join(angles + none)}}}", "A", points)
+            return [*(f"$VEL_AXIS[{axis}] = {percent}" for axis in range(1, 7)), f"PTP {point}"]
         case Line(target, speed_mm_s, stops):
             return [_speed(speed_mm_s), f"LIN {_point(target.T, points)}{'' if stops else ' C_DIS'}"]
         case Turn(target, _, speed_rad_s):
@@ -108,12 +102,6 @@ def _move(arm: Arm, points: dict[str, str], step: Move) -> list[str]:
 
 def _speed(speed_mm_s: float) -> str:
     return f"$VEL.CP = {fixed(speed_mm_s / 1e3, 6)}"
-
-
-def _axes(q: Array, points: dict[str, str]) -> str:
-    angles = [f"A{axis} {fixed(angle, DEG_DECIMALS)}" for axis, angle in enumerate(np.degrees(q), start=1)]
-    none = [f"E{axis} 0.0" for axis in range(1, 7)]
-    return _named(f"E6AXIS @ = {{{', '.join(angles + none)}}}", "A", points)
 
 
 def _point(T: Array, points: dict[str, str]) -> str:

@@ -45,6 +45,7 @@ from analysis.makers.target import (
     arguments,
     blanked,
     brackets,
+    in_one_line,
     lines_of,
     numbers_in,
     with_newlines,
@@ -53,6 +54,7 @@ from analysis.makers.target import (
 
 _DECIMALS = Decimals(place=(8, 10), turn=(8, 10))
 """1e-8 m is 0.01 µm; PolyScope writes twelve decimals and more."""
+_QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 _BLANK = re.compile(r"#[^\n]*|\"[^\"\n]*\"|'[^'\n]*'|^[ \t]*\$[^\n]*", re.MULTILINE)
 _DECLARED = re.compile(
     r"^[ \t]*(?:global[ \t]+|local[ \t]+)?(?P<name>[A-Za-z_]\w*)[ \t]*=[ \t]*(?P<kind>p?)\[(?P<list>[^\[\]\n]*)\]"
@@ -156,10 +158,15 @@ class _Reader:
     poses: dict[str, tuple[float, ...]] = field(default_factory=dict)
     spent: set[int] = field(default_factory=set)
     """Where names of points stand as targets or are declared."""
+    tools: dict[str, int] = field(default_factory=dict)
+    """Where set_tcp is given a name."""
+    reached: set[str] = field(default_factory=set)
+    """Names that moves are given."""
     defined: Counter[str] = field(default_factory=Counter)
     routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
     open: list[tuple[str, Blocks]] = field(default_factory=lambda: [("", Blocks())])
     beside: list[Call] = field(default_factory=list)
+    outer: list[str] = field(default_factory=list)
 
     def left(self, place: int, reason: Reason, name: str) -> Left:
         return Left(0, self.lines.at(place), name[:60], reason)
@@ -175,7 +182,11 @@ class _Reader:
 def parse(texts: Texts) -> Parsed:
     """Return the targets of a script."""
     text = blanked(with_newlines(texts.texts[0]), _BLANK)
-    reader = _Reader(text, lines_of(text), brackets(text))
+    closes = brackets(text)
+    reader = _Reader(in_one_line(text, closes), lines_of(text), closes)
+    if odd := re.search("[\"']", _QUOTED.sub(lambda quoted: " " * len(quoted[0]), text)):
+        _misread(reader, odd.start(), "a text does not end in its line")
+    text = reader.text
     events = list(_EVENT.finditer(text))
     reader.defined.update(event["name"] for event in events if event["routine"])
     _declare(reader, events)
@@ -185,10 +196,21 @@ def parse(texts: Texts) -> Parsed:
         if numbers and len(numbers) == 6:
             reader.points.leave(reader.left(part.start(), "not_literal", part["name"]))
     _read(reader, events)
+    for name in reader.tools.keys() & reader.reached:
+        reader.points.change(name, 0, reader.lines.at(reader.tools[name]))
     for word in _WORD.finditer(text):
         if reader.points.knows(word[0]) and word.start() not in reader.spent:
             reader.points.change(word[0], 0, reader.lines.at(word.start()))
-    return reader.points.parsed(Program(reader.routines, _initial, tuple(reader.beside), kept=("tool",)))
+    return reader.points.parsed(
+        Program(reader.routines, _initial, tuple(reader.beside), kept=("tool",), starts=_starts(reader))
+    )
+
+
+def _starts(reader: _Reader) -> str | None:
+    """Return the routine that runs when a script is sent: what stands outside of all, or the only one around others."""
+    if reader.routines[""]:
+        return ""
+    return reader.outer[0] if len(reader.outer) == 1 else None
 
 
 def _initial(part: str) -> Value:
@@ -227,6 +249,8 @@ def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
     waiting = ""
     for event in ordered:
         if event["routine"]:
+            if event["routine"] == "def" and len(reader.open) == 1:
+                reader.outer.append(event["name"])
             reader.open.append((event["name"], Blocks()))
             if event["routine"] == "sec":
                 reader.beside.append(Call(event["name"], reader.why(event.start(), f"{event['name']} runs beside")))
@@ -239,7 +263,7 @@ def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
         else:
             waiting = _flow(reader, event, waiting)
     if len(reader.open) > 1 or reader.blocks.depth:
-        _misnested(reader, len(reader.text) - 1)
+        _misread(reader, len(reader.text) - 1)
     while len(reader.open) > 1:
         _end_routine(reader)
     reader.routines[""] = reader.open[0][1].done()
@@ -291,7 +315,7 @@ def _flow(reader: _Reader, event: re.Match[str], waiting: str) -> str:
             elif len(reader.open) > 1:
                 _end_routine(reader)
             else:
-                _misnested(reader, event.start())
+                _misread(reader, event.start())
     return ""
 
 
@@ -304,9 +328,9 @@ def _end_routine(reader: _Reader) -> None:
         reader.routines[name] = blocks.done()
 
 
-def _misnested(reader: _Reader, place: int) -> None:
-    """Blocks that do not end where they should are of a language that is not known: anything may happen."""
-    reader.beside.append(Call("\0", reader.why(place, "the blocks do not end where they should")))
+def _misread(reader: _Reader, place: int, fault: str = "the blocks do not end where they should") -> None:
+    """What does not end where it should is of a language that is not known: anything may happen."""
+    reader.beside.append(Call("\0", reader.why(place, fault)))
 
 
 def _call(reader: _Reader, event: re.Match[str]) -> None:
@@ -314,7 +338,8 @@ def _call(reader: _Reader, event: re.Match[str]) -> None:
     name, at, blocks = event["call"], event.start(), reader.blocks
     end = reader.closes.get(event.end() - 1)
     if name in reader.defined:
-        blocks.add(Call(name, reader.why(at, f"{name} is called")))
+        before = reader.text[reader.text.rfind("\n", 0, at) + 1 : at]
+        blocks.evaluated(before, Call(name, reader.why(at, f"{name} is called")))
     elif name in _WAYS:
         if end is None:
             _leave(reader, at, "computed", name)
@@ -322,7 +347,7 @@ def _call(reader: _Reader, event: re.Match[str]) -> None:
         places = arguments(reader.text, event.end(), end)
         named = [place for place in places if _TARGET.match(reader.text, *place)]
         named.sort(key=lambda place: not reader.text.startswith("pose_via", place[0]))  # it is passed first
-        count = 2 if name in ("movec", "servoc") and len(places) > 1 else 1
+        count = 2 if name == "movec" and len(places) > 1 else 1
         for place in named or places[:count]:
             _target(reader, name, *place)
         if name in _STREAMED:
@@ -361,6 +386,7 @@ def _tool(reader: _Reader, at: int, opening: int) -> Value:
         return unknown
     if not literal:
         reader.spent.add(begin)
+        reader.tools[name] = begin
         reader.points.silent.add(name)
     value = as_value(frame_of("rotation_vector", values))
     reader.points.state(Named("tcp", "tool", 0, reader.lines.at(at), value))
@@ -392,6 +418,7 @@ def _target(
         reader.points.declare(key, Target(call, 0, line, form, literal[1], "tcp", "base"))
     elif reader.points.knows(name):
         reader.spent.add(begin)
+        reader.reached.add(name)
         if near is None and name.endswith("_p"):
             near = reader.joints.get(f"{name[:-2]}_q")
     if not reader.points.knows(key):

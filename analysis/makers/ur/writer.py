@@ -42,17 +42,14 @@ _FIRST_CONFIGURABLE, _FIRST_OF_TOOL = 8, 16
 def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """One script: a function, and the call of it."""
     name = identifier(plan.name, _NAME_LENGTH)
-    comments = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
+    values = _values(start_of(plan).T)
+    begin = f"X {values[0] * 1e3:.1f} Y {values[1] * 1e3:.1f} Z {values[2] * 1e3:.1f} mm, RX RY RZ " + " ".join(
+        f"{value:.3f}" for value in values[3:]
+    )
+    comments = _WORDS.remarks(*heading(plan, demand, begin))
     body = [f"  {line}" for step in plan.steps for line in _lines(plan, step)]
     tool = f"  set_tcp({_pose(plan.arm.T_flange_tool)})"
     return {f"{name}.script": "\n".join([*comments, f"def {name}():", tool, *body, "end", f"{name}()", ""])}
-
-
-def _shown(plan: Plan) -> str:
-    values = _values(start_of(plan).T)
-    return f"X {values[0] * 1e3:.1f} Y {values[1] * 1e3:.1f} Z {values[2] * 1e3:.1f} mm, RX RY RZ " + " ".join(
-        f"{value:.3f}" for value in values[3:]
-    )
 
 
 def _lines(plan: Plan, step: Step) -> list[str]:

@@ -102,8 +102,17 @@ class _Controller:
                 chain = []
             if match:
                 self._move(match)
+            elif line.startswith("'"):
+                if len(line) > 1 + 32:
+                    raise ProgramError(f"the comment {line!r} is longer than 32 characters")
+            elif match := re.fullmatch(r"TIMER T=(\d+\.\d\d)", line):
+                self._machine.wait(float(match[1]))
+            elif match := re.fullmatch(r"DOUT OT#\((\d+)\) (ON|OFF)", line):
+                self._machine.events.append(Switched(int(match[1]), match[2] == "ON"))
+            elif line == "PAUSE":
+                self._machine.events.append(Held())
             else:
-                self._act(line)
+                raise ProgramError(f"{line!r} is not an instruction")
         self._drive(chain)
         if len(self._used) != len(self._positions):
             raise ProgramError("a position of the job belongs to no instruction")
@@ -118,19 +127,6 @@ class _Controller:
             self._machine.turn(pose, np.radians(float(match[5])))
         else:
             self._machine.line(pose, self._speed(match[4]), stops=match[6] == " PL=0", speed=Speed())
-
-    def _act(self, line: str) -> None:
-        if line.startswith("'"):
-            if len(line) > 1 + 32:
-                raise ProgramError(f"the comment {line!r} is longer than 32 characters")
-        elif match := re.fullmatch(r"TIMER T=(\d+\.\d\d)", line):
-            self._machine.wait(float(match[1]))
-        elif match := re.fullmatch(r"DOUT OT#\((\d+)\) (ON|OFF)", line):
-            self._machine.events.append(Switched(int(match[1]), match[2] == "ON"))
-        elif line == "PAUSE":
-            self._machine.events.append(Held())
-        else:
-            raise ProgramError(f"{line!r} is not an instruction")
 
     def _drive(self, chain: list[tuple[Pose, float, bool]]) -> None:
         """A chain of MOVC: to its first point on a line, then arc by arc."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -49,7 +50,7 @@ from analysis.makers.target import (
     with_newlines,
     words,
 )
-from analysis.robot_programs.posture import posture_of
+from analysis.robot_programs.posture import agreeing
 
 _DECIMALS = Decimals(place=(3, 3), turn=(4, 4))
 """The job format's own resolution."""
@@ -64,13 +65,13 @@ _MODIFIERS = re.compile(
 """What stands behind a target and changes neither where it is nor how it is reached: speeds, corners, no waiting."""
 _UNTIL = re.compile(r"\bUNTIL\b.*")
 _TRACKED = re.compile(r"\bCV#|\bSYNC\b")
-_FRAME = re.compile(r"(?P<word>MFRAME|SETTOOL|SETUFRAME|SETUF)\b(?P<rest>.*)")
+_FRAME = re.compile(r"(?P<word>MFRAME|SETTOOL|SETUFRAME|SETUF|SETFILE(?=.*\b(?:UF|TL)#))\b(?P<rest>.*)")
 _NOTHING = words("""
     NOP PAUSE TIMER DOUT DIN AOUT PULSE WAIT SET SETE SETR GETE GETS GETPOS CLEAR INC DEC ADD SUB MUL DIV MOD CNVRT
     MULMAT INVMAT AND OR NOT XOR SIN COS TAN ATAN SQRT SQRTS SPEED MSG PRINT ARCON ARCOF ARCSET ARCCTS ARCCTE WVON WVOF
     AWELD VWELD SVSPOT SVGUNCL GUNCL GUNCHG SVDRESSMV PWAIT CLOSE OPEN DIALOG DIALOGVAL SETUALM RSTUALM
     VAL2STR STR2VAL ASC CHR$ MID$ LEN CAT$ GETREG SETREG BIND REFP HAND HSEN TOOLON TOOLOF PAINTON PAINTOF SPYON SPYOF
-    HPVELON HPVELOF GETFILE SETFILE DOUTWAIT CLRSTP LATCH ADVINIT ADVSTOP DELAY SWAIT TSYNC
+    HPVELON HPVELOF GETFILE SETFILE DOUTWAIT CLRSTP LATCH ADVINIT ADVSTOP DELAY SWAIT CWAIT TSYNC MSHIFT
     """)
 """Instructions that change neither tool, frame nor shift, nor where the arm stands: variables, signals, waiting,
 messages, welding, guns."""
@@ -100,6 +101,8 @@ class _Reader:
     file: int = 0
     line: int = 0
     job: str = ""
+    frame: str | None = None
+    """The frame of a relative job, in which it is repeated."""
     blocks: Blocks = field(default_factory=Blocks)
 
     def why(self, what: str) -> Unknown:
@@ -156,7 +159,7 @@ def _read_file(reader: _Reader, file: int, lines: list[str]) -> None:
         if line.startswith(("/JOB", "//NAME")):
             if moving:
                 reader.routines[reader.job] = reader.blocks.done()
-            state, moving = _State(), False
+            state, moving, reader.frame = _State(), False, None
             if line.startswith("//NAME"):
                 reader.job, reader.blocks = f"{file}:{number}", Blocks()
         elif line.startswith("//INST"):
@@ -187,40 +190,37 @@ def _position(reader: _Reader, line: str, begin: int, state: _State) -> None:
     numbers = numbers_in(line, position.start(2), position.end(2)) or ()
     numbers = tuple(type(number)(begin + number.begin, begin + number.end, number.value) for number in numbers)
     pulses = state.kind == "PULSE"
-    frame = {"BASE": "base", "ROBOT": "base", "USER": state.user}.get(state.kind, state.kind.lower())
+    frame = _frame(state.kind, state.user)
     flags = Flags(state.posture, _agreeing) if len(state.posture) == 6 and not pulses else None
     form: Form = "pulses" if pulses else "roll_pitch_yaw"
     target = Target(position[1], 0, reader.line, form, numbers, state.tool, frame, flags)
-    reader.points.declare(reader.key(position[1]), target, _reason(position[1], len(numbers)))
+    reason: Reason | None = None if len(numbers) == 6 else "incomplete"
+    if position[1][0] in "BE" or len(numbers) > 6:
+        reason = "external_axes"
+    elif position[1][0] == "P":
+        reason = "not_literal"
+    reader.points.declare(reader.key(position[1]), target, reason)
+
+
+def _frame(kind: str, user: str) -> str:
+    """Return the name of the frame of positions, or of a relative job."""
+    return {"BASE": "base", "ROBOT": "base", "USER": user}.get(kind, kind.lower())
 
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
     """Which solutions q (n, 6) rad agree with the first six of RCONF: no flip, not up, not front, in the sense of `rig
     program`, and whether R, T and S stand beyond half a turn."""
-
-    def agrees(angles: Array) -> bool:
-        stands = posture_of(arm, angles)
-        around = [angles + shift for shift in (-slack_rad, 0.0, slack_rad)]
-        sides = [{int(not -np.pi < turned_q[axis] <= np.pi) for turned_q in around} for axis in (3, 5, 0)]
-        return (not stands.flip, not stands.up, not stands.front) == values[:3] and all(
-            n in sides_of_axis for n, sides_of_axis in zip(values[3:], sides, strict=True)
-        )
-
-    return np.array([agrees(angles) for angles in q])
-
-
-def _reason(name: str, count: int) -> Reason | None:
-    if name[0] in "BE" or count > 6:
-        return "external_axes"
-    if name[0] == "P":
-        return "not_literal"
-    return None if count == 6 else "incomplete"
+    sides, numbers = tuple(1 - value for value in values[:3]), dict(zip((3, 5, 0), values[3:], strict=True))
+    return agreeing(arm, q, sides, numbers, lambda angle: int(not -np.pi < angle <= np.pi), slack_rad)
 
 
 def _instruction(reader: _Reader, text: str) -> None:
     """Take an instruction of a job."""
     blocks = reader.blocks
     if text.startswith("///") or not text:
+        if text.startswith("////FRAME"):
+            kind, user = (*text.upper().split()[1:3], "", "")[:2]
+            reader.frame = _frame(kind, user)
         return
     if move := _MOVE.match(text):
         _move(reader, move)
@@ -235,29 +235,28 @@ def _instruction(reader: _Reader, text: str) -> None:
     elif call := _CALL.match(text):
         _call(reader, call)
     elif word in ("RET", "END", "ABORT"):
-        if conditional:
-            blocks.branch()
-        blocks.add(End(halts=word == "ABORT"))
-        if conditional:
-            blocks.close()
+        (blocks.perhaps if conditional else blocks.add)(End(halts=word == "ABORT"))
     elif frame := _FRAME.match(text):
         number = re.search(r"\b(?:UF|TL)#\((\d+)\)", frame["rest"])
-        family = "TOOL" if frame["word"] == "SETTOOL" else "USER"
+        family = "TOOL" if frame["word"] == "SETTOOL" or "TL#" in frame["rest"] else "USER"
         why = reader.why(f"{frame['word']} sets it")
         blocks.add(Set(f"{family}[{int(number[1])}]", why) if number else Lose(family, why))
     elif word in _SWITCHES:
         blocks.add(Set(*_SWITCHES[word]))
-    elif not _flow(blocks, word) and word not in _NOTHING:
+    elif not _flow(blocks, word, text) and word not in _NOTHING:
         blocks.add(Forget(reader.why(f"{text} is not known here")))
 
 
-def _flow(blocks: Blocks, word: str) -> bool:
+def _flow(blocks: Blocks, word: str, text: str) -> bool:
     """Take a word of a block of the language, if it is one."""
     match word:
         case "IFTHEN" | "IFTHENEXP" | "IF":
             blocks.branch()
         case "SWITCH":
             blocks.cases()
+            if re.search(r"\bCASE\b", text, re.IGNORECASE):  # the first one on the same line
+                blocks.other()
+                blocks.guard()
         case "ELSEIF" | "ELSEIFEXP" | "CASE":
             blocks.other()
             blocks.guard()
@@ -283,9 +282,7 @@ def _jump(reader: _Reader, text: str, *, falls: bool) -> None:
     if label:
         reader.blocks.add(Jump((label[0],), falls=falls))
     elif job:  # it does not come back
-        reader.blocks.branch()
-        reader.blocks.add(reader.called(job[1]), End())
-        reader.blocks.close()
+        reader.blocks.perhaps(reader.called(job[1]), End())
         if not falls:
             reader.blocks.add(End())
     else:
@@ -298,17 +295,11 @@ def _call(reader: _Reader, call: re.Match[str]) -> None:
         name = statement.name if isinstance(statement, Call) else f"{call['job']} "
         reader.beside.append(Call(name, reader.why(f"{call['job']} may run at any moment")))
         return
-    conditional = re.search(r"\bIF\b", call["rest"])
-    if conditional:
-        reader.blocks.branch()
-    relative = re.search(r"\bUF#", call["rest"])  # a relative job, in the user frame of the call
-    if relative:
-        reader.blocks.add(Set("relative", reader.why(f"{call['job']} is called in another user frame")))
-    reader.blocks.add(statement)
-    if relative:
-        reader.blocks.add(Set("relative", OFF))
-    if conditional:
-        reader.blocks.close()
+    statements = [statement]
+    if re.search(r"\bUF#", call["rest"]):  # a relative job, in the user frame of the call
+        elsewhere = reader.why(f"{call['job']} is called in another user frame")
+        statements = [Set("relative", elsewhere), statement, Set("relative", OFF)]
+    (reader.blocks.perhaps if re.search(r"\bIF\b", call["rest"]) else reader.blocks.add)(*statements)
 
 
 def _mentioned(reader: _Reader, text: str) -> None:
@@ -319,10 +310,10 @@ def _mentioned(reader: _Reader, text: str) -> None:
                 reader.points.change(reader.key(mention[0]), 0, reader.line)
 
 
-def _unless_relative(values: tuple[Value, ...]) -> Value:
-    """Return the user frame of a position, unless the job runs in that of its call."""
-    frame, relative = values
-    return relative if isinstance(relative, Unknown) else frame
+def _unless_relative(name: str, values: tuple[Value, ...]) -> Value:
+    """Return the frame of a position, by its name if it has no other value, unless the job runs in that of its call."""
+    relative, *frame = values
+    return relative if isinstance(relative, Unknown) else frame[0] if frame else name
 
 
 def _move(reader: _Reader, move: re.Match[str]) -> None:
@@ -347,7 +338,12 @@ def _move(reader: _Reader, move: re.Match[str]) -> None:
     target = reader.points.target(key)
     tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
     user = str(target.frame)
-    frame = Built((f"USER[{int(user)}]", "relative"), _unless_relative) if user.isdigit() else user
+    frame: Value | Built = reader.why("the job is relative to another frame than that of its positions")
+    if target.joints:
+        frame = user
+    elif reader.frame in (None, user):
+        parts = (f"USER[{int(user)}]",) if user.isdigit() else ()
+        frame = Built(("relative", *parts), partial(_unless_relative, user))
     needs = ("shift", "tracking here", "coordinated here", "option here")
     way = "joint" if move["kind"].endswith("MOVJ") else "line"
     blocks.add(Move(key, way, 0, reader.line, tool, frame, needs))

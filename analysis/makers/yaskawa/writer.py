@@ -47,24 +47,29 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     """The job."""
     name = identifier(plan.name, _NAME_LENGTH).upper()
     positions: list[str] = []
-    comments = _WORDS.remarks(*heading(plan, demand, _shown(plan)))
+    T = start_of(plan).T
+    x, y, z = T[:3, 3]
+    rx, ry, rz = fixed_xyz_deg(T)
+    tool = plan.arm.T_flange_tool
+    entered = f"{listed(tool[:3, 3], 3)} mm {listed(fixed_xyz_deg(tool), 3)} deg".replace(",", " ")
+    begin = (
+        f"(base) X {x:.1f} Y {y:.1f} Z {z:.1f} mm Rx {rx:.2f} Ry {ry:.2f} Rz {rz:.2f} deg with tool {TOOL_NUMBER} "
+        f"entered as {entered}"
+    )
+    comments = _WORDS.remarks(*heading(plan, demand, begin))
     moves = _instructions(plan, positions)
     head = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(positions)},0,0,0,0,0", f"///TOOL {TOOL_NUMBER}"]
     form = ["///POSTYPE BASE", "///RECTAN"]
     instructions = ["//INST", "///DATE 2026/01/01 00:00", "///ATTR SC,RW,RJ", "///FRAME BASE", "///GROUP1 RB1", "NOP"]
-    lines = [*head, *form, *_grouped(positions), *instructions, *comments, *moves, "END", ""]
-    return {f"{name}.JBI": "\n".join(lines)}
-
-
-def _grouped(positions: list[str]) -> list[str]:
-    """The positions, each `RCONF\\nvalues`, numbered; an RCONF holds until the next one."""
-    lines: list[str] = []
+    # The positions, each `RCONF\nvalues`, numbered; an RCONF holds until the next one
+    numbered: list[str] = []
     last = ""
     for number, text in enumerate(positions):
-        form, values = text.split("\n")
-        lines += [f"C{number:05d}={values}"] if form == last else [form, f"C{number:05d}={values}"]
-        last = form
-    return lines
+        rconf, values = text.split("\n")
+        numbered += [f"C{number:05d}={values}"] if rconf == last else [rconf, f"C{number:05d}={values}"]
+        last = rconf
+    lines = [*head, *form, *numbered, *instructions, *comments, *moves, "END", ""]
+    return {f"{name}.JBI": "\n".join(lines)}
 
 
 def _instructions(plan: Plan, positions: list[str]) -> list[str]:
@@ -110,18 +115,6 @@ def _position(arm: Arm, target: Target, positions: list[str]) -> str:
     angles = listed(fixed_xyz_deg(target.T), _DEG_DECIMALS)
     positions.append(f"///RCONF {','.join(map(str, form))}{_UNUSED}\n{places},{angles}")
     return f"C{len(positions) - 1:05d}"
-
-
-def _shown(plan: Plan) -> str:
-    T = start_of(plan).T
-    x, y, z = T[:3, 3]
-    rx, ry, rz = fixed_xyz_deg(T)
-    tool = plan.arm.T_flange_tool
-    entered = f"{listed(tool[:3, 3], 3)} mm {listed(fixed_xyz_deg(tool), 3)} deg".replace(",", " ")
-    return (
-        f"(base) X {x:.1f} Y {y:.1f} Z {z:.1f} mm Rx {rx:.2f} Ry {ry:.2f} Rz {rz:.2f} deg with tool {TOOL_NUMBER} "
-        f"entered as {entered}"
-    )
 
 
 WRITER = ProgramWriter(write)

@@ -5,25 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from analysis.correction.deviation import Deviation, Expected
 from analysis.reporting.page.verdict import Verdict
-
-
-@dataclass(frozen=True)
-class Side:
-    """An error of the path in µm with its standard uncertainty, the largest, and of how many runs."""
-
-    um: float
-    u_um: float
-    largest_um: float
-    runs: int
-
-
-@dataclass(frozen=True)
-class Expectation:
-    """What a correction was expected to leave, µm rms, with its standard uncertainty."""
-
-    um: float
-    u_um: float
 
 
 @dataclass(frozen=True)
@@ -31,9 +14,9 @@ class Row:
     """One place: the error before and after, None where nothing was driven afterwards, and what was expected."""
 
     place: Literal["same", "elsewhere"]
-    before: Side
-    after: Side | None
-    expected: Expectation | None
+    before: Deviation
+    after: Deviation | None
+    expected: Expected | None
 
 
 @dataclass(frozen=True)
@@ -57,11 +40,11 @@ class BeforeAfter:
     verdict: Verdict | None = None
 
     @property
-    def driven(self) -> tuple[Side, Side] | None:
+    def driven(self) -> tuple[Deviation, Deviation] | None:
         """The error before and after on the same circle; None where nothing was driven afterwards."""
         return next(((row.before, row.after) for row in self.rows if row.place == "same" and row.after), None)
 
     @property
-    def elsewhere(self) -> tuple[Side, Side] | None:
+    def elsewhere(self) -> tuple[Deviation, Deviation] | None:
         """The same at the other place."""
         return next(((row.before, row.after) for row in self.rows if row.place == "elsewhere" and row.after), None)

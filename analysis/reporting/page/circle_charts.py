@@ -27,11 +27,16 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
     charts = []
     for frame in _FRAMES:
         for part, unit, label in (("angle", "°", "error_angle"), ("distance", "µm", "error_distance")):
-            lines = tuple(_line(group, role, part, texts) for role in _DIRECTIONS if _curves(group, role))
+            lines = []
+            for role in _DIRECTIONS:
+                if curves := _curves(group, role):  # their mean is drawn
+                    many = f" ({texts('mean_of_runs', count=len(curves))})" if len(curves) > 1 else ""
+                    values = [curve.error_deg if part == "angle" else 1e3 * curve.deviation_mm for curve in curves]
+                    lines.append(Line(f"{role}{many}", role, np.degrees(PHI), np.mean(values, axis=0)))
             title = texts(f"chart_{part}_{frame}", test=texts(f"test_{test}"))
             caption = texts(f"caption_{part}_{frame}")
             y_label = f"{texts(label)} / {unit}"
-            charts.append(Chart(title, caption, frame, texts("circle_angle"), y_label, unit, lines, marks))
+            charts.append(Chart(title, caption, frame, texts("circle_angle"), y_label, unit, tuple(lines), marks))
     return charts
 
 
@@ -39,14 +44,6 @@ def _curves(group: Sequence[Result], direction: str) -> list[CircleCurve]:
     """The curves of all runs of a direction."""
     curves = [result.curve for result in group if result.measured.run.manifest.direction == direction]
     return [curve for curve in curves if isinstance(curve, CircleCurve)]
-
-
-def _line(group: Sequence[Result], direction: Role, part: str, texts: Texts) -> Line:
-    """The mean over the runs of a direction."""
-    curves = _curves(group, direction)
-    many = f" ({texts('mean_of_runs', count=len(curves))})" if len(curves) > 1 else ""
-    values = [curve.error_deg if part == "angle" else 1e3 * curve.deviation_mm for curve in curves]
-    return Line(f"{direction}{many}", direction, np.degrees(PHI), np.mean(values, axis=0))
 
 
 def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:

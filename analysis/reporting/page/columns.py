@@ -27,20 +27,16 @@ class Column:
 
 def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
     """The columns of the runs of one test."""
-    return [
-        Column(title_of(column, texts), _note(column, texts), column.figures, column.sd)
-        for column in figure_columns(group)
-    ]
+    columns, words = [], {"mean": "mean_of_runs", "pairs": "pairs"}
+    for column in figure_columns(group):
+        note = column.run if column.kind == "run" else texts(words[column.kind], count=column.count)
+        columns.append(Column(title_of(column, texts), note, column.figures, column.sd))
+    return columns
 
 
 def title_of(column: FigureColumn, texts: Texts) -> str:
     """What a column is of: a direction, or both against each other; empty where the test has no direction."""
     return texts("acw_against_cw") if column.kind == "pairs" else column.direction
-
-
-def _note(column: FigureColumn, texts: Texts) -> str:
-    words = {"mean": "mean_of_runs", "pairs": "pairs"}
-    return column.run if column.kind == "run" else texts(words[column.kind], count=column.count)
 
 
 def shown(name: str, figure: Quantity, texts: Texts) -> str:

@@ -31,27 +31,28 @@ class Finding:
 
 def findings_of(diagnosis: Diagnosis, texts: Texts) -> list[Finding]:
     """The faults of a diagnosis, the one that makes most of the error first."""
-    return [
-        _finding(diagnosis, named, texts) for named in sorted(diagnosis.standing, key=lambda named: -named.worth_um)
-    ]
+    words, findings = AnswerWords(diagnosis, texts), []
+    for named in sorted(diagnosis.standing, key=lambda named: -named.worth_um):
+        rivals = " · ".join(_sentence(words, rival.effect, rival) for rival in likely_rivals(named))
+        twins = texts("and").join(words.noun(twin) for twin in named.twins)
+        others = [texts("rivals", others=rivals)] if rivals else []
+        others += [texts("twins", others=twins)] if twins else []
+        part = part_of(diagnosis, named)  # what it makes of the error, where that is known
+        made = ""
+        if part is not None and math.isfinite(part.um):
+            made = texts("made_of_error", share=percent(part.share), um=micrometres(part.um))
+        finding = Finding(
+            what=_sentence(words, named.effect, named),
+            where=_where(diagnosis, named, texts),
+            share=made,
+            others=tuple(others),
+            sure=texts("sure", share=sure(named.posterior)),
+        )
+        findings.append(finding)
+    return findings
 
 
-def _finding(diagnosis: Diagnosis, named: Named, texts: Texts) -> Finding:
-    words = AnswerWords(diagnosis, texts)
-    rivals = " · ".join(_said(words, rival.effect, rival) for rival in likely_rivals(named))
-    twins = texts("and").join(words.noun(twin) for twin in named.twins)
-    others = [texts("rivals", others=rivals)] if rivals else []
-    others += [texts("twins", others=twins)] if twins else []
-    return Finding(
-        what=_said(words, named.effect, named),
-        where=_where(diagnosis, named, texts),
-        share=_share(diagnosis, named, texts),
-        others=tuple(others),
-        sure=texts("sure", share=sure(named.posterior)),
-    )
-
-
-def _said(words: AnswerWords, effect: Effect, named: Named | Rival) -> str:
+def _sentence(words: AnswerWords, effect: Effect, named: Named | Rival) -> str:
     """The sentence of an effect; one for which the language has none is said as what it is called, and its size."""
     template = words.texts.effects.get(effect.effect)
     if template is None:
@@ -76,14 +77,6 @@ def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
             middles.append(middle)
     listed = texts("and").join(f"{middle:.0f}°" for middle in sorted(middles))
     return texts("where", places=listed)
-
-
-def _share(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
-    """What a fault makes of the error; empty where that is not known."""
-    part = part_of(diagnosis, named)
-    if part is None or not math.isfinite(part.um):
-        return ""
-    return texts("made_of_error", share=percent(part.share), um=micrometres(part.um))
 
 
 def diagnosis_words(diagnosis: Diagnosis) -> str:

@@ -37,12 +37,17 @@ def _numbers(values: Array) -> dict[str, Any]:
 def _chart(chart: Chart) -> dict[str, Any]:
     if chart.frame == "polar":
         return _polar(chart)
+    full = {"yref": "paper", "y0": 0, "y1": 1}
+    line = {"type": "line", **full, "line": {"dash": "dot", "width": 1}}
+    shade = {"type": "rect", **full, "line": {"width": 0}, "opacity": 0.25, "layer": "below", "shade": True}
+    word = {"yref": "paper", "y": 1.0, "yanchor": "bottom", "xanchor": "left", "textangle": -45, "font": {"size": 10}}
     layout: dict[str, Any] = {
         "xaxis": {"title": {"text": chart.x_label}, "zeroline": False},
         "yaxis": {"title": {"text": chart.y_label}, "zeroline": True, "automargin": True},
         "hovermode": "x unified" if chart.frame == "straight" else "closest",
-        "shapes": [_line_at(mark.at_deg) for mark in chart.marks] + [_shade(*ends) for ends in chart.shaded],
-        "annotations": [_word_at(mark.at_deg, mark.text) for mark in chart.marks],
+        "shapes": [{**line, "x0": mark.at_deg, "x1": mark.at_deg} for mark in chart.marks]
+        + [{**shade, "x0": low, "x1": high} for low, high in chart.shaded],
+        "annotations": [{**word, "x": mark.at_deg, "text": mark.text, "showarrow": False} for mark in chart.marks],
     }
     if chart.frame == "plane":
         layout["yaxis"] |= {"scaleanchor": "x"}
@@ -74,21 +79,6 @@ def _trace(line: Line, unit: str) -> dict[str, Any]:
     if line.half is not None:
         trace["error_y"] = {"type": "data", "array": _numbers(line.half), "thickness": 1}
     return trace
-
-
-def _line_at(at_deg: float) -> dict[str, Any]:
-    line = {"dash": "dot", "width": 1}
-    return {"type": "line", "x0": at_deg, "x1": at_deg, "yref": "paper", "y0": 0, "y1": 1, "line": line}
-
-
-def _shade(low_deg: float, high_deg: float) -> dict[str, Any]:
-    ends = {"x0": low_deg, "x1": high_deg, "yref": "paper", "y0": 0, "y1": 1}
-    return {"type": "rect", **ends, "line": {"width": 0}, "opacity": 0.25, "layer": "below", "shade": True}
-
-
-def _word_at(at_deg: float, text: str) -> dict[str, Any]:
-    place = {"x": at_deg, "yref": "paper", "y": 1.0, "yanchor": "bottom"}
-    return {**place, "text": text, "showarrow": False, "textangle": -45, "xanchor": "left", "font": {"size": 10}}
 
 
 def _polar(chart: Chart) -> dict[str, Any]:

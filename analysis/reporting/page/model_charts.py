@@ -27,10 +27,16 @@ _IN_PICTURE = {"deg": ("°", 1.0), "mm": ("µm", 1e3)}
 """Unit and factor in which a compared curve is drawn."""
 
 
+_ALONG = {"phi_deg": "circle_angle", "target": "target", "place": "target_and_side"}
+
+
 def simulated_charts(report: Report, group: Sequence[Result], texts: Texts) -> list[Chart]:
     """Measured and simulated error of a group of runs, a picture for each direction; repeated runs as their mean."""
     before, after = _of_group(report.simulated, group), _of_group(report.corrected, group)
-    charts, ticks = [], _ticks(group[0])
+    # The names of the places of a repeatability run: each target from outside and from inside
+    targets = group[0].found.targets if isinstance(group[0].found, RepeatabilityResult) else ()
+    places = (f"{target} {_ARROWS[side]}" for target in targets for side in SIDES)
+    charts, ticks = [], tuple((float(place), name) for place, name in enumerate(places))
     for title in dict.fromkeys(comparison.result.title for comparison in before):
         x, measured, simulated = _means(before, title)
         unit, factor = _IN_PICTURE[before[0].unit]
@@ -41,22 +47,12 @@ def simulated_charts(report: Report, group: Sequence[Result], texts: Texts) -> l
             name = texts("simulated_with")
             lines.append(Line(name, "after", x, with_effects, points=before[0].unit == "mm"))
         straight = before[0].unit == "deg"
-        x_label = (
-            texts("circle_angle") if straight else texts("target" if group[0].test == "radial" else "target_and_side")
-        )
+        x_label = texts(_ALONG[group[0].measured.table.kind.along])
         chart_title, caption = texts("chart_simulated", what=title), texts("caption_simulated")
         y_label = f"{texts('error')} / {unit}"
         frame = "straight" if straight else "targets"
         charts.append(Chart(chart_title, caption, frame, x_label, y_label, unit, tuple(lines), ticks=ticks))  # type: ignore[arg-type]
     return charts
-
-
-def _ticks(result: Result) -> tuple[tuple[float, str], ...]:
-    """The names of the places of a repeatability run: each target from outside and from inside."""
-    if not isinstance(result.found, RepeatabilityResult):
-        return ()
-    names = [f"{target} {_ARROWS[side]}" for target in result.found.targets for side in SIDES]
-    return tuple((float(place), name) for place, name in enumerate(names))
 
 
 def _of_group(compared: Compared | None, group: Sequence[Result]) -> list[Comparison]:
@@ -78,7 +74,13 @@ def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
     """Readings beside the model at each step of the staircase: along the circles, and what is left at targets."""
     stairs = stairs_of(diagnosis, texts)
     strands, _ = strands_of(diagnosis)
-    charts = [_of_circle(strand, title, texts) for strand, title in zip(strands, _titles(strands, texts), strict=True)]
+    charts, count, so_far = [], Counter(strand.title for strand in strands), Counter[str]()
+    for strand in strands:  # `yaw acw, angle`; several of one title, of circles at several places, with their number
+        title = strand.title
+        so_far[title] += 1
+        if count[title] > 1:
+            title = texts("chart_place", what=title, number=so_far[title])
+        charts.append(_of_circle(strand, title, texts))
     if stairs and charts:
         charts[0] = replace(charts[0], panels=tuple(step.name for step in stairs.steps))
     steps = (
@@ -90,15 +92,6 @@ def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
         *charts,
         *(_of_targets(*both, texts) for both in list(zip(diagnosis.maps, steps, strict=True))[:_MOST_MAPS]),
     ]
-
-
-def _titles(strands: Sequence[Strand], texts: Texts) -> list[str]:
-    """`yaw acw, angle` of each; several of one title, which stand for circles at several places, with their number."""
-    count, so_far, titles = Counter(strand.title for strand in strands), Counter[str](), []
-    for title in (strand.title for strand in strands):
-        so_far[title] += 1
-        titles.append(texts("chart_place", what=title, number=so_far[title]) if count[title] > 1 else title)
-    return titles
 
 
 def _of_circle(strand: Strand, title: str, texts: Texts) -> Chart:

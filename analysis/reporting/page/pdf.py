@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from types import ModuleType
 
-from analysis.files.write import refuse_foreign
+from analysis.files.write import PDF_MARK, refuse_foreign
 from daq.store import durable
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError
@@ -44,7 +44,7 @@ def write_pdf(html: str, file: Path) -> None:
     made: bytes = weasyprint.HTML(string=html, url_fetcher=fetcher).write_pdf(stylesheets=[style])
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        durable.replace(file.resolve(), made)
+        durable.replace(file.resolve(), made.rstrip() + b"\n" + PDF_MARK)
     except OSError as error:
         raise FileError(str(file), error.strerror or str(error), "give another --output") from None
 

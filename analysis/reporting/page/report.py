@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from analysis.api import Compared, Diagnosis, Measured, Result, RigError, diagnose
+from analysis.api import Compared, Diagnosis, Result, RigError, diagnose
 from analysis.inference.compare import compare
-from analysis.measures.path import PathResult
-from analysis.measures.pose import PoseResult
-from analysis.measures.touch import TouchResult
 from analysis.reporting.extended_rig import calibration_file
 from analysis.reporting.page.before_after import BeforeAfter
-from rigs.calibration import CalibratedModel
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -57,7 +53,14 @@ def gather(
     """
     runs = [result.measured for result in results]
     model = rig if rig is not None else runs[0].rig
-    _hold_one_robot(runs, model)
+    # Two robots of one type differ in the names of their rigs; the model may have a rig file of its own
+    for run in runs:
+        if run.rig.robot.name != model.robot.name:
+            problem = f"is of {run.rig.robot.name}, and the report is about {model.robot.name}"
+            raise FileError(str(run.path), problem, "make a report for each robot")
+        if run.rig.name != runs[0].rig.name:
+            problem = f"is of rig {run.rig.name}, and the report is about rig {runs[0].rig.name}"
+            raise FileError(str(run.path), problem, "make a report for each robot")
     undiagnosed = ""
     if diagnosis is None and diagnosed:
         try:
@@ -67,31 +70,16 @@ def gather(
     progress("simulating the runs")
     simulated, corrected = _compared(results, model), None
     if diagnosis is not None and diagnosis.calibrated is not None:
-        corrected = _compared(results, _calibrated_rig(diagnosis, diagnosis.calibrated))
+        with_findings = diagnosis.extended_rig.with_calibration(
+            calibration_file("found.calibration.json", diagnosis.calibrated.content), diagnosis.calibrated
+        )
+        corrected = _compared(results, with_findings)
     return Report(model, tuple(results), simulated, corrected, diagnosis, undiagnosed, tuple(map(str, left_out)), after)
-
-
-def _calibrated_rig(diagnosis: Diagnosis, content: CalibratedModel) -> Rig:
-    """The rig with everything that a diagnosis found: the faults by name, and the rest as its calibration."""
-    return diagnosis.extended_rig.with_calibration(calibration_file("found.calibration.json", content.content), content)
-
-
-def _hold_one_robot(runs: Sequence[Measured], model: Rig) -> None:
-    """Two robots of one type differ in the names of their rigs; the model may have a rig file of its own."""
-    for run in runs:
-        if run.rig.robot.name != model.robot.name:
-            problem = f"is of {run.rig.robot.name}, and the report is about {model.robot.name}"
-            raise FileError(str(run.path), problem, "make a report for each robot")
-        if run.rig.name != runs[0].rig.name:
-            problem = f"is of rig {run.rig.name}, and the report is about rig {runs[0].rig.name}"
-            raise FileError(str(run.path), problem, "make a report for each robot")
 
 
 def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:
     """The runs beside a model; None where it cannot be simulated beside them, as of poses."""
-    runs = [
-        result.measured for result in results if not isinstance(result.found, PoseResult | TouchResult | PathResult)
-    ]
+    runs = [result.measured for result in results if result.measured.table.kind.gauges]
     try:
         return compare(runs, rig) if runs else None
     except RigError:

@@ -82,6 +82,12 @@ def _section(report: Report, group: Sequence[Result], joints: Sequence[Picture],
     )
     columns = columns_of(group, texts)
     place = group[0].measured.run.manifest.placement
+    # What u means here, and what was seen of lags and pairs
+    lines = [
+        what_u_is(group, [means for means in pooled(group) if means.figures]),
+        *lag_in_words(pairs_of(group), group),
+    ]
+    lines += eccentricities_in_words(group)
     return Section(
         test=test,
         title=texts(f"test_{test}") + (f" · {place}" if place else ""),
@@ -89,7 +95,7 @@ def _section(report: Report, group: Sequence[Result], joints: Sequence[Picture],
         + (f" {texts('first_drawn', count=_MOST_DRAWN)}" if not circle and len(group) > _MOST_DRAWN else ""),
         columns=tuple(columns),
         rows=tuple(_rows(columns, texts)),
-        remarks=_remarks(group),
+        remarks=tuple(f"{line[:1].upper()}{line[1:]}." for line in lines),
         doubts=_doubts(group),
         reversals=_reversals(group[0], texts) if circle else (),
         pictures=(*charts, *simulated_charts(report, group, texts), *joints),
@@ -107,16 +113,6 @@ def _rows(columns: Sequence[Column], texts: Texts) -> list[Row]:
             cells.append((value, f"{texts('sd')} {sd}" if sd and figure and value == str(figure) else ""))
         rows.append(Row(texts.label(name), tuple(cells), name in LEADING))
     return rows
-
-
-def _remarks(group: Sequence[Result]) -> tuple[str, ...]:
-    """What u means here, and what was seen of lags and pairs."""
-    lines = [
-        what_u_is(group, [means for means in pooled(group) if means.figures]),
-        *lag_in_words(pairs_of(group), group),
-    ]
-    lines += eccentricities_in_words(group)
-    return tuple(f"{line[:1].upper()}{line[1:]}." for line in lines)
 
 
 def _doubts(group: Sequence[Result]) -> tuple[str, ...]:

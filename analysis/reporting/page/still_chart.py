@@ -52,11 +52,8 @@ def still(picture: Picture) -> str:
         sheet = _sphere(picture) if isinstance(picture, SphereChart) else _chart(picture)
         written = io.StringIO()
         sheet.savefig(written, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    return _short(written.getvalue())
-
-
-def _short(svg: str) -> str:
-    """The SVG with places to a tenth of a point, 0.04 mm on paper, and without what no reader needs."""
+    # The SVG with places to a tenth of a point, 0.04 mm on paper, and without what no reader needs
+    svg = written.getvalue()
     svg = _HEAD.sub("", svg)
     svg = _TAG.sub(lambda tag: _DECIMALS.sub(_tenths, tag[0]), svg)
     return _FONTS.sub("font-family: sans-serif", _SPACE.sub(" ", svg))
@@ -138,7 +135,13 @@ def _draw(axes: Axes, line: Line) -> None:
         )
         return
     if len(line.x) > _MOST_SYMBOLS:
-        _draw_dots(axes, line)
+        # Many points as one path of steps without length, whose round ends are dots: a fifth of the size of symbols
+        steps = Path(np.repeat(np.stack([line.x, line.y], axis=1), 2, axis=0), [Path.MOVETO, Path.LINETO] * len(line.x))
+        steps.should_simplify = False
+        colour = LOOKS[line.role].light
+        axes.add_patch(PathPatch(steps, fill=False, lw=3.0, capstyle="round", ec=colour))
+        axes.plot([], [], "o", ms=3, color=colour, label=line.name)
+        axes.autoscale_view()
         return
     symbol: dict[str, Any] = {"marker": _SYMBOLS[look.symbol], "ms": 4, "color": look.light, "label": line.name}
     if line.half is None:
@@ -146,16 +149,6 @@ def _draw(axes: Axes, line: Line) -> None:
     else:
         axes.errorbar(line.x, line.y, line.half, fmt="none", ecolor=look.light, elinewidth=0.8)
         axes.plot(line.x, line.y, ls="", **symbol)
-
-
-def _draw_dots(axes: Axes, line: Line) -> None:
-    """Many points as one path of steps without length, whose round ends are dots: a fifth of the size of symbols."""
-    steps = Path(np.repeat(np.stack([line.x, line.y], axis=1), 2, axis=0), [Path.MOVETO, Path.LINETO] * len(line.x))
-    steps.should_simplify = False
-    colour = LOOKS[line.role].light
-    axes.add_patch(PathPatch(steps, fill=False, lw=3.0, capstyle="round", ec=colour))
-    axes.plot([], [], "o", ms=3, color=colour, label=line.name)
-    axes.autoscale_view()
 
 
 def _polar(chart: Chart) -> Sheet:

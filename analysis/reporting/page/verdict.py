@@ -14,21 +14,12 @@ from analysis.measures.results import Result
 from analysis.reporting.labels import whole_label
 from analysis.reporting.page.columns import title_of
 from analysis.reporting.texts import Texts
+from analysis.traces.kind import kinds
 from rigs.schema.limits import COVERAGE, Limits, Standing
 from rigs.schema.vocabulary import TestName
 
 Overall = Standing | Literal["unjudged"]
 _MOST_NAMED = 3
-_EXAMPLES: dict[TestName, tuple[str, float, float]] = {
-    "yaw": ("circular_deviation_mm", 0.05, 0.10),
-    "roll": ("circular_deviation_mm", 0.05, 0.10),
-    "radial": ("band_mm", 0.2, 0.3),
-    "repeatability": ("bi_mm", 0.05, 0.10),
-    "pose": ("rms_mm", 0.5, 1.0),
-    "touch": ("rms_mm", 0.5, 1.0),
-    "path": ("line_at_mm", 0.5, 1.0),
-}
-"""A figure of each test, and bounds of the size of those in docs/rig-file.md: examples, to be replaced."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +74,10 @@ def named(figure: JudgedFigure, texts: Texts) -> str:
 def example_limits(verdict: Verdict) -> str:
     """The lines of a rig file by which a figure of each test is judged, with bounds to be replaced."""
     bounds = {
-        test: {name: {"watch": watch, "fail": fail}}
-        for test, (name, watch, fail) in _EXAMPLES.items()
-        if test in verdict.tests
+        kind.test: {name: {"watch": watch, "fail": fail}}
+        for kind in kinds()
+        if kind.test in verdict.tests and kind.example
+        for name, watch, fail in [kind.example]
     }
     return yaml.safe_dump({"limits": bounds}, sort_keys=False, default_flow_style=None)
 

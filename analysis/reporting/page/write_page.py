@@ -119,13 +119,9 @@ def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:
         "script": script,
         "script_hashes": Markup(f"{_hash(script)} {_hash(gzip.decompress(packed).decode())}"),  # noqa: S704 - base64 of a hash
         "plotly": base64.b64encode(packed).decode(),
-        "data": _packed(json.dumps(drawn)),
+        "data": base64.b64encode(gzip.compress(json.dumps(drawn).encode(), 9, mtime=0)).decode(),
         "place": lambda picture: places[id(picture)],
     }
-
-
-def _packed(text: str) -> str:
-    return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()
 
 
 def _hash(script: str) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 
 from analysis.kinematics.arm import arm_of, forward
 from analysis.measures.evaluate import evaluate
-from analysis.measures.pose import TRACKER_U_MM
+from analysis.noise.cell import TRACKER_U_MM
 from analysis.traces.tables import PoseTable
 from dev.trials.planted.cells import between
 from dev.trials.planted.circles import Outcome, Size, Truth

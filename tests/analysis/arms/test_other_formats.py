@@ -47,23 +47,27 @@ def mjcf_poses(text: str, rig: Rig, q: Array) -> Array:
     world = ElementTree.fromstring(text.encode()).find("worldbody")  # noqa: S314 - it is ours
     poses = []
     for angles in q:
-        turned = dict(zip((axis.name for axis in rig.robot.axes), angles, strict=True))
+        turned = dict(zip((axis.name for axis in rig.robot.axes), angles, strict=False))
         T, body = np.eye(4), world
         while (below := body.find("body")) is not None or (below := body.find("site")) is not None:
             place, quat = (np.array(below.get(key).split(), dtype=float) for key in ("pos", "quat"))
             T = T @ frame(place, Rotation.from_quat(quat, scalar_first=True))
             for hinge in below.findall("joint"):
                 axis = np.array(hinge.get("axis").split(), dtype=float)
-                T = T @ frame([0, 0, 0], Rotation.from_rotvec(turned.get(hinge.get("name"), 0.0) * axis))
+                if hinge.get("type") == "slide":
+                    T = T @ frame(angles[-1] * axis, Rotation.identity())
+                else:
+                    T = T @ frame([0, 0, 0], Rotation.from_rotvec(turned.get(hinge.get("name"), 0.0) * axis))
             body = below
         T[:3, 3] *= 1000
         poses.append(T)
     return np.array(poses)
 
 
-@pytest.mark.parametrize("name", ARMS)
-def test_mjcf_has_the_poses_of_the_model(name: str) -> None:
-    rig, q = changed(name), within_limits(changed(name))
+@pytest.mark.parametrize(("name", "rail"), [*((name, False) for name in ARMS), ("ur10e", True)])
+def test_mjcf_has_the_poses_of_the_model(name: str, rail: bool) -> None:
+    rig = changed(name, rail=rail)
+    q = within_limits(rig)
     text = mjcf_text(rig.robot, geometric_arm(model_of(rig)), TRAITS, "cell.yaml")
     require_equal(mjcf_poses(text, rig, q), tool_poses(model_of(rig), q))
 

@@ -23,12 +23,12 @@ from rigs.errors import FileError, UseError
 from rigs.load import load
 from rigs.rig import Rig
 from tests.support.changed_arms import changed, within_limits
-from tests.support.nightly import cases
 
 COUPLED = [
     name for name in arm_names() if np.count_nonzero(load_arm(name).robot.coupling) > len(load_arm(name).robot.axes)
 ]
 PLAIN = [name for name in arm_names() if name not in COUPLED]
+STANDING = [(name, False) for name in PLAIN]
 URS = [name for name in PLAIN if name.startswith("ur")]
 
 
@@ -52,14 +52,18 @@ def origin(xyz: list[float], rpy: list[float]) -> np.ndarray:
 def read(text: str, q: np.ndarray) -> np.ndarray:
     """Poses (n, 4, 4) of the last link in the first, in mm, by twenty lines that multiply matrices."""
     joints = ElementTree.fromstring(text.encode()).findall("joint")  # noqa: S314 - it is ours
+    turning = sum(joint.get("type") == "revolute" for joint in joints)
     poses = []
     for angles in q:
-        T, left = np.eye(4), list(angles)
+        T, left = np.eye(4), list(angles[:turning])
         for joint in joints:
             place = joint.find("origin")
             T = T @ origin(*([float(word) for word in place.get(key).split()] for key in ("xyz", "rpy")))
             if joint.get("type") == "revolute":
                 T = T @ turn(2, left.pop(0) * float(joint.find("axis").get("xyz").split()[2]))
+            if joint.get("type") == "prismatic":
+                way = np.array([float(word) for word in joint.find("axis").get("xyz").split()])
+                T = T @ origin(angles[turning] * way, [0, 0, 0])
         T[:3, 3] *= 1000
         poses.append(T)
     return np.array(poses)
@@ -79,9 +83,9 @@ def test_there_are_arms_of_both_kinds() -> None:
     assert COUPLED
 
 
-@pytest.mark.parametrize("name", PLAIN)
-def test_two_readers_have_the_poses_of_the_model(name: str) -> None:
-    rig = changed(name)
+@pytest.mark.parametrize(("name", "rail"), [*STANDING, ("ur10e", True)])
+def test_two_readers_have_the_poses_of_the_model(name: str, rail: bool) -> None:
+    rig = changed(name, rail=rail)
     q = within_limits(rig)
     expected = tool_poses(model_of(rig), q)
     moved = np.linalg.norm(expected[:, :3, 3] - tool_poses(model_of(rig, ()), q)[:, :3, 3], axis=1)
@@ -92,20 +96,21 @@ def test_two_readers_have_the_poses_of_the_model(name: str) -> None:
     library.load_urdf(text)
     poses = []
     for angles in q:
-        for axis, angle in zip(rig.robot.axes, angles, strict=True):
-            library.set_joint(axis.name, angle)
+        for joint, angle in zip([*(axis.name for axis in rig.robot.axes), *["rail"] * rail], angles, strict=True):
+            library.set_joint(joint, angle)
         poses.append(library.get_transform("tool", "world"))
     poses = np.array(poses)
     poses[:, :3, 3] *= 1000
     require_equal(poses, expected)
 
 
-@pytest.mark.parametrize("name", cases(PLAIN, PLAIN[::3]))
-def test_what_is_imported_again_has_the_same_poses_limits_and_masses(name: str, tmp_path: Path) -> None:
-    rig = changed(name, seed=1)
+@pytest.mark.parametrize(("name", "rail"), [*STANDING, ("ur10e", True)])
+def test_what_is_imported_again_has_the_same_poses_limits_and_masses(name: str, rail: bool, tmp_path: Path) -> None:
+    rig = changed(name, seed=1, rail=rail)
     file = tmp_path / "arm.urdf"
     file.write_text(written(rig), encoding="utf-8")
     again = import_urdf(file).section.robot
+    assert (again.rail and again.rail.limits_mm) == (rig.robot.rail and rig.robot.rail.limits_mm)
     q = within_limits(rig)
     found = flange_poses(again, q)
     np.testing.assert_allclose(found, tool_poses(model_of(rig), q), atol=1e-9, rtol=0)

@@ -11,6 +11,7 @@ from subprocess import CompletedProcess
 
 import pytest
 
+from rigs.arms import load_arm
 from rigs.load import load
 from rigs.schema.limits import Limit
 from tests.support.bench import BIN
@@ -75,6 +76,41 @@ def test_from_a_cell_to_a_checked_rig_file(tmp_path: Path, gauges: str, robot: s
     assert not rig.effects and "# " in text
     assert rig.limits.of("yaw", "circular_deviation_mm") == Limit(watch=0.125, fail=0.25)
     assert [file.name for file in tmp_path.iterdir()] == ["cell.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("measured_by", "arm", "more", "then"),
+    [
+        ("sockets", "so-101", ("--tool", "30,0,90"), "socket, q1_deg … q5_deg"),
+        ("sockets", "ur10e", ("--tool", "0,0,120", "--robot", "none"), "rig import touches.csv"),
+        ("tracker", "widowx-250", (), "rig import poses.csv"),
+    ],
+)
+def test_a_tracker_and_sockets_need_an_arm_of_any_number_of_axes_and_no_gauges(
+    tmp_path: Path, measured_by: str, arm: str, more: tuple[str, ...], then: str
+) -> None:
+    done = init(tmp_path, "--measured-by", measured_by, "--arm", arm, *more)
+    assert done.returncode == 0 and then in done.stdout, done.stderr
+    rig, text = load(tmp_path / "cell.yaml")
+    assert not rig.gauges.recorded and rig.robot.axes == load_arm(arm).robot.axes
+    if measured_by == "sockets":
+        assert rig.tests.touch.ball_mm == tuple(map(float, more[1].split(",")))
+    assert ("touch:" in text) == (measured_by == "sockets")
+
+
+def test_a_robot_that_guides_from_touch_to_touch_is_found(tmp_path: Path) -> None:
+    with switched_on("sylvac", "ur") as unknown:
+        words = ("--measured-by", "sockets", "--arm", "ur10e", "--tool", "0,0,90", "--robot", unknown.robot)
+        done = init(tmp_path, *words, *unknown.robot_is_named)
+    assert done.returncode == 0 and "rig record touch first" in done.stdout, done.stderr
+    rig, _ = load(tmp_path / "cell.yaml")
+    assert rig.feedback.interface == "ur_rtde" and not rig.gauges.recorded
+
+
+def test_an_arm_of_five_axes_is_not_asked_for_gauges(tmp_path: Path) -> None:
+    assert "so-101: has 5 axes, and the ball link's programs are of six; give --measured-by sockets" in one_line(
+        init(tmp_path, "--arm", "so-101"), 3
+    )
 
 
 def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import cast
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ import pytest
 from analysis.inference.act_list import LEAST_SHARE, JudgedPlace, one_after_the_other
 from analysis.inference.acts import Act
 from analysis.inference.blocks import blocks_of
+from analysis.inference.naming_tests import NamingTests
+from analysis.inference.plan import PossibleTest
 from analysis.inference.result import Diagnosis, Named, is_sure
 from analysis.inference.setups import fit_run_setups
 from analysis.inference.verdict import Gaps, condition_of, shows_time
@@ -208,3 +211,19 @@ def test_what_hands_do_adds_up_and_what_a_program_does_not() -> None:
 class _Judged:
     def removed(self, effects: Sequence[Effect]) -> Act:
         return Act("none", "sound", remains_um=10.0 - len(effects))
+
+
+def test_a_test_that_separates_rivals_is_looked_for_from_the_shortest_on() -> None:
+    """Each that is asked is simulated whole: those that take longer than one that is enough are not."""
+    asked: list[str] = []
+
+    def possible(name: str, minutes: float, sigma: float) -> PossibleTest:
+        expected: Any = SimpleNamespace(separation_sigma=lambda *_: asked.append(name) or sigma)
+        return PossibleTest(name, "", expected, minutes, 1, 1)
+
+    tests = [possible("long", 30, 90), possible("weak", 1, 0.5), possible("enough", 5, 20), possible("better", 5, 25)]
+    effect, rival = Backlash(axis=1, width_deg=0.02), JointOffset(axis=1, offset_deg=0.01)
+    best = NamingTests(tests).for_rivals(effect, rival)
+    assert best is not None and (best[0].test, best[0].expected_sigma) == ("better", 25)
+    assert set(asked) == {"weak", "enough", "better"}
+    assert NamingTests(tests[1:2]).for_rivals(effect, rival) is None

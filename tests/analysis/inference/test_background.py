@@ -64,6 +64,8 @@ def test_products_and_determinant_are_those_of_the_dense_covariance() -> None:
     assert BACKGROUND.logdet == pytest.approx(np.linalg.slogdet(C)[1])
     dense = np.diag(VARIANCE) - np.diag(VARIANCE) @ X.T @ np.linalg.solve(C, X @ np.diag(VARIANCE))
     np.testing.assert_allclose(BACKGROUND.covariance, dense, atol=1e-9)
+    alone = background_of(BACKGROUND.columns, WEIGHT, VARIANCE, EXPECTED)  # of which nobody has asked the covariance
+    np.testing.assert_allclose(alone.variances, np.diag(dense), atol=1e-9)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.3])

@@ -10,9 +10,9 @@ from analysis.conventions.units import unit_findings
 from analysis.files.read import parse_csv
 from analysis.files.sequence import check_sequence
 from analysis.kinematics.arm import forward
+from analysis.measures.simulated_touches import planned_touches, simulated_touches
 from analysis.measures.touch import evaluate
 from analysis.model.predict import model_of
-from analysis.simulation.touches import planned_touches, simulated_touches
 from analysis.traces.csv_tables import columns_of, table_from
 from analysis.traces.tables import TouchTable
 from rigs.arms import load_arm

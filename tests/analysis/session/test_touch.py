@@ -10,8 +10,8 @@ import pytest
 
 from analysis import load_run
 from analysis.measures.results import result_of
+from analysis.measures.simulated_touches import planned_touches
 from analysis.session.touch import TONE, record_touches
-from analysis.simulation.touches import planned_touches
 from rigs.arms import load_arm
 from rigs.errors import CellError, FileError
 from rigs.load import parse

@@ -9,8 +9,8 @@ import pytest
 
 from analysis.geometry.pose_setup import moved_by
 from analysis.kinematics.arm import Array, arm_of
+from analysis.measures.simulated_touches import planned_touches
 from analysis.setting_up.touched_ball import STANDS_S, Touching
-from analysis.simulation.touches import planned_touches
 from rigs.arms import load_arm
 from rigs.load import parse
 from rigs.rig import Rig

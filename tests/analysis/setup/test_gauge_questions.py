@@ -23,7 +23,7 @@ HERE = {"/dev/ttyUSB0": "FT232R", "/dev/ttyUSB1": "", "/dev/ttyS0": "CNC"}
 def options(*ports: str) -> Options:
     nothing: dict[str, dict[str, object]] = {"g1": {}, "g2": {}, "feedback": {}}
     return Options(
-        Path("cell.yaml"), "cell", None, ports, (), nothing, None, None, None, None, None, 70.0, 0.3, modbus_units=(1,)
+        Path("cell.yaml"), "cell", "gauges", None, ports, (), nothing, None, None, None, None, None, 70.0, 0.3, (1,)
     )
 
 

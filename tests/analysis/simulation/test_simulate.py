@@ -7,7 +7,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from analysis.simulation.simulate import Noise, simulate
+from analysis.measures.simulated_gauges import Noise
+from analysis.simulation.simulate import simulate
 from analysis.traces.tables import CircleTable
 from rigs.effects import VOCABULARY, healthy_size, size_field
 from rigs.load import load

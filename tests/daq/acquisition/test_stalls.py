@@ -147,13 +147,16 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
         def lost(self, now_ns: int) -> tuple[()]:
             return ()
 
-    clock = SimpleNamespace(worked_s=lambda: used_s, sleep=paused.append, now_ns=time.monotonic_ns, now_s=lambda: now_s)
+    clock = SimpleNamespace(
+        worked_s=lambda: used_s, sleep=paused.append, now_ns=lambda: round(1e9 * now_s), now_s=lambda: now_s
+    )
     stream: Any = SimpleNamespace(name="robot", port="tcp://x:1", host=Costly)
     link: Any = Endless()
     reader = Reader(stream, StreamBuffer("robot", ()), link)
     # private _stop_asked, _read: what the thread does until its link is lost, with the pauses it asks for
     monkeypatch.setattr(reader, "_stop_asked", SimpleNamespace(is_set=lambda: False, wait=lambda s: True))
-    monkeypatch.setattr("daq.acquisition.reader.clock", clock)
+    for module in ("daq.acquisition.reader", "daq.wire.session"):
+        monkeypatch.setattr(f"{module}.clock", clock)
     reader._read(link)
     assert paused == [pytest.approx(0.05), pytest.approx(0.05)]
 

@@ -19,9 +19,11 @@ from typing import Any, TypeVar
 
 import pytest
 
+from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.streams import Stream, streams_of
 from daq.discovery import PortReport, Wanted, Watch, named_attempts, ports_here, search
 from daq.discovery.attempts import Attempt, attempts
+from daq.doctor.trial import Trial, try_line
 from daq.emulators.instruments import instruments_of
 from daq.emulators.pty_line import PtyLine, heard
 from daq.protocol.conversation import Device
@@ -235,6 +237,30 @@ def test_a_request_that_nothing_answers_is_sent_once_at_each_line() -> None:
     finally:
         silent.close()
     assert len({str(attempt.line) for attempt in tried}) == len(said) < len(tried)
+
+
+def test_an_attempt_during_which_the_computer_stood_still_is_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise an answer that came meanwhile is missed, and the request counts as one that nothing answers."""
+    watches, held_up = list[StallWatch](), list[Line]()
+
+    class Watched(StallWatch):
+        def start(self) -> None:
+            super().start()
+            watches.append(self)
+
+    def stood_still(stream: Stream, line: Line, *patience: float) -> Trial:
+        if line in held_up:
+            return try_line(stream, line, *patience)
+        held_up.append(line)
+        watches[0].note(0, 300_000_000)
+        return Trial()
+
+    monkeypatch.setattr(SEARCH, "StallWatch", Watched)
+    monkeypatch.setattr(SEARCH, "try_line", stood_still)
+    with simulated("tesa") as unknown:
+        (port,) = unknown.gauge_ports
+        (report,) = searched(port, named=of("tesa_tt", port))
+    assert report.gauges and held_up
 
 
 def test_a_port_keeps_the_settings_that_it_had() -> None:

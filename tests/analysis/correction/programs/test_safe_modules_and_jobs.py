@@ -45,6 +45,7 @@ def _module(body: str, rest: str = "", data: str = "") -> dict[str, str]:
 
 
 L0, L1, L2 = (f"MoveL {{p{k}}},v9,fine,t;\n" for k in range(3))
+HAND = "PERS tooldata t:=[TRUE,[[0,0,350],[1,0,0,0]],[1,[0,0,50],[1,0,0,0],0,0,0]];\n"
 J0 = "MoveAbsJ {q0},v9,fine,t;\n"
 ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     "plain": (_module(J0 + L1 + L2), []),
@@ -114,6 +115,13 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
     ),
     "a handler": (_module(J0 + L1 + "ERROR\nPDispSet p;\nTRYNEXT;\n"), [(6, "displaced")]),
     "a handler that does nothing": (_module(J0 + L1 + "ERROR\nTPWrite \"x\";\nRETRY;\n"), []),
+    "points of an array that a module beside drives": (
+        {
+            **_module(J0 + "go;\n", data="CONST robtarget a{2}:=[{p1},\n{p2}];"),
+            "b.mod": "MODULE b\nPROC go()\nMoveJ a{1},v9,fine,tool0;\nENDPROC\nENDMODULE\n",
+        },
+        [(3, "array"), (4, "array")],
+    ),
     "a routine of a module beside": (
         {**_module(J0 + "go;\n" + L1), "b.mod": "MODULE b\nPROC go()\nPDispOn\\Rot,p,t;\nENDPROC\nENDMODULE\n"},
         [(7, "displaced")],
@@ -195,6 +203,42 @@ ABB_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         ),
         [],
     ),
+    "a call that a condition may skip": (
+        _module(J0 + "IF a=1 OR chg() Stop;\n" + L1, "FUNC bool chg()\nPDispSet p;\nENDFUNC\n"), [(7, "displaced")]
+    ),
+    "one that switches off on one way": (
+        _module(J0 + "PDispSet p;\nb:=a=1 AND chg();\n" + L1, "FUNC bool chg()\nPDispOff;\nENDFUNC\n"),
+        [(8, "displaced")],
+    ),
+    "a function in a move": (
+        _module(J0 + "MoveL {p1},fast(),fine,t;\n" + L2, "FUNC speeddata fast()\nRETURN v9;\nENDFUNC\n"), []
+    ),
+    "routines of two modules that hide an instruction": (
+        {
+            **_module(J0 + "SetDO d,1;\n" + L1),
+            "b.mod": "MODULE b\nPROC SetDO(signaldo d,num n)\nENDPROC\nENDMODULE\n",
+            "c.mod": "MODULE c\nPROC SetDO(signaldo d,num n)\nPDispSet p;\nENDPROC\nENDMODULE\n",
+        },
+        [(7, "not_understood")],
+    ),
+    "a tool that a module beside has for itself": (
+        {**_module("MoveJ p,v9,fine,t;\ngo;\n", data="CONST robtarget p:={p1};"), "b.mod": "MODULE b\nLOCAL " + HAND
+         + "PROC go()\nMoveJ p,v9,fine,t;\nENDPROC\nENDMODULE\n"},
+        [(3, "unknown_tool")],
+    ),
+    "a tool with other numbers in a module beside": (
+        {**_module(J0 + L1), "b.sys": "MODULE b\n" + HAND + "ENDMODULE\n"}, [(6, "unknown_tool")]
+    ),
+    "one with the same numbers": ({**_module(J0 + L1), "b.sys": "MODULE b\n{t}\nENDMODULE\n"}, []),
+    "the module of the system": (
+        {
+            **_module(J0 + "MoveL {p1},v9,fine,t\\WObj:=wobj0;\n"),
+            "base.sys": "MODULE BASE(SYSMODULE)\nPERS tooldata tool0:=[TRUE,[[0,0,0],[1,0,0,0]],"
+            "[0.001,[0,0,0.001],[1,0,0,0],0,0,0]];\n"
+            'PERS wobjdata wobj0:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\nENDMODULE\n',
+        },
+        [],
+    ),
     "a correction by a sensor": (_module(J0 + "MoveL {p1},v9,fine,t\\Corr;\n"), [(6, "tracked")]),
     "axis 4 locked": (_module(J0 + "SingArea\\LockAxis4;\n" + L1), [(7, "switched")]),
 }  # fmt: skip
@@ -265,6 +309,28 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
     ),
     "one whose numbers are known": ({"a.ls": _selecting(*ZERO, "UFRAME[3]=PR[5]", J1, L2_)}, []),
     "one of which some are": ({"a.ls": _selecting(*ZERO[:5], "UFRAME[3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_frame")]),
+    "one of which one is written by a number in a register": (
+        {"a.ls": _selecting(*ZERO, "PR[R[1],3]=20", "UFRAME[3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_frame")]
+    ),
+    "one of which any may be written": (
+        {"a.ls": _selecting(*ZERO, "PR[5,R[1]]=20", "UFRAME[3]=PR[5]", J1, L2_)}, [("P[2]", "unknown_frame")]
+    ),
+    "one that a program writes by its argument": (
+        {
+            "a.ls": _selecting(*ZERO, "CALL B(5)", "UFRAME[3]=PR[5]", J1, L2_),
+            "b.ls": _listing("PR[AR[1]]=LPOS", name="B"),
+        },
+        [("P[2]", "unknown_frame")],
+    ),
+    "one that a way which is left writes": (
+        {
+            "a.ls": _selecting(
+                *ZERO, L4_ + " Skip,LBL[1],PR[R[2]]=LPOS", "LBL[1]", "UFRAME[3]=PR[5]", L2_
+            )
+        },
+        [("P[2]", "unknown_frame")],
+    ),
+    "one with remarks": ({"a.ls": _selecting(*ZERO[1:], "PR[5:base,1]=(0)", "UFRAME[3:f]=PR[5:base]", J1, L2_)}, []),
     "one by a number in a register": (
         {"a.ls": _selecting(J1, "UFRAME[R[1]]=PR[5]", L2_, L4_)}, [("P[2]", "unknown_frame")]
     ),
@@ -315,6 +381,14 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
     "a point that a register names": (
         {"a.ls": _selecting("P[R[1]]=LPOS", L2_, L4_)}, [(f"P[{k}]", "changed") for k in (1, 2, 3, 4)]
     ),
+    "a point that a register names for a move": (
+        {"a.ls": _selecting(L2_, "UFRAME_NUM=0", "L P[R[1]] 200mm/sec FINE")},
+        [("P[R[1]]", "computed"), *((f"P[{k}]", "selected") for k in (2, 3))],
+    ),
+    "one in the frame of all that it can name": (
+        {"a.ls": _selecting(L2_, L3_, "L P[R[1]] 200mm/sec FINE")},
+        [("P[R[1]]", "computed"), ("P[4]", "selected")],
+    ),
     "a call along the way": (
         {"a.ls": _selecting(L2_ + " TB .10sec,CALL B", L3_), "b.ls": _listing("UFRAME[3]=PR[5]", name="B")},
         [("P[2]", "unknown_frame"), ("P[3]", "unknown_frame")],
@@ -356,7 +430,7 @@ def test_fanuc(row: str, tmp_path: Path) -> None:
     rig, files = _fanuc(files)
     found = corrected_files(rig, tmp_path, files, ["1=10,-20,180,0,30,10"], ["3=0"])
     assert [(one.name, one.reason) for one in found.left if one.reason != "unused"] == left
-    assert len(found.names) + len(found.left) == 4 + sum(one.name == "computed" for one in found.left)
+    assert len(found.names) + len(found.left) == 4 + sum(one.reason == "computed" for one in found.left)
 
 
 def _yaskawa(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
@@ -406,8 +480,25 @@ YASKAWA_ROWS: dict[str, tuple[dict[str, str], list[tuple[int, str]]]] = {
         {"a.jbi": _job(M1, "CALL JOB:B", M2)}, [(10, "not_understood"), (11, "not_understood")]
     ),
     "a relative job": (
-        {"a.jbi": _job(M1, "CALL JOB:B UF#(5)") + _job(M1, M3, name="B")}, [(33, "unknown_frame")]
+        {"a.jbi": _job(M1, "CALL JOB:B UF#(5)") + _job(M1, M3, name="B")},
+        [(33, "unknown_frame"), (38, "unknown_frame")],
     ),
+    "a relative job that a job of another frame calls": (
+        {
+            "a.jbi": _job(M1, M3), "b.jbi": _job("CALL JOB:C UF#(5) IF IN#(1)=ON", name="B", pos=BARE),
+            "c.jbi": _job("CALL JOB:A", name="C", pos=BARE),
+        },
+        [(10, "unknown_frame"), (15, "unknown_frame")],
+    ),
+    "one with positions of another frame": (
+        {"a.jbi": _job("///ATTR SC,RW,RJ", "////FRAME USER 4", M1, M3)}, [(15, "unknown_frame")]
+    ),
+    "a shift in one of the cases": (
+        {"a.jbi": _job(M1, "SWITCH B000 CASE 1", "SFTON P001", "CASE 2", "SFTOF", "ENDSWITCH", M2, "SFTOF")},
+        [(11, "displaced")],
+    ),
+    "the file of a frame": ({"a.jbi": _job("SETFILE UF#(4)(2) D000", M1, M3)}, [(10, "unknown_frame")]),
+    "that of weaving": ({"a.jbi": _job("SETFILE WEV#(4)(2) D000", "CWAIT", M1, M3)}, []),
     "a frame that is made": ({"a.jbi": _job("MFRAME UF#(4) P001 P002 P003", M1, M3)}, [(10, "unknown_frame")]),
     "a tool that is set": (
         {"a.jbi": _job("SETTOOL TL#(3) P001", M1, M3)}, [(10, "unknown_tool"), (15, "unknown_tool")]

@@ -39,13 +39,14 @@ def corrected_files(
     frames: Sequence[str] = (),
     *,
     ends: str = "\n",
+    start: tuple[float, ...] | None = None,
 ) -> CorrectedProgram:
     """The first of the files, corrected beside the others."""
     for name, text in files.items():
         (directory / name).write_bytes(text.replace("\n", ends).encode("latin-1"))
     wrong = known(rig)
     return correct_program(
-        wrong, supports(wrong), directory / next(iter(files)), frames_of(rig.robot, tools, frames), None
+        wrong, supports(wrong), directory / next(iter(files)), frames_of(rig.robot, tools, frames), None, start=start
     )
 
 
@@ -115,6 +116,26 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
     "a tool set by a secondary program": (
         "sec t():\n" + OTHER + "end\ndef prog():\n" + TCP + "movej({q0})\nmovel({p1})\nend\n", [(7, "unknown_tool")]
     ),
+    "a text that does not end in its line": (
+        TCP + "movej({q0})\ntextmsg(\"a\n" + OTHER + "\")\nmovel({p1})\n",
+        [(2, "not_understood"), (6, "not_understood")],
+    ),
+    "a call that a condition may skip": (
+        "def chg():\n" + OTHER + "return a\nend\n" + TCP + "movej({q0})\nb = a and chg()\nmovel({p1})\n",
+        [(8, "unknown_tool")],
+    ),
+    "one of several lines": (
+        "def chg():\n" + OTHER + "return a\nend\n" + TCP
+        + "movej({q0})\nif (a or\nb == 1 or\nchg()):\nend\nmovel({p1})\n",
+        [(11, "unknown_tool")],
+    ),
+    "one with a condition as its argument": (
+        "def chg(a):\n" + OTHER + "end\n" + TCP + "movej({q0})\nchg(a and b)\nmovel({p1})\n", []
+    ),
+    "a point that is a tool, too": (
+        TCP + "a = {p1}\nmovej({q0})\nmovel(a)\nset_tcp(a)\n", [(2, "changed")]
+    ),
+    "a stream of poses": (TCP + "movej({q0})\nservoc({p1}, 1.2, 0.25)\n", []),
     "two variables of one name": (
         TCP + "a = {p1}\nmovej({q0})\nmovel(a)\na = {p2}\nmovel(a)\n", [(2, "changed"), (5, "changed")]
     ),
@@ -195,6 +216,47 @@ def test_urscript_calls_are_calls_whatever_they_are_called(name: str, tmp_path: 
     rig, files = _ur({"b.script": f"{TCP}movej({{q7}})\nmovel({{p1}})\n"})
     jumped = corrected_files(rig, tmp_path, files)
     assert whole.files["a.script"].splitlines()[-1] == jumped.files["b.script"].splitlines()[-1]
+
+
+STARTS: dict[str, tuple[str, Left]] = {
+    "a line": (TCP + "movel({p1})\nmovel({p2})\n", []),
+    "of the only program": ("def prog():\ndef grip():\nend\ngrip()\n" + TCP + "movel({p1})\nend\n", []),
+    "of one of two programs": ("def prog():\n" + TCP + "movel({p1})\nend\ndef other():\nend\n", [(3, "no_posture")]),
+    "to which a loop comes back from another posture": (
+        TCP + "while a:\nmovel({p1})\nmovej({q7})\nend\n",
+        [(3, "two_postures")],
+    ),
+    "after a move to nowhere": (TCP + "speedl(a, 1, 1)\nmovel({p1})\n", [(3, "no_posture")]),
+    "of a thread": ("thread t():\nmovel({p1})\nend\nrun t()\n" + TCP, [(2, "not_understood")]),
+}
+
+
+@pytest.mark.parametrize("row", STARTS)
+def test_a_program_begins_in_the_posture_that_a_person_states(row: str, tmp_path: Path) -> None:
+    text, left = STARTS[row]
+    rig, files = _ur({"a.script": text})
+    start = tuple(np.radians(UR[0]).tolist())
+    assert uncorrected(corrected_files(rig, tmp_path, files))
+    found = corrected_files(rig, tmp_path, files, start=start)
+    assert uncorrected(found) == left and found.start == (None if row in UNUSED else start)
+
+
+UNUSED = {"of one of two programs", "after a move to nowhere", "of a thread"}
+"""Where no posture can come from the start, nothing is said about it."""
+
+
+def test_a_stated_start_is_where_a_joint_move_would_have_led(tmp_path: Path) -> None:
+    for name, joints in (("near", 0), ("turned", 7)):
+        rig, files = _ur({f"{name}.script": TCP + f"movej({{q{joints}}})\nmovel({{p1}})\n"})
+        moved = corrected_files(rig, tmp_path, files).files[f"{name}.script"].splitlines()[-1]
+        angles = re.search(r"movej\(\[(.*)\]\)", files[f"{name}.script"])
+        assert angles
+        rig, files = _ur({"a.script": TCP + "movel({p1})\n"})
+        found = corrected_files(rig, tmp_path, files, start=tuple(map(float, angles[1].split(","))))
+        assert found.files["a.script"].splitlines()[-1] == moved
+        assert any("--start-joints" in line for line in program_report.lines(found))
+        stated = program_report.as_object(found)["start_joints_deg"]
+        assert np.allclose(np.radians(stated), found.start)
 
 
 def test_a_stated_tool_that_the_program_sets_otherwise_is_said(tmp_path: Path) -> None:
@@ -361,6 +423,42 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
             "b.dat": "DEFDAT b\nIMPORT DECL E6POS XQ IS /R1/A..XP\nENDDAT\n",
         },
         [(2, "changed")],
+    ),
+    "an own routine of a system's name": (
+        {"a.src": HEAD + "PTP {q0}\nBAS(#VEL_PTP,50)\nLIN {p1}\nEND\nDEF BAS(c:IN,n:IN)\n$BASE.X=1\nEND\n"},
+        [(6, "unknown_frame")],
+    ),
+    "two of them": (
+        {
+            "a.src": HEAD + 'MsgNotify("x")\nPTP {p1}\nEND\n',
+            "b.src": "DEF b()\nEND\nGLOBAL DEF MsgNotify(c[]:IN)\nEND\n",
+            "c.src": "DEF c()\nEND\nGLOBAL DEF MsgNotify(c[]:IN)\n$BASE.X=1\nEND\n",
+        },
+        [(5, "not_understood")],
+    ),
+    "a flag that is evaluated all the time": (
+        {"a.src": "DEF a()\n$CYCFLAG[1]=at()\n" + HEAD[8:] + "PTP {p1}\nEND\nDEFFCT BOOL at()\n$BASE.X=1\nRETURN TRUE\n"
+         "ENDFCT\n"},
+        [(5, "unknown_frame")],
+    ),
+    "a function that a condition may skip": (
+        {"a.src": HEAD + "IF x AND at() THEN\nENDIF\nPTP {p1}\nEND\nDEFFCT BOOL at()\n$BASE=$NULLFRAME\nRETURN TRUE\n"
+         "ENDFCT\n"},
+        [(6, "unknown_frame")],
+    ),
+    "a list of bases of its own": (
+        {
+            "a.src": HEAD + "PTP {p1}\nEND\n",
+            "a.dat": "DEFDAT a\nDECL FRAME BASE_DATA[8]\nBASE_DATA[2]={X 9,Y 0,Z 0,A 0,B 0,C 0}\nENDDAT\n",
+        },
+        [(4, "not_understood")],
+    ),
+    "that of the system": (
+        {
+            "a.src": HEAD + "PTP {p1}\nEND\n",
+            "$config.dat": "DEFDAT $CONFIG\nDECL FRAME BASE_DATA[8]\nBASE_DATA[2]={X 9,Y 0,Z 0,A 0,B 0,C 0}\nENDDAT\n",
+        },
+        [],
     ),
     "flags in bits": ({"a.src": HEAD + "PTP {p1}\nLIN {p1}\nEND\n"}, []),
     "a base in every case": (

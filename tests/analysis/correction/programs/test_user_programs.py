@@ -176,7 +176,7 @@ DEFAULT_GROUP\t= 1,*,*,*,*;\r
    8:  UFRAME_NUM=0 ;\r
    8:L P[5] 100mm/sec FINE INC    ;\r
    9:L PR[7] 100mm/sec FINE    ;\r
-  10:L P[R[3]] 100mm/sec FINE    ;\r
+  10:L PR[R[3]] 100mm/sec FINE    ;\r
   11:  MESSAGE[P[4] X = 3.0 mm] ;\r
   12:J P[6] 20% FINE    ;\r
   13:L P[7] 20mm/sec FINE    ;\r
@@ -496,6 +496,36 @@ def test_abb_without_configuration_keeps_the_posture_of_the_way(tmp_path: Path) 
     values = _values(_lines(_corrected(rig, path).files["a.mod"])[5])
     X = frame(values[:3], Rotation.from_quat(values[3:7], scalar_first=True))
     assert _left_mm(rig, X @ np.linalg.inv(ABB_TOOL), ABB[3], ABB_TOOL) < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("switch", "left"),
+    [
+        ("", []),
+        ("ConfJ\\Off;", []),
+        ("WHILE reg1<5 DO\nConfJ\\Off;\nENDWHILE", ["two_postures"]),
+    ],
+)
+def test_abb_configuration_that_may_not_count_leaves_the_target(switch: str, left: list[str], tmp_path: Path) -> None:
+    """The arm stands with its wrist turned over: by the flags it turns back, without them it stays, and a loop that may
+    not run leaves open which."""
+    rig, path = rig_of("abb-irb-120"), tmp_path / "a.mod"
+    tool = f"PERS tooldata t:=[TRUE,[[5,0,90],[{quaternion(ABB_TOOL)}]],[1,[0,0,50],[1,0,0,0],0,0,0]];"
+    over = "MoveAbsJ [[-30,5,25,75,-50,-25],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,t;"
+    move = f"MoveJ {robtarget_of(rig, ABB[2], np.eye(4))},v9,fine,t;"
+    path.write_text(f"MODULE a\n{tool}\nPROC b()\n{over}\n{switch}\n{move}\nENDPROC\nENDMODULE\n")
+    assert [one.reason for one in _corrected(rig, path).left] == left
+
+
+def test_the_end_of_a_line_past_the_singularity_of_the_wrist_is_left(tmp_path: Path) -> None:
+    """Axis 5 comes within a degree of 0 on the way: a controller may leave on either side."""
+    rig, path = rig_of("ur10e"), tmp_path / "a.script"
+    begin, end = (18.38, -53.75, 61.05, 85.82, 9.19, -88.1), (-11.97, -55.13, 65.49, 78.83, -4.74, -104.68)
+    home = ", ".join(f"{angle:.9f}" for angle in np.radians(begin))
+    for joint, left in ((-4.74, ["past_singularity"]), (9.0, [])):
+        X = flange_at(rig, np.radians([*end[:4], joint, end[5]]))
+        path.write_text(f"set_tcp(p[0,0,0,0,0,0])\nmovej([{home}])\nmovel(p[{ur_pose(X)}])\n")
+        assert [one.reason for one in _corrected(rig, path).left] == left
 
 
 @pytest.mark.parametrize(("q_deg", "cfx"), [((20, 40, -50, 30, 60, -40), 0), ((20, 40, -105, 30, 60, -40), 2)])

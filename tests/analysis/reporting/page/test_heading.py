@@ -6,16 +6,18 @@ import re
 import sys
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
 from analysis import evaluate_runs, load_run
 from analysis.reporting.page.heading import Heading
+from analysis.reporting.page.pdf import hold_pdf, write_pdf
 from analysis.reporting.page.report import Report, gather
 from analysis.reporting.page.write_page import rendered, write_page
 from analysis.reporting.texts import texts_of
 from rigs.distribution import to_install
-from rigs.errors import CellError, UseError
+from rigs.errors import CellError, FileError, UseError
 from rigs.load import load
 from tests.support import command_line
 from tests.support.store_cases import edit_manifest
@@ -96,3 +98,17 @@ def test_a_pdf_is_written_and_holds_the_pictures(report: Report, tmp_path: Path)
     file = write_page(report, tmp_path / "monday.pdf")
     made = file.read_bytes()
     assert made.startswith(b"%PDF") and len(made) > 20_000, "text alone has less"
+
+
+def test_a_pdf_that_rig_made_is_made_again_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """WeasyPrint 70 compresses the part of a PDF that names it, so that its name cannot be the mark."""
+    monkeypatch.setitem(sys.modules, "weasyprint", mock.MagicMock(name="weasyprint"))
+    sys.modules["weasyprint"].HTML.return_value.write_pdf.return_value = b"%PDF-1.7\n...\n%%EOF"
+    file = tmp_path / "monday.pdf"
+    for _ in range(2):
+        hold_pdf(file)
+        write_pdf("<p>", file)
+    assert b"%%EOF\n" in file.read_bytes()
+    file.write_bytes(b"%PDF-1.7\nWeasyPrint\n%%EOF\n")
+    with pytest.raises(FileError, match="rig did not make it"):
+        hold_pdf(file)

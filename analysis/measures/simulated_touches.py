@@ -13,8 +13,8 @@ import numpy as np
 
 from analysis.geometry.pose_setup import moved_by
 from analysis.kinematics.arm import Arm, Array, arm_of, forward, forward_and_jacobian
-from analysis.measures.touch import SEAT_MM
-from analysis.model.predict import model_of, moved, path_of
+from analysis.model.predict import model_of, moved, stops
+from analysis.noise.cell import SEAT_MM
 from analysis.traces.tables import TouchTable
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -59,7 +59,7 @@ def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | No
     for _ in range(_STEPS):
         # Where a model has the ball (n, 3) mm of each touch, on the tool of an arm.
         with_ball = replace(model, arm=arm)
-        path = path_of(with_ball, table)
+        path = stops(table.q, came_from=table.came_from)
         away = places - np.asarray(moved(with_ball, path).T[path.rows, :3, 3])
         if np.abs(away).max() < _THERE_MM:
             break

@@ -22,16 +22,14 @@ from analysis.geometry.iso_cube import (
     joints_along,
 )
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, transform
+from analysis.measures.simulated_touches import STOPS_MM
 from analysis.model.hysteresis import Motion
-from analysis.model.predict import Model, Path, model_of, moved, path_of
-from analysis.simulation.touches import STOPS_MM
-from analysis.traces.tables import PathTable, PoseTable
+from analysis.model.predict import Model, Path, model_of, moved, stops
+from analysis.noise.cell import TRACKER_MM
 from rigs.effects import Effect
 from rigs.errors import RigPlace
 from rigs.rig import Rig
 
-TRACKER_MM = 0.01
-"""Noise of a coordinate that a laser tracker measures at some metres, standard deviation."""
 _FAR_MM = 3000.0
 """How far the tracker stands from the base."""
 _RATE_HZ = 100.0
@@ -42,18 +40,19 @@ _STEPS = 2000
 """Steps along each path, between which joints turn evenly: on the circles that is off by less than 1 µm."""
 
 
-def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> PoseTable:
-    """Return the poses of the cube as a tracker sees them, `seed` None for no noise; effects: instead of those of the
-    rig file. Raises FileError where the arm has no room for the cube."""
+def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> tuple[Array, Array]:
+    """Return joints (n, 6) rad and places (n, 3) mm of the cube as a tracker sees them, `seed` None for no noise;
+    effects: instead of those of the rig file. Raises FileError where the arm has no room for the cube."""
     q, rng = cycle_stops(rig), np.random.default_rng(seed or 0)
     noise = 0.0 if seed is None else float(np.hypot(TRACKER_MM, STOPS_MM))
     from_start = np.concatenate([cube_of(rig).q[:1], q])
     places = tool_places(model_of(rig, effects), from_start)[1:] + noise * rng.standard_normal((len(q), 3))
-    return PoseTable(q, seen_by_tracker(rig, places, rng), None)
+    return q, seen_by_tracker(rig, places, rng)
 
 
-def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> PathTable:
-    """Return what a tracker records while the program drives the paths at their full speed; see `simulated_cube`."""
+def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> tuple[Array, Array]:
+    """Return times (n,) s and places (n, 3) mm that a tracker records while the program drives the paths at full speed;
+    see `simulated_cube`."""
     rng = np.random.default_rng(seed or 0)
     t_s, q, leg = _driven(rig)
     model = model_of(rig, effects)
@@ -61,7 +60,7 @@ def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
     if seed is not None:
         places = places + STOPS_MM * rng.standard_normal((leg[-1] + 1, 3))[leg]
         places = places + TRACKER_MM * rng.standard_normal((len(q), 3))
-    return PathTable(t_s, seen_by_tracker(rig, places, rng))
+    return t_s, seen_by_tracker(rig, places, rng)
 
 
 def _driven(rig: Rig) -> tuple[Array, Array, Integers]:
@@ -95,7 +94,7 @@ def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str)
 
 def tool_places(model: Model, q: Array) -> Array:
     """Where the tool is (n, 3) mm in the world at joints q (n, 6) rad, one after the other."""
-    path = path_of(model, PoseTable(q, np.zeros((len(q), 3)), None))
+    path = stops(q)
     places: Array = moved(model, path).T[path.rows, :3, 3]
     return places
 

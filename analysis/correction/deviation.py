@@ -1,0 +1,29 @@
+"""How far a robot is from its commanded path, before and after a correction: what sessions keep and pages show."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from rigs.schema.part import Part
+
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=0)]
+
+
+class Deviation(Part):
+    """How far the tool drove from where the program sends it, in µm of the readings with set-ups fitted: root mean
+    square and at most, in so many runs. u_um: standard uncertainty of the root mean square."""
+
+    um: NotNegative
+    largest_um: NotNegative
+    u_um: NotNegative
+    runs: Count
+
+
+class Expected(Part):
+    """What a correction is expected to leave, µm rms, with its standard uncertainty by the model."""
+
+    um: float
+    u_um: float
