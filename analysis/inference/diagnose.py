@@ -173,11 +173,12 @@ def diagnose(
     progress("validating on held-out runs")
     effects = result.state.refined.effects
     sound, wild = without_wild(runs, effects, "the runs used")
-    judges, wild_judges = without_wild(judges, effects, "held-out runs")
-    elsewhere, wild_elsewhere = without_wild(elsewhere, effects, "the unseen place")
-    judged_runs = ((sound, _names(used)), (judges, _names(held_out or used)), (elsewhere, _names(unseen)))
     fitted = FittedRuns(sound)
     stages = stages_of(fitted, result)
+    # Beside the calibrated model: what names alone leave hides readings that are 1 mm wrong on an arm that leaves 0.1.
+    judges, wild_judges = without_wild(judges, stages.effects[-1], "held-out runs")
+    elsewhere, wild_elsewhere = without_wild(elsewhere, stages.effects[-1], "the unseen place")
+    judged_runs = ((sound, _names(used)), (judges, _names(held_out or used)), (elsewhere, _names(unseen)))
     whole = _gaps(judged_runs, stages, result)
     if whole.names_do_better:
         stages = stages.names_alone()
