@@ -17,7 +17,7 @@ MOST = {
     # say what they hold; 690 of long circles in parts: in memory of one part, and of what is counted over all of them;
     # 950 of kinds of tests and makers that own themselves; 350 of arms of any number of axes, 480 of printed parts.
     "product lines": 97_250,
-    "product files": 614,  # 8 of kinds, makers, what a correction left; the inverse of few axes, and six of printed parts
+    "product files": 614,  # 8 of kinds, makers, deviations; the inverse of few axes, and six of printed parts
     "private functions used once, per mille": 212,  # readers of statements of five dialects, one for each kind
     "isinstance of a table": 18,  # circles for the most part: laps, plays and the paper's tests are of circles alone
     "files that name one test kind": 7,  # yaw, radial, repeatability: three each are the paper's; pose 6
