@@ -67,7 +67,7 @@ def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
     if min(part.sum(), (~part).sum()) < _FEWEST_ROWS:
         return np.inf
     p = (T[:, :3, 3] - T[:, :3, 3].mean(axis=0)) / 1000.0
-    x, y, z, zero = *p.T, np.zeros(len(p))
+    (x, y, z), zero = p.T, np.zeros(len(p))
     turned = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)
     shifted = np.tile(np.eye(3), (len(p), 1, 1))
     placing = (np.concatenate([shifted, turned, T[:, :3, :3]], axis=2) * part[:, None, None]).reshape(-1, 9)
