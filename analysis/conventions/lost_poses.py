@@ -142,7 +142,8 @@ def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> Kept:
 def _of(table: PoseTable, mask: Mask) -> PoseTable:
     rpy = None if table.rpy is None else table.rpy[mask]
     row = None if table.row is None else table.row[mask]
-    return replace(table, q=table.q[mask], xyz_mm=table.xyz_mm[mask], rpy=rpy, row=row)
+    came = None if table.came_from is None else table.came_from[mask]
+    return replace(table, q=table.q[mask], xyz_mm=table.xyz_mm[mask], rpy=rpy, row=row, came_from=came)
 
 
 def far_touches(table: TouchTable, T: Array) -> Far:
