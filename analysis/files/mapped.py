@@ -247,7 +247,7 @@ def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
     the target sat elsewhere on the tool in the others, or the instrument stood elsewhere."""
     poses = poses_of(raw, base)
     measured, number = (poses.xyz_mm != 0).any(axis=1), np.arange(len(raw.lines))
-    parts = {"the first rows": number < _FIRST * len(number), "every other row": number % 2 == 0}
+    parts = {"the first rows": number < max(_FIRST * len(number), FEWEST), "every other row": number % 2 == 0}
     for name in raw.names:
         values = raw.cells[name].to_pylist()
         if name not in raw.numeric and 1 < len(set(values)) <= _PARTS:
