@@ -16,8 +16,6 @@ from analysis.inference.blocks import Block
 from analysis.inference.candidates import LARGEST_FAULT, Columns, Form, fault_sizes
 from analysis.inference.responses import Linearisation, Response
 from analysis.kinematics.arm import Array, Integers, forward
-from rigs.calibration import Term, effects_of, is_nothing
-from rigs.effects import Effect
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The background: everything that is not named, as one normal distribution of noise, set-ups, scatter between runs and
@@ -196,10 +194,8 @@ class Background:
 
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance with a vector (p,), without the covariance."""
-        from scipy.linalg import cho_solve  # noqa: PLC0415 - slow to import
-
-        solved = cho_solve((self._chol, True), self._root * vector, check_finite=False)
-        product: Array = self._root * solved
+        none = np.empty((0, 1))
+        product: Array = self.taken(self._halved(none, none, vector[None]))[:, 0]
         return product
 
     @cached_property
@@ -435,31 +431,6 @@ def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Arra
     eigenvectors (…, q) and prior variance V."""
     evidence: Array = 0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1)
     return evidence
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# What the background is on average, as terms and as effects of the arm.
-#
-# Every form of the background is its effect at the size at which its column was computed, and how many times of it
-# the readings show. Single forms are rarely certain, and their sum is: it is what reaches a tenth of a millimetre
-# where named effects reach half of one.
-
-
-def background_terms(posterior: Posterior) -> list[Term]:
-    """Return the forms of the background, each with how many times it shows on average."""
-    mean, terms = posterior.mean, []
-    for form in posterior.background.columns.forms:
-        for effect, column in zip(form.effects, form.columns, strict=True):
-            times = float(mean[column] / form.size)
-            # What a model leaves out is not written either, so that whoever reads the file has the same model.
-            times = 0.0 if is_nothing(effect, times) else times
-            terms.append(Term.model_construct(effect=effect, times=times, named=False))
-    return terms
-
-
-def background_effects(posterior: Posterior) -> tuple[Effect, ...]:
-    """Return what the forms of the background are together, as effects of the arm."""
-    return tuple(effects_of([(term.effect, term.times) for term in background_terms(posterior)]))
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -372,17 +372,13 @@ class Columns:
     @cached_property
     def K(self) -> Array:  # noqa: N802 - a matrix
         """The products (b, p, p) of the whitened columns by band."""
-        width = self.X.shape[1]
-        products = np.empty((len(self.parts), width, width))
-        for part, out in zip(self.parts, products, strict=True):
-            np.matmul(part.T, part, out=out)
-        return products
+        kind = np.dtype((float, (self.X.shape[1], self.X.shape[1])))
+        return np.fromiter((part.T @ part for part in self.parts), kind, len(self.parts))
 
     @cached_property
     def gram(self) -> Array:
         """The products (p, p) of the whitened columns over all bands."""
-        gram: Array = self.K[0] if len(self.K) == 1 else self.K.sum(axis=0)
-        return gram
+        return np.asarray(self.K[0] if len(self.K) == 1 else self.K.sum(axis=0), dtype=float)
 
     def weighted_gram(self, weight: Array) -> Array:
         """Return the products X'WX (p, p), computed from those of bands whose readings have equal weights (N,)."""
@@ -411,11 +407,9 @@ class Columns:
 
         def compute() -> Array:
             part = np.sqrt(shape)[:, None] * self.parts[band]
-            gram: Array = part.T @ part
-            return gram
+            return np.asarray(part.T @ part, dtype=float)
 
-        gram: Array = weights.max() * recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN)
-        return gram
+        return np.asarray(weights.max() * recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN), dtype=float)
 
     def weighted_products(self, response: Response, weight: Array) -> Array:
         """Return the products (k, p) of a response with the columns, of readings with weights (N,), computed in the
@@ -459,8 +453,7 @@ class Columns:
     def mean(self, level: float) -> Array:
         """Return the prior mean (p,) of the coefficients in an arm that has `level` times the healthy size of every
         effect."""
-        mean: Array = level * self.healthy_mean
-        return mean
+        return np.asarray(level * self.healthy_mean, dtype=float)
 
 
 def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Columns:
@@ -527,8 +520,7 @@ def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Arra
     distributed over its forms. The model contains the names `present` already."""
     whole = np.array([1 - _MEAN**2 if _is_magnitude(form, present) else 1.0 for form in forms])
     width = np.array([len(form.columns) for form in forms], dtype=np.int64)
-    shares: Array = np.repeat(whole * _likelihoods(forms) / np.maximum(width, 1), width)
-    return shares
+    return np.asarray(np.repeat(whole * _likelihoods(forms) / np.maximum(width, 1), width), dtype=float)
 
 
 def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:

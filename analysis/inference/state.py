@@ -18,6 +18,7 @@ from analysis.inference.noise import LEAST_ASSUMED
 from analysis.inference.refine import Refined
 from analysis.inference.responses import Linearisation
 from analysis.kinematics.arm import Array, Mask
+from rigs.calibration import Term, effects_of, is_nothing
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import PHASE, healthy, identity, is_play, is_wave, name_of, scaled, size_of
 from rigs.schema.vocabulary import Build
@@ -342,6 +343,31 @@ class Hyperparameters:
         raw = posterior.background.weight * state.strength[columns.band] * posterior.residual**2
         energy = np.asarray(np.bincount(columns.band, raw), dtype=float)
         return energy, posterior.spent
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# What the background is on average, as terms and as effects of the arm.
+#
+# Every form of the background is its effect at the size at which its column was computed, and how many times of it
+# the readings show. Single forms are rarely certain, and their sum is: it is what reaches a tenth of a millimetre
+# where named effects reach half of one.
+
+
+def background_terms(posterior: Posterior) -> list[Term]:
+    """Return the forms of the background, each with how many times it shows on average."""
+    mean, terms = posterior.mean, []
+    for form in posterior.background.columns.forms:
+        for effect, column in zip(form.effects, form.columns, strict=True):
+            times = float(mean[column] / form.size)
+            # What a model leaves out is not written either, so that whoever reads the file has the same model.
+            times = 0.0 if is_nothing(effect, times) else times
+            terms.append(Term.model_construct(effect=effect, times=times, named=False))
+    return terms
+
+
+def background_effects(posterior: Posterior) -> tuple[Effect, ...]:
+    """Return what the forms of the background are together, as effects of the arm."""
+    return tuple(effects_of([(term.effect, term.times) for term in background_terms(posterior)]))
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.inference.background import background_terms
 from analysis.inference.budget import Measure, group_of
 from analysis.inference.observation import ObservedRun, rms, thinned
 from analysis.inference.residuals import curves_of, maps_of
@@ -21,6 +20,7 @@ from analysis.inference.result import BudgetPart, Diagnosis, Gap
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups, with_effects
 from analysis.inference.staircase import Left, Staircase, Step
+from analysis.inference.state import background_terms
 from analysis.inference.validation import Stages
 from analysis.kinematics.arm import Array
 from rigs.calibration import effects_of

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from analysis.inference.background import Posterior, background_effects, background_terms
+from analysis.inference.background import Posterior
 from analysis.inference.blocks import Block, blocks_of, entries, targets_key
 from analysis.inference.observation import ObservedRun, residuals_of, rms, without_socket
 from analysis.inference.refine import Unknown, slopes_of
@@ -17,10 +17,20 @@ from analysis.inference.responses import basis_of, limits_um, linearise, noise_u
 from analysis.inference.result import Gap, TestGap
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import FEWEST_PLACES, FittedRuns, fit_run_setups, neighbourhoods, with_effects
+from analysis.inference.state import background_effects, background_terms
 from analysis.kinematics.arm import Array, Integers, rail_mm
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
-from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Parameter, PlacedSetUp, Term, packed_factor
+from rigs.calibration import (
+    TIMES,
+    CalibratedModel,
+    CalibratedRun,
+    Judged,
+    Parameter,
+    PlacedSetUp,
+    Term,
+    packed_factor,
+)
 from rigs.distribution import version
 from rigs.effects import Effect
 from rigs.rig import Rig

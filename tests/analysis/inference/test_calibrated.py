@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from analysis.inference import validation as calibrated
-from analysis.inference.background import background_effects, background_terms
 from analysis.inference.result import Diagnosis
 from analysis.inference.search import SearchResult, search
+from analysis.inference.state import background_effects, background_terms
 from analysis.inference.validation import covariance_of
 from analysis.reporting.extended_rig import write_extended
 from rigs.calibration import TIMES, CalibratedModel, Parameter, Term, packed_factor
