@@ -71,6 +71,7 @@ def main() -> None:
     parser.add_argument("--arm", default="franka-fr3", help="an arm of the library (franka-fr3)")
     parser.add_argument("--sockets", type=int, nargs="*", default=[], help="touches of so many sockets, not poses")
     parser.add_argument("--known-mm", type=float, help="the distance of the first two sockets is known to so many mm")
+    parser.add_argument("--bars", type=float, help="with --known-mm: two bars of so many mm across, one low, one high")
     parser.add_argument("--play", type=float, help="hide a play of so many degrees, and nothing else")
     parser.add_argument(
         "--minutes", type=float, default=60.0, help="begin no further arm after so many minutes of each kind (60)"
@@ -81,13 +82,21 @@ def main() -> None:
         for seed in range(given.first, given.first + given.cases):
             if time.monotonic() - begin > 60 * given.minutes:
                 break
-            cases.append(drawn(given.arm, seed, sockets, given.play, given.known_mm))
+            cases.append(drawn(given.arm, seed, sockets, given.play, given.known_mm, given.bars))
             print(_line(seed, cases[-1]), flush=True)
         print(_summary(sockets, cases), flush=True)
 
 
-def drawn(name: str, seed: int, sockets: int, play_deg: float | None, known_mm: float | None = None) -> Case:
-    """One arm, measured and diagnosed; known_mm: the uncertainty to which the distance of two sockets is known."""
+def drawn(
+    name: str,
+    seed: int,
+    sockets: int,
+    play_deg: float | None,
+    known_mm: float | None = None,
+    bars_mm: float | None = None,
+) -> Case:
+    """One arm, measured and diagnosed; known_mm: the uncertainty to which the distance of two sockets is known, and
+    bars_mm the length of two bars that have the sockets, both known."""
     rng = np.random.default_rng([7, seed])
     rig = _rig(name, max(sockets, 1))
     faults = (
@@ -99,9 +108,17 @@ def drawn(name: str, seed: int, sockets: int, play_deg: float | None, known_mm: 
     ball = _ball_mm(rig)
     places: Array | int = sockets
     if sockets > 1 and known_mm is not None:
-        places = np.array([somewhere(rng, reach_mm(rig.robot)) for _ in range(sockets)])
-        measured_mm = float(np.linalg.norm(places[1] - places[0])) + float(rng.normal(0, known_mm))
-        rig = _rig(name, sockets, SocketDistance(between=("A", "B"), distance_mm=measured_mm, u_mm=known_mm))
+        reach = reach_mm(rig.robot)
+        places = _bars(rng, reach, bars_mm) if bars_mm else np.array([somewhere(rng, reach) for _ in range(sockets)])
+        known = [
+            SocketDistance(
+                between=("ABCD"[first], "ABCD"[first + 1]),
+                distance_mm=float(np.linalg.norm(places[first + 1] - places[first])) + float(rng.normal(0, known_mm)),
+                u_mm=known_mm,
+            )
+            for first in ((0, 2) if bars_mm else (0,))
+        ]
+        rig = _rig(name, sockets, *known)
     table = (
         touch_table(rig.robot, truth, rng, ball, places, TOUCHES)
         if sockets
@@ -117,15 +134,29 @@ def drawn(name: str, seed: int, sockets: int, play_deg: float | None, known_mm: 
     return Case(faults, truth, found, *errors, seconds)
 
 
+def _bars(rng: np.random.Generator, reach: float, length_mm: float) -> Array:
+    """Places (4, 3) mm of the sockets of two bars that lie level and across the reach, one low and one high."""
+    ends = []
+    for away, high in ((0.55, 0.07), (0.45, 0.6)):
+        around = rng.uniform(-1.2, 1.2)
+        outwards, across = (
+            np.array([np.cos(around), np.sin(around), 0.0]),
+            np.array([-np.sin(around), np.cos(around), 0.0]),
+        )
+        middle = reach * (away * outwards + [0.0, 0.0, high])
+        ends += [middle - length_mm / 2 * across, middle + length_mm / 2 * across]
+    return np.array(ends)
+
+
 def _ball_mm(rig: Rig) -> Array:
     """Where the ball (3,) mm is on the flange."""
     few = len(rig.robot.axes) < DRIVEN_AXES
     return np.array([ASIDE_MM, BALL_MM[1], BALL_MM[2]]) if few else BALL_MM
 
 
-def _rig(name: str, sockets: int, distance: SocketDistance | None = None) -> Rig:
+def _rig(name: str, sockets: int, *distances: SocketDistance) -> Rig:
     names = ", ".join(f'"{letter}"' for letter in "ABCD"[:sockets])
-    stated = f", distances: [{distance.model_dump_json()}]" if distance else ""
+    stated = f", distances: [{', '.join(known.model_dump_json() for known in distances)}]" if distances else ""
     return parse(f"name: seven\n{load_arm(name).text}tests: {{touch: {{sockets: [{names}]{stated}}}}}\n", "seven.yaml")
 
 

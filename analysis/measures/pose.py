@@ -57,6 +57,7 @@ from analysis.measures.stops import PlaceKind, came_from_cells, came_from_of
 from analysis.noise.cell import TARGET_MM, TRACKER_U_MM, LogUniform
 from analysis.noise.spectrum import DRAWS
 from analysis.noise.target_scatter import Scatter, scatter_of
+from analysis.noise.wild import FITTED_SPREADS
 from analysis.traces.csv_tables import Rows, joint_cells
 from analysis.traces.single_stands import STANDS_MM
 from analysis.traces.table_layout import PLACE, RAIL, RAIL_FROM, TURN, Layout, came_from_columns, joint_columns
@@ -386,8 +387,7 @@ class Pose(PlaceKind[PoseTable]):
     setup_words = "the places of the instrument and of its target on the tool"
     assumed_sd_mm = 0.04
     """UR10, two visits (Landgraf et al. 2021)."""
-    wild_spreads = 6.0
-    """As beside an arm whose constants are fitted (`analysis.conventions.lost_poses`)."""
+    wild_spreads = FITTED_SPREADS
     joints_fit = "poses fit"
     rows_called, away_from = "poses", "from where the arm was"
     when_far = "check that the tracker had its target and that the robot stood"

@@ -370,7 +370,12 @@ class _Drive:
         name = Path(ended["run"]).name
         why = why or why_unusable(runs / name)
         held_up = ended["counters"].get(_HOST, {}).get("stalled", 0)
-        if why and (faults := _faults(ended["counters"])):
+        counts = {
+            stream: [f"{count} {kind}" for kind, count in counted.items() if kind != "samples"]
+            for stream, counted in ended["counters"].items()
+        }
+        faults = "; ".join(f"{stream}: {', '.join(words)}" for stream, words in counts.items() if words)
+        if why and faults:
             why = f"{why} ({faults})"
         return Run(name, program, why, held_up)
 
@@ -386,16 +391,6 @@ class _Drive:
             return CellError(", ".join(silent), "sends no readings", "see rig doctor; then the same command goes on")
         where = "stands at its start and was not started" if self._recording else "was not started"
         return CellError(self._step.program, where, "start it; the same command goes on")
-
-
-def _faults(counters: Mapping[str, Mapping[str, int]]) -> str:
-    """Faults of each stream in words."""
-    reports = []
-    for stream, counted in counters.items():
-        faults = [f"{count} {kind}" for kind, count in counted.items() if kind != "samples"]
-        if faults:
-            reports.append(f"{stream}: {', '.join(faults)}")
-    return "; ".join(reports)
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -173,11 +173,11 @@ class InstanceLock:
         """
         # One name for a port, however it is written: of a serial port the device, of an address small letters. A
         # pseudo-terminal goes by the path given: its number is another's as soon as it closes.
-        same = port.casefold().replace("//localhost:", "//127.0.0.1:")
+        canonical = port.casefold().replace("//localhost:", "//127.0.0.1:")
         if port.startswith("/"):
             device = os.path.realpath(port)
-            same = str(Path(port).absolute()) if device.startswith("/dev/pts/") else device
-        key = hashlib.sha256(same.encode()).hexdigest()[:16]
+            canonical = str(Path(port).absolute()) if device.startswith("/dev/pts/") else device
+        key = hashlib.sha256(canonical.encode()).hexdigest()[:16]
         address = f"\0rigd-{os.geteuid()}-{key}"
         lock = socket.socket(socket.AF_UNIX)
         try:

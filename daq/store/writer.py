@@ -33,7 +33,7 @@ from daq.store.run_directory import (
     require_files,
     require_room,
 )
-from daq.store.stream_writer import OpenChunk, StreamWriter
+from daq.store.stream_writer import StreamWriter
 from rigs.errors import CellError
 from rigs.schema.vocabulary import Direction, TestName
 from rigs.text import as_argument
@@ -181,8 +181,11 @@ class RunWriter:
         """Return the work that syncs everything written so far; full or old chunks end with it and come first."""
         with self._guarded():
             for writer in self._writers.values():
-                if writer.open and not writer.full and self._is_due(writer.open):
-                    writer.open.end()
+                chunk = writer.open
+                if chunk is None or writer.full:
+                    continue
+                if chunk.rows >= self._chunk_rows or clock.now_ns() - chunk.born_ns >= CHUNK_AGE_NS:
+                    chunk.end()
             syncs = [sync for writer in self._writers.values() if (sync := writer.begin_sync())]
             syncs.sort(key=lambda sync: not sync.chunk.ended)  # whose next rows are held back
             anchored = [self._save_anchors] if self._anchors else []
@@ -255,9 +258,6 @@ class RunWriter:
     def _write(self) -> None:
         for writer in self._writers.values():
             writer.write()
-
-    def _is_due(self, chunk: OpenChunk) -> bool:
-        return chunk.rows >= self._chunk_rows or clock.now_ns() - chunk.born_ns >= CHUNK_AGE_NS
 
     def _end(self, writer: StreamWriter) -> None:
         """Close all that there is of a stream, with the rows that a sync held back."""

@@ -29,7 +29,8 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
         for part, unit, label in (("angle", "°", "error_angle"), ("distance", "µm", "error_distance")):
             lines = []
             for role in _DIRECTIONS:
-                if curves := _curves(group, role):  # their mean is drawn
+                of_role = [result.curve for result in group if result.measured.run.manifest.direction == role]
+                if curves := [curve for curve in of_role if isinstance(curve, CircleCurve)]:  # their mean is drawn
                     many = f" ({texts('mean_of_runs', count=len(curves))})" if len(curves) > 1 else ""
                     values = [curve.error_deg if part == "angle" else 1e3 * curve.deviation_mm for curve in curves]
                     lines.append(Line(f"{role}{many}", role, np.degrees(PHI), np.mean(values, axis=0)))
@@ -38,12 +39,6 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
             y_label = f"{texts(label)} / {unit}"
             charts.append(Chart(title, caption, frame, texts("circle_angle"), y_label, unit, tuple(lines), marks))
     return charts
-
-
-def _curves(group: Sequence[Result], direction: str) -> list[CircleCurve]:
-    """The curves of all runs of a direction."""
-    curves = [result.curve for result in group if result.measured.run.manifest.direction == direction]
-    return [curve for curve in curves if isinstance(curve, CircleCurve)]
 
 
 def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
