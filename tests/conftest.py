@@ -7,6 +7,7 @@ import gc
 import math
 import os
 import re
+import signal
 import time
 from collections.abc import Generator
 
@@ -35,6 +36,11 @@ of the processor time that collecting and quick tests take (14.1 s for 9.5 s of 
 
 class HeldUpError(Exception):
     """A test failed after it was held up for longer than it may be, so the failure says nothing about the program."""
+
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # What a shell script leaves in the background, a night say, begins without Ctrl-C, and so would what tests start.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

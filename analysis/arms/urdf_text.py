@@ -1,4 +1,4 @@
-"""An arm as the text of a URDF: `world` → `base_link` → `link_1` … `link_6` → `flange` → `tool`.
+"""An arm as the text of a URDF: `world` → `base_link` → `link_1` … `link_n` → `flange` → `tool`.
 
 Joints have the names, senses and limits of the rig file and turn by the angles that the controller reports. A rail is a
 prismatic joint between `rail_base`, which stands in the world, and `base_link`. A rig file knows masses and their
@@ -18,7 +18,6 @@ from analysis.kinematics.arm import RAIL_MM, Arm, Array
 from rigs.errors import FileError
 from rigs.schema.robot import JointAxis, Rail, Robot
 
-_FIXED = ("world-base_link", "link_6-flange", "flange-tool")
 _RAIL_M_S = 1.0
 """What is written as the rail's speed, which a rig file does not know and a URDF must have."""
 _HYPHENS = re.compile("-(?=-)")
@@ -38,12 +37,13 @@ def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -
     """
     senses = joint_senses(arm, where, "a URDF")
     require_names(robot, where)
+    fixed = _fixed_joints(robot)
     root = ElementTree.Element("robot", name=robot.name)
     for remark in (_HEAD, *([_RAIL_HEAD] if robot.rail else []), *remarks):
         root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))
     _link(root, "world")
     _link(root, stands := "rail_base" if robot.rail else "base_link")
-    _joint(root, _FIXED[0], "fixed", ("world", stands), arm.T_world_base)
+    _joint(root, fixed[0], "fixed", ("world", stands), arm.T_world_base)
     if robot.rail:
         _link(root, "base_link")
         _sliding(_joint(root, RAIL_JOINT, "prismatic", (stands, "base_link"), np.eye(4)), robot.rail, rail_way(arm))
@@ -53,9 +53,9 @@ def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -
         _turning(_joint(root, axis.name, "revolute", (before, link), T), axis, sense)
         before = link
     _link(root, "flange", robot.payload_kg)
-    _joint(root, _FIXED[1], "fixed", (before, "flange"), np.eye(4))
+    _joint(root, fixed[1], "fixed", (before, "flange"), np.eye(4))
     _link(root, "tool")
-    _joint(root, _FIXED[2], "fixed", ("flange", "tool"), arm.T_flange_tool)
+    _joint(root, fixed[2], "fixed", ("flange", "tool"), arm.T_flange_tool)
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
@@ -67,11 +67,16 @@ def require_names(robot: Robot, where: str) -> None:
         if not name.strip() or not name.isprintable():
             what = f"axis {k} has the name {name!r}, which no joint of a URDF can have"
             raise FileError(f"{where}, robot.axes", what, "give it a name of printable characters")
-        if name in (*names[: k - 1], *_FIXED, *([RAIL_JOINT] if robot.rail else [])):
+        if name in (*names[: k - 1], *_fixed_joints(robot), *([RAIL_JOINT] if robot.rail else [])):
             raise FileError(f"{where}, robot.axes", f"two joints would be named {name!r}", "rename one of them")
     if not robot.name.isprintable():
         what = f"{robot.name!r} is a name that no URDF can have"
         raise FileError(f"{where}, robot.name", what, "give it a name of printable characters")
+
+
+def _fixed_joints(robot: Robot) -> tuple[str, str, str]:
+    """The names of the joints that do not turn."""
+    return "world-base_link", f"link_{len(robot.axes)}-flange", "flange-tool"
 
 
 def _link(root: ElementTree.Element, name: str, kg: float = 0.0, centre_mm: Sequence[float] = (0.0, 0.0, 0.0)) -> None:

@@ -82,7 +82,7 @@ _Start = Annotated[
         "--start-joints",
         metavar="DEGREES",
         help="Six joint angles, separated by commas, at which the arm stands whenever a program of --program begins: "
-        "the posture for a straight line before any joint move (UR, KUKA); default: not known.",
+        "the posture for a straight line before any joint move; default: not known.",
     ),
 ]
 

@@ -83,6 +83,10 @@ def plan(
     dwell_s: Annotated[
         float, typer.Option(min=0.5, max=600, help="With --poses: seconds to stand at each pose.")
     ] = 5.0,
+    one_axis: Annotated[
+        bool,
+        typer.Option("--one-axis", help="With --poses: one axis at a time, down, up and back, while the others stand."),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most.
@@ -96,10 +100,10 @@ def plan(
         if tests or propose or minutes:
             problem = "plans poses alone; leave --tests, --propose and --minutes out"
             raise typer.BadParameter(problem, param_hint="--poses")
-        plan_poses(rig_file, poses, output, maker, tracker, faces, dwell_s, as_json=as_json)
+        plan_poses(rig_file, poses, output, maker, tracker, faces, dwell_s, one_axis=one_axis, as_json=as_json)
         return
-    if maker or tracker or faces:
-        raise typer.BadParameter("--for, --tracker and --faces need it", param_hint="--poses")
+    if maker or tracker or faces or one_axis:
+        raise typer.BadParameter("--for, --tracker, --faces and --one-axis need it", param_hint="--poses")
 
     from analysis.inference.plan import tests_named
     from rigs.errors import UseError

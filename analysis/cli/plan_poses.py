@@ -24,6 +24,7 @@ def plan_poses(
     faces: str | None,
     dwell_s: float,
     *,
+    one_axis: bool,
     as_json: bool,
 ) -> None:
     """Plan poses, say what they will show, and write them and their program where a directory is given."""
@@ -36,7 +37,7 @@ def plan_poses(
     rig, _ = load(rig_file)
     sight = _sight(tracker, faces)
     with named_by(rig_file, rig), progress_of("looking for poses"):
-        planned = planned_poses(rig, count, sight)
+        planned = planned_poses(rig, count, sight, one_axis=one_axis)
     written = _write(rig, planned, output, maker, dwell_s) if output else []
     if as_json:
         say_json({**planned.to_dict(), "files": [str(path) for path in written]})

@@ -19,7 +19,7 @@ from itertools import combinations
 import numpy as np
 
 from analysis.conventions.finding import Finding, Misfit
-from analysis.geometry.pose_setup import fit_setup, position_error
+from analysis.geometry.pose_setup import PoseSetUp, fit_setup, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, without_setup
 from analysis.noise.readings import rms
 from analysis.traces.tables import Table
@@ -114,10 +114,12 @@ _NOTHING_MM = 1e-3
 """Below a micrometre the labels are right: what is left are rounded digits, which any meaning may fit better."""
 RIGHT_MM = 10.0
 """An arm by its nominal constants errs by some mm; what leaves more is not right either."""
+RIGHT_SHARE = 0.02
+"""Share of the places' spread: an arm of one metre leaves some thousandths; what hardly moves would leave little mm."""
 CLEARLY = 4.0
 """Factor by which a meaning must fit better. The constants of a real arm, all free, gained 2.6 (UR10); a meaning has no
 unknown."""
-_AS_WELL = 1.5
+AS_WELL = 1.5
 """Meanings within this factor of the best are not distinguished."""
 _ARM_MM = 100.0
 """Distance at which a turn counts as a length."""
@@ -218,24 +220,28 @@ def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> 
     return (
         first,
         as_labelled,
-        [judged_meaning for judged_meaning in others if judged_meaning.left_mm < _AS_WELL * first.left_mm],
+        [judged_meaning for judged_meaning in others if judged_meaning.left_mm < AS_WELL * first.left_mm],
     )
 
 
 def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
     """What the nearest of places xyz_mm (n, 3) leave, rms mm, with base and tool fitted to them, at joints q (n, axes)
     rad; each turn of rpy (n, 3) rad counts as a length beside it."""
+    return fit_nearest(bare, q, xyz_mm, steps, rpy)[0]
+
+
+def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> tuple[float, PoseSetUp]:
+    """What the nearest places leave, as `left_mm`, and the base and tool that are fitted to them."""
     T = forward(bare, q)
     kept = np.arange(len(q))
     count = max(int(_KEPT * len(q)), 9)
-    distance = np.zeros(len(q))
     for _ in range(_ROUNDS if steps > _STEPS else 1):
         setup = fit_setup(T[kept], xyz_mm[kept], steps)
         distance = np.linalg.norm(position_error(T, xyz_mm, setup), axis=1)
         if rpy is not None:
             distance = np.hypot(distance, _ARM_MM * _turned(T, rpy, setup.T_world_base, kept))
         kept = np.sort(np.argsort(distance)[:count])
-    return rms(distance[kept])
+    return rms(distance[kept]), setup
 
 
 def _turned(T: Array, rpy: Array, base: Array, kept: Integers) -> Array:

@@ -21,19 +21,17 @@ import numpy as np
 
 from analysis.conventions.finding import Finding
 from analysis.conventions.path_places import places_of
+from analysis.conventions.two_placings import two_placings
 from analysis.geometry.pose_setup import fit_arm, fit_setup, position_error, socket_design
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, without_setup
 from analysis.noise.cell import TARGET_MM
-from analysis.noise.wild import NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
+from analysis.noise.wild import FITTED_SPREADS, NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
 from analysis.traces.tables import PathTable, PoseTable, Table, TouchTable
 from rigs.rig import Rig
 from rigs.text import listed
 
 _LEAST_RAD = 0.001
 """The least that a turn counts as a standard deviation: ten times what trackers resolve."""
-_FITTED_SPREADS = 6.0
-"""Robust standard deviations from which a place is wild beside an arm whose constants are fitted. Measured: of 1600
-poses of a UR10 and a UR5, in sets of 30 to 400, the farthest lay at 4.2, readings that are 2 mm wrong at 30."""
 _SPARE, _FITTED = 30, 300
 """Readings beyond the unknowns without which such a fit shows nothing, and poses that are enough for it."""
 _KEPT = 6
@@ -66,16 +64,15 @@ class Far:
         """The poses (n,) that are left out."""
         return self.far if self.by_accident else np.zeros_like(self.far)
 
-    @property
-    def words(self) -> str:
-        """What a person should know of poses that are far and not left out, empty where there are none."""
+    def words(self, table: Table) -> str:
+        """What a person should know of rows that are far and not left out, empty where there are none."""
         if self.by_accident or not self.far.any():
             return ""
-        what = f"{self.far.sum()} of {len(self.far)} poses lie far from where the arm was"
+        what = f"{self.far.sum()} of {len(self.far)} {table.kind.rows_called} lie far from where the arm was"
         return (
-            f"{what}, up to {_length(self.far_mm[self.far].max())}, and are not left out: so many, or all in one range "
-            "of a joint, are no lost points; check the signs, order and zeros of the joints, and whether instrument or "
-            "base moved"
+            f"{what}, rows {listed(table.rows[self.far].tolist())} up to {_length(self.far_mm[self.far].max())}, and "
+            "are not left out: so many, or all in one range of a joint, are no lost points; check whether the robot "
+            "had come to rest, instrument and base stood, and signs, order and zeros of the joints"
         )
 
 
@@ -123,7 +120,7 @@ def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Ar
             break
         mm = np.linalg.norm(seen.xyz_mm - forward(fitted.arm, seen.q)[:, :3, 3], axis=1)
         spreads = spreads_of(mm, TARGET_MM.high)
-        far, before, near = spreads > _FITTED_SPREADS, near, spreads <= NEAR
+        far, before, near = spreads > FITTED_SPREADS, near, spreads <= NEAR
         if (near == before).all():
             break
     return mm, far
@@ -135,7 +132,7 @@ def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> Kept:
     out = (table.xyz_mm == 0).all(axis=1) | far.wild
     if out.all():
         return Kept(table, np.arange(len(out)), ())
-    notes = [far.words] if far.words else []
+    notes = [words] if (words := far.words(table)) else []
     if out.any():
         away = np.linalg.norm(fit(_of(table, ~out), table)[0], axis=1)
         notes.insert(0, left_out(table, out, np.where(far.wild, far.far_mm, away)))
@@ -145,7 +142,8 @@ def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> Kept:
 def _of(table: PoseTable, mask: Mask) -> PoseTable:
     rpy = None if table.rpy is None else table.rpy[mask]
     row = None if table.row is None else table.row[mask]
-    return replace(table, q=table.q[mask], xyz_mm=table.xyz_mm[mask], rpy=rpy, row=row)
+    came = None if table.came_from is None else table.came_from[mask]
+    return replace(table, q=table.q[mask], xyz_mm=table.xyz_mm[mask], rpy=rpy, row=row, came_from=came)
 
 
 def far_touches(table: TouchTable, T: Array) -> Far:
@@ -201,9 +199,14 @@ def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
         what = f"{have.format(rows)} 0, 0, 0, as a tracker writes that lost its target"
         remedy = "an analysis leaves it out" if lost.sum() == 1 else "an analysis leaves them out"
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", what, remedy)
-    far = far_poses(table, without_setup(arm_of(rig.robot)))
-    if (wild := far.wild).any():
-        what = left_out(table, wild, far.far_mm)
+    bare = without_setup(arm_of(rig.robot))
+    far = far_poses(table, bare)
+    if words := two_placings(_of(table, ~(lost | far.wild)), bare):
+        remedy = "give each placing in a file of its own, a run each"
+        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "two placings", words, remedy)
+        return
+    if far.far.any():
+        what = left_out(table, far.wild, far.far_mm) if far.by_accident else far.words(table)
         what, remedy = what.rsplit("; ", 1)
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", what, remedy)
 

@@ -99,8 +99,9 @@ def stand_findings(run: Measured) -> Iterator[Finding]:
 SOURCE = "source"
 OF_CONTROLLER = "rig arms NAME --poses TABLE -o arm.yaml reads its calibration out of them"
 """What such places are good for."""
-_NO_INSTRUMENT_MM = 0.005
-"""The best trackers state 0.010 mm and more (Leica AT960: 15 µm + 6 µm/m), and arms repeat to 0.01 mm."""
+_NO_INSTRUMENT_MM = 0.008
+"""Digits of 0.01 mm leave 0.005 mm; the best trackers state 0.010 mm and more (Leica AT960: 15 µm + 6 µm/m), and arms
+repeat to 0.01 mm."""
 _BASE_MM, _BASE_RAD, _FLANGE_MM = 3.0, float(np.radians(0.3)), 2.0
 """How well frame and target are known by an arm's nominal constants: the calibrations of sound arms move them by so
 much. The smallest reflectors are balls of 12.7 mm on a nest."""

@@ -35,7 +35,7 @@ _UNITS = {
     "µm": "um", "in": "in", "inch": "in", "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad",
     "radian": "rad", "radians": "rad",
 }  # fmt: skip
-_JOINTS = "q j joint joints axis a theta th rax ax jt jnt position pos angle angles"
+_JOINTS = "q j joint joints axis a theta th rax ax jt jnt position pos angle angles achse gelenk axe 축 관절 轴 关节"
 _JOINT_WORDS = frozenset(_JOINTS.split())
 _TURNS = "r rot rotation orientation euler angle angles rotvec rvec rv e o ori quat quaternion q rpy"
 _TURN_WORDS = frozenset(_TURNS.split())
@@ -127,6 +127,7 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
             if {"joint", "axis"} & set(name.words):
                 by_role[name.role].append(name)
         joints = [_group(ones) for ones in by_role.values() if len(ones) == axes]
+        joints = joints or _numbered(named, axes, frozenset())
     taken = {column for group in joints for column in group.columns}
     unused = [name for name in named if name.column not in taken]
     places, turns = _lettered(unused)
@@ -198,12 +199,13 @@ def _in_order(numbered: dict[int, _Name], count: int) -> list[_Name] | None:
     return None
 
 
-def _numbered(names: Sequence[_Name], count: int) -> list[Group]:
+def _numbered(names: Sequence[_Name], count: int, words_of_joints: frozenset[str] = _JOINT_WORDS) -> list[Group]:
+    """Columns that are numbered through from 0 or 1; words_of_joints: of which their name has one, any where empty."""
     groups = []
     for template, numbered in _templates(names).items():
         words = {word for word in template if word != "*"}
         order = _in_order(numbered, count)
-        if order and words & _JOINT_WORDS and not words & {"pose", "tcp"}:
+        if order and (words & words_of_joints or not words_of_joints) and not words & {"pose", "tcp"}:
             groups.append(_group(order))
     return groups
 

@@ -14,16 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from analysis.conventions.joints import CLEARLY, FEWEST, RIGHT_MM, left_mm
+from analysis.conventions.joints import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest, left_mm
 from analysis.conventions.place import OF_CONTROLLER
 from analysis.files.cells import TableFileError
 from analysis.files.column_groups import Group, Groups, Seen, groups_of, is_of_controller
 from analysis.files.cube_stops import with_joints
-from analysis.files.mapped import meant, poses_of, spread_of
+from analysis.files.mapped import fits_in_parts, meant, poses_of, spread_of
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import TO_MM, Angles, Layout, Lengths, Residual, TableMap, Turn
 from analysis.geometry.iso_cube import cube_of
-from analysis.geometry.pose_setup import fit_setup
 from analysis.kinematics.arm import Arm, arm_of, forward, without_setup
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -32,8 +31,6 @@ _JUDGED = 200
 """Rows that judge a reading, evenly chosen; more would show no more."""
 _SCREEN_STEPS, _STEPS = 12, 100
 _KEPT = 0.8
-_RIGHT_SHARE = 0.02
-"""Share of the places' spread: an arm of one metre leaves some thousandths; what hardly moves would leave little mm."""
 _FARTHEST_MM = 1e6
 _RIGHT_DEG = 2.0
 """The tool of an arm by its nominal constants turns as it should within some tenths of a degree."""
@@ -75,7 +72,7 @@ class Reading:
     @property
     def fits(self) -> bool:
         """Whether places read so are those of the arm."""
-        return self.left <= RIGHT_MM and self.share <= _RIGHT_SHARE
+        return self.left <= RIGHT_MM and self.share <= RIGHT_SHARE
 
 
 @dataclass(frozen=True)
@@ -240,8 +237,10 @@ def _of_role(groups: Sequence[Group]) -> tuple[list[Group], list[Group]]:
 
 def _places(groups: Groups) -> tuple[list[Seen], Group | None]:
     """Places to read, and the residual beside them where no column holds what was measured."""
-    measured = [pose for pose in groups.seen if pose.place.role == "measured"]
-    unsaid = [pose for pose in groups.seen if pose.place.role == "unsaid"]
+    own = [pose for pose in groups.seen if not pose.place.of_controller and pose.place.role != "commanded"]
+    seen = own or groups.seen  # what the robot says of itself, only where nothing else was measured
+    measured = [pose for pose in seen if pose.place.role == "measured"]
+    unsaid = [pose for pose in seen if pose.place.role == "unsaid"]
     commanded = [pose for pose in groups.seen if pose.place.role == "commanded"]
     if measured:
         return measured, None
@@ -269,6 +268,13 @@ def _placed(
     (best, chosen), *others = candidates
     judge.checked.append(best.line(others[0][0] if others else None))
     if not best.fits:
+        plain = next(reading for reading, _ in candidates if reading.value.sees == "the tool")
+        if part := fits_in_parts(judge.raw, judge.bare, plain.value):
+            what = f"fits the arm of the rig file in {part}, and not as a whole; {plain.line()}"
+            remedy = (
+                "give what was measured with another place of target or instrument in files of their own, a run each"
+            )
+            raise FileError(judge.raw.where, what, remedy)
         what = f"fits the arm of the rig file in no reading of its columns within {RIGHT_MM:g} mm; {best.line()}"
         remedy = "check that the rig file is that of the arm; else write a map by hand (--map)"
         raise FileError(judge.raw.where, what, remedy)
@@ -391,13 +397,16 @@ def _otherwise(
     reading that such a one overrules, None where none fits. Raises FileError for what only a rig file can state."""
     ways = []
     for group, pose in product(joints, seen):
-        for angle, length in product(_units(group.unit, _ANGLES), _units(pose.place.unit, ("mm", "m"))):
+        for angle, length in product(_units(group.unit, _ANGLES), _units(pose.place.unit, _LENGTHS)):
             base = judge.map_of(
                 Angles(columns=group.columns, unit=angle), Lengths(columns=pose.place.columns, unit=length)
             )
             named = f"joints {_short(group.columns)} in {angle}, place {_short(pose.place.columns)} in {length}"
             ways += [(way, base, named, pose) for way in meant(judge.raw, judge.bare, base)]
     ways.sort(key=lambda pose_of_pose: pose_of_pose[0].share)
+    # A zero half a turn off and an axis behind it that counts the other way are the same: a map states the latter.
+    if any(way[0].share < AS_WELL * ways[0][0].share and not way[0].remedy for way in ways):
+        ways = [way for way in ways if not way[0].remedy]
     read = [(Reading(way.table_map, way.left_mm, "mm", f"{named}, with {way.words}", way.share), pose)
             for way, _, named, pose in ways]  # fmt: skip
     if not read or not read[0][0].fits:
@@ -436,7 +445,7 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
 
     base = poses_of(judge.raw, table_map)
     T = forward(judge.bare, base.q)
-    setup = fit_setup(T, base.xyz_mm)
+    setup = fit_nearest(judge.bare, base.q, base.xyz_mm, _STEPS)[1]
     R_base = setup.T_world_base[:3, :3]
     readings = []
     for turn in _turns(seen):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 
-from analysis.conventions.joints import Meaning, left_mm, meanings
+from analysis.conventions.joints import FEWEST, RIGHT_MM, RIGHT_SHARE, Meaning, left_mm, meanings
 from analysis.files.cells import Problems, TableFileError, TableProblem, value
 from analysis.files.raw_table import RawTable
 from analysis.files.table_map import MAPPED, TO_MM, TO_UNIT, Angles, TableMap, Turn
@@ -198,6 +198,8 @@ _STEPS, _ALL_STEPS, _BEST = 8, 60, 3
 """Steps of a fit while meanings are screened, of the best few of them, and how many those are."""
 _ALIKE = 4.0
 """Places spread as far as the flange does, but for what the tool adds: units in which they do not are left out."""
+_FIRST, _PARTS = 0.4, 4
+"""The first rows that may be of another placing than the others, and how many values of a column of words name such."""
 _MIRROR = "y"
 """Any axis will do: the frame is fitted."""
 
@@ -216,13 +218,15 @@ class Meant:
 
 def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[Meant]:
     """Return the ways to read the joints and places of a map otherwise, the best first; none where its units do not
-    suit the arm."""
+    suit the arm, or hardly a row has a place."""
     try:
         poses = poses_of(raw, base)
     except TableFileError:
         return []
     sound = (poses.xyz_mm != 0).any(axis=1)
     q, xyz_mm = poses.q[sound], poses.xyz_mm[sound]
+    if len(q) < FEWEST:
+        return []
     apart, reach = spread_of(xyz_mm), spread_of(forward(bare, q)[:, :3, 3])
     if not 1 / _ALIKE < apart / max(reach, 1e-9) < _ALIKE:
         return []
@@ -236,6 +240,26 @@ def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[Meant]:
     ways = list(_ways(base, bare.axes))
     order = np.argsort([judged(way, _STEPS).left_mm for way in ways])[:_BEST]
     return sorted((judged(ways[k], _ALL_STEPS) for k in order.tolist()), key=lambda otherwise: otherwise.left_mm)
+
+
+def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
+    """Return which rows of a table fit the arm by themselves where all together do not, in words, empty where none do:
+    the target sat elsewhere on the tool in the others, or the instrument stood elsewhere."""
+    poses = poses_of(raw, base)
+    measured, number = (poses.xyz_mm != 0).any(axis=1), np.arange(len(raw.lines))
+    parts = {"the first rows": number < _FIRST * len(number), "every other row": number % 2 == 0}
+    for name in raw.names:
+        values = raw.cells[name].to_pylist()
+        if name not in raw.numeric and 1 < len(set(values)) <= _PARTS:
+            parts |= {f"the rows of {name} {value}": np.array([cell == value for cell in values]) for value in values}
+    for words, rows in parts.items():
+        q, xyz_mm = poses.q[rows & measured], poses.xyz_mm[rows & measured]
+        if len(q) < FEWEST:
+            continue
+        rms_mm = left_mm(bare, q, xyz_mm, _ALL_STEPS)
+        if rms_mm < min(RIGHT_MM, RIGHT_SHARE * spread_of(xyz_mm)):
+            return f"{words}, which leave {rms_mm:.2g} mm"
+    return ""
 
 
 def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None, str, str]]:

@@ -10,7 +10,7 @@ import re
 import zipfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -336,6 +336,8 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
     first, *others = tables
     if not others:
         return first, 0
+    if len({table.decimal_comma for table in tables}) > 1:
+        first, *others = map(_with_points, tables)
     columns, left_out = {name: first.cells[name] for name in first.names}, 0
     units, lines, keep = list(first.units), first.lines, np.arange(len(first.lines))
     places = []
@@ -362,17 +364,17 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
         raise FileError(
             others[0].where, f"shares no value of {join!r} with {first.where}", "check the column of the join"
         )
-    if len({table.decimal_comma for table in tables}) > 1:
-        # Columns of files of which some have decimal commas, all with points.
-        commas = {name for table in tables if table.decimal_comma for name in table.names}
-        columns = {
-            name: pc.replace_substring(column, ",", ".") if name in commas else column
-            for name, column in columns.items()
-        }
     cells = pa.table(columns)
-    comma = all(table.decimal_comma for table in tables)
     where = f"{first.where} and {len(others)} more"
-    return RawTable(where, tuple(columns), tuple(units), cells, lines[keep], comma), left_out
+    return RawTable(where, tuple(columns), tuple(units), cells, lines[keep], first.decimal_comma), left_out
+
+
+def _with_points(table: RawTable) -> RawTable:
+    """A table whose decimals have points, to be joined with such as have."""
+    if not table.decimal_comma:
+        return table
+    columns = {name: pc.replace_substring(table.cells[name], ",", ".") for name in table.names}
+    return replace(table, cells=pa.table(columns), decimal_comma=False)
 
 
 def _index(table: RawTable, join: str) -> dict[str, int]:

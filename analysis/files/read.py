@@ -74,10 +74,11 @@ def check_header(
     if not kind_named(test).gauges and RAIL in names and RAIL not in layout.known:
         what = "the arm of the rig file stands on no rail; add robot.rail to it, or rename this column"
         problems.append(TableProblem(1, RAIL, what))
-    stated = [name for name in layout.together if name in names]
-    if 0 < len(stated) < len(layout.together):
-        what = f"has {' and '.join(stated)} only; give all of {', '.join(layout.together)}, or none"
-        problems.append(TableProblem(1, "", what))
+    for group in layout.together:
+        stated = [name for name in group if name in names]
+        if 0 < len(stated) < len(group):
+            what = f"has {' and '.join(stated)} only; give all of {', '.join(group)}, or none"
+            problems.append(TableProblem(1, "", what))
     if problems:
         mapped = "" if test == MAPPED else "; a map reads other names and units (--map)"
         raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}{mapped}")

@@ -42,8 +42,7 @@ class Sight:
 
 def drawn_poses(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
     """Joint angles (n, 6) rad of at most so many poses, drawn evenly in joint space, that are clear and seen."""
-    low = np.maximum(arm.limits[:, 0] + _MARGIN_RAD, -_HALF_TURN)
-    high = np.minimum(arm.limits[:, 1] - _MARGIN_RAD, _HALF_TURN)
+    low, high = _used(arm)
     drawn = np.empty((0, len(low)))
     for _ in range(_DRAWS):
         q = rng.uniform(low, high, (4 * count, len(low)))
@@ -53,6 +52,45 @@ def drawn_poses(arm: Arm, count: int, sight: Sight | None, rng: np.random.Genera
         if len(drawn) >= count:
             break
     return drawn[:count]
+
+
+def _used(arm: Arm) -> tuple[Array, Array]:
+    """The lowest and highest angles (axes,) rad to which joints go."""
+    low, high = arm.limits.T
+    return np.maximum(low + _MARGIN_RAD, -_HALF_TURN), np.minimum(high - _MARGIN_RAD, _HALF_TURN)
+
+
+def axes_in_turn(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
+    """Joint angles (n, axes) rad of at most so many poses in which each axis in its turn goes down, up and back through
+    its range while the others stand: from one posture, about which the ways are clear and seen furthest."""
+    postures = drawn_poses(arm, _POSTURES, sight, rng)
+    ways = [[_free_way(arm, posture, joint, sight) for joint in range(arm.axes)] for posture in postures]
+    if not ways:
+        return np.empty((0, arm.axes))
+    best = int(np.argmax([np.log(np.ptp(way, axis=1) + _STEP_RAD).sum() for way in ways]))
+    start, poses = postures[best], [postures[best]]
+    for joint, (low, high) in enumerate(ways[best]):
+        stops = np.linspace(low, high, max(_FEWEST_STOPS, ((count - 1) // arm.axes + 1) // 2))
+        below, above = stops[stops < start[joint]], stops[stops >= start[joint]]
+        for angle in (*below[::-1], *below[1:], *above, *above[-2::-1], start[joint]):
+            poses.append(np.where(np.arange(arm.axes) == joint, angle, start))
+    return np.array(poses)
+
+
+_POSTURES, _FEWEST_STOPS = 30, 5
+"""Postures to choose from, and the fewest stops of an axis each way."""
+
+
+def _free_way(arm: Arm, posture: Array, joint: int, sight: Sight | None) -> tuple[float, float]:
+    """The angles rad between which a joint may turn, the others standing at a posture (axes,), clear and seen."""
+    ends = []
+    for end in (float(limit[joint]) for limit in _used(arm)):
+        angles = np.linspace(posture[joint], end, 2 + int(abs(end - posture[joint]) / _STEP_RAD))
+        q = np.repeat(posture[None], len(angles), axis=0)
+        q[:, joint] = angles
+        free = _is_off(arm, q) & (is_seen(arm, q, sight) if sight else True)
+        ends.append(float(angles[: int(np.argmin(free)) or None if not free.all() else None][-1]))
+    return min(ends), max(ends)
 
 
 def is_clear(arm: Arm, q: Array) -> Mask:
@@ -71,10 +109,15 @@ def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
     """Whether a move of all joints together from one posture (6,) rad to another is clear; singularities are no matter
     on it."""
     count = 2 + int(np.abs(end - begin).max() / _STEP_RAD)
-    points = _points(arm, begin + np.linspace(0, 1, count)[:, None] * (end - begin))
+    return bool(_is_off(arm, begin + np.linspace(0, 1, count)[:, None] * (end - begin)).all())
+
+
+def _is_off(arm: Arm, q: Array) -> Mask:
+    """Whether the arm at joint angles q (n, axes) rad is off the floor and its column (n,)."""
+    points = _points(arm, q)
     outer, last = points[:, 2:], points[:, 4:]
     off_column = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > points[:, 1:2, 2] + _COLUMN_MM)
-    return bool((outer[..., 2] > _FLOOR_MM).all() and off_column.all())
+    return np.asarray((outer[..., 2] > _FLOOR_MM).all(axis=1) & off_column.all(axis=1))
 
 
 def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:

@@ -169,11 +169,12 @@ _FIELDS = (("a", 1.0), ("alpha", REACH_MM), ("beta", REACH_MM), ("d", 1.0), ("of
 
 @dataclass(frozen=True)
 class FittedArm:
-    """An arm of which all constants are fitted. left_mm (n,): what remains of the readings; spare: readings beyond the
-    unknowns."""
+    """An arm of which all constants are fitted. left_mm (n,): what remains of the readings; design (n, unknowns): their
+    derivatives by the unknowns; spare: readings beyond the unknowns."""
 
     arm: Arm
     left_mm: Array
+    design: Array
     spare: int
 
     @property
@@ -237,4 +238,4 @@ def _fitted(changed: Callable[[Array], Arm], count: int, misfit: Callable[[Arm],
         if gained < _ENOUGH * before:
             break
     sizes = np.linalg.svd(J, compute_uv=False)
-    return FittedArm(changed(change), residual, residual.size - int((sizes > _DETERMINED * sizes[0]).sum()))
+    return FittedArm(changed(change), residual, J, residual.size - int((sizes > _DETERMINED * sizes[0]).sum()))

@@ -306,7 +306,7 @@ class Posterior:
 
     def left_out(self, rows: Integers) -> tuple[Array, Array]:
         """Return by how much the whitened readings of some rows (n,) miss what all others predict (n,), and the
-        variances (n,) of these predictions without the noise of the readings.
+        covariance (n, n) of these predictions without the noise of the readings.
 
         Of a normal distribution both follow without a fit: with C the covariance of the readings, the residuals are
         (C⁻¹)_rows⁻¹ (C⁻¹ y)_rows and their covariance is (C⁻¹)_rows⁻¹ (Rasmussen and Williams, 2006, 5.4.2). What a
@@ -318,7 +318,7 @@ class Posterior:
         modelled = X @ background.covariance @ X.T + terms @ self.known_covariance @ terms.T
         covariance = np.linalg.inv(np.diag(weight) - weight[:, None] * modelled * weight)
         missed: Array = covariance @ (weight * self.residual[rows])
-        return missed, np.maximum(np.diag(covariance) - 1 / weight, 0.0)
+        return missed, np.asarray(covariance - np.diag(1 / weight), dtype=float)
 
     @cached_property
     def weighted_spent(self) -> Array:

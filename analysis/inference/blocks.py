@@ -257,8 +257,9 @@ def _visit_numbers(observation: Observation) -> Integers:
     """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
     table, keys = observation.table, _visit_keys(observation)
     if table.kind.of_places:
-        visit = visits(table.q[observation.rows], SAME_RAD)
-        keys = np.stack([np.repeat(visit, 3), np.tile(np.arange(3), len(visit))], axis=1)
+        visit, sides = visits(table.q[observation.rows], SAME_RAD), table.kind.sides(table)
+        reached = visit[:, None] if sides is None else np.column_stack([visit, sides[observation.rows]])
+        keys = np.column_stack([np.repeat(reached, 3, axis=0), np.tile(np.arange(3), len(visit))])
     return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
 
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
-from operator import attrgetter, itemgetter
 
 import numpy as np
 
@@ -18,14 +16,14 @@ from analysis.inference.acts import Cost, NamingTest
 from analysis.inference.blocks import blocks_of
 from analysis.inference.expected import SEPARABLE, ExpectedPosterior, without_bands
 from analysis.inference.observation import ObservedRun
-from analysis.inference.plan import FurtherTests, PossibleTest
+from analysis.inference.plan import FurtherTests, PossibleTest, shortest, sigma_between
 from analysis.inference.responses import linearise
 from analysis.inference.result import ODDS, BudgetPart, Named, is_open
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups
 from rigs.effects import Effect
 from rigs.errors import FileError
-from rigs.schema.effect import is_play, label_of, name_of, phases, size_of
+from rigs.schema.effect import is_play, label_of, name_of, size_of
 
 JOINED = "--unseen"
 """The test that takes no driving: the runs that only judged, used as well."""
@@ -42,12 +40,7 @@ class NamingTests:
     def for_rivals(self, effect: Effect, rival: Effect) -> tuple[NamingTest, Cost] | None:
         """Return the test that separates an effect from its rival, the cheapest of those that do it for certain; None
         where none does."""
-        pairs = ((effect, rival), (rival, effect))
-
-        def sigma(test: PossibleTest) -> float:
-            return min(test.expected.separation_sigma([first], phases(second)) for first, second in pairs)
-
-        return self._cheapest(sigma, 1, (name_of(effect), name_of(rival)))
+        return self._cheapest(sigma_between(effect, rival), 1, (name_of(effect), name_of(rival)))
 
     def for_member(self, effect: Effect, among: int) -> tuple[NamingTest, Cost] | None:
         """Return the test by which an effect among so many is known best at its size; None where none names it."""
@@ -62,15 +55,12 @@ class NamingTests:
     def _cheapest(
         self, sigma: Callable[[PossibleTest], float], among: int, names: tuple[str, ...]
     ) -> tuple[NamingTest, Cost] | None:
-        """Return the test that takes the fewest minutes of those of enough sigmas. Each is simulated whole for its
-        sigmas, some seconds for a circle: those that take longer than one that does are not."""
-        by_minutes = attrgetter("minutes")
-        for _, group in groupby(sorted(self.possible, key=by_minutes), key=by_minutes):
-            best, sigmas = max(((test, sigma(test)) for test in group), key=itemgetter(1))
-            if (odds := _odds(sigmas, among)) >= ODDS / (1 + ODDS):
-                test = NamingTest(best.test, best.why, float(sigmas), odds, names)
-                return test, Cost(best.minutes, best.programs, best.set_ups)
-        return None
+        named = shortest(self.possible, sigma, lambda sigmas: _odds(sigmas, among) >= ODDS / (1 + ODDS))
+        if named is None:
+            return None
+        best, sigmas = named
+        test = NamingTest(best.test, best.why, float(sigmas), _odds(sigmas, among), names)
+        return test, Cost(best.minutes, best.programs, best.set_ups)
 
 
 def _odds(sigma: float, among: int) -> float:

@@ -72,6 +72,15 @@ def with_placement(observation: Observation, placement: str) -> Observation:
     return replace(observation, setup=f"{observation.setup} at {placement}") if placement else observation
 
 
+_SOCKET = ", socket "
+"""Between the name of a placement and that of one of its sockets."""
+
+
+def without_socket(setup: str) -> str:
+    """Return the name of the placement of a set-up, of which a socket of touches is a part."""
+    return setup.partition(_SOCKET)[0]
+
+
 def by_socket(observation: Observation) -> list[Observation]:
     """Return touches as an observation for each socket, of (m, 3) mm, along the path of all; another observation alone.
     The place of each socket is a set-up of its own."""
@@ -84,7 +93,7 @@ def by_socket(observation: Observation) -> list[Observation]:
             observation,
             rows=observation.rows[touched],
             values=observation.values[touched],
-            setup=f"{observation.setup}, socket {name}",
+            setup=f"{observation.setup}{_SOCKET}{name}",
         )
         for name, touched in ((name, socket == name) for name in np.unique(socket).tolist())
     ]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import groupby, permutations
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
@@ -169,16 +170,26 @@ FurtherTests = Callable[[], tuple[list[PossibleTest], list[tuple[str, str]]]]
 are asked for."""
 
 
-def separating(possible: Sequence[PossibleTest], effects: Sequence[Effect]) -> tuple[SeparatingTest, ...]:
-    """Return possible tests with the sigmas by which they separate the two closest of some effects at their sizes, the
-    best first; empty for fewer than two effects."""
-    pairs = list(permutations(effects, 2))
-    separations = [
-        SeparatingTest(test.test, min(test.expected.separation_sigma([a], phases(b)) for a, b in pairs), test.why)
-        for test in possible
-        if pairs
-    ]
-    return best_first(separations)
+def sigma_between(effect: Effect, rival: Effect) -> Callable[[PossibleTest], float]:
+    """Return the sigmas by which a possible test separates two effects at their sizes, whichever of them is there."""
+
+    def sigma(test: PossibleTest) -> float:
+        return min(test.expected.separation_sigma([a], phases(b)) for a, b in permutations((effect, rival)))
+
+    return sigma
+
+
+def shortest(
+    possible: Sequence[PossibleTest], sigma: Callable[[PossibleTest], float], enough: Callable[[float], bool]
+) -> tuple[PossibleTest, float] | None:
+    """Return the possible test of the fewest minutes whose sigmas are enough, with these; None where none has enough.
+    Each is simulated whole for its sigmas, some seconds for a circle: those that take longer than it are not."""
+    by_minutes = attrgetter("minutes")
+    for _, group in groupby(sorted(possible, key=by_minutes), key=by_minutes):
+        best, sigmas = max(((test, sigma(test)) for test in group), key=itemgetter(1))
+        if enough(sigmas):
+            return best, sigmas
+    return None
 
 
 def possible_tests(

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.geometry.pose_pool import Sight, drawn_poses, in_order_of_ways
+from analysis.geometry.pose_pool import Sight, axes_in_turn, drawn_poses, in_order_of_ways
 from analysis.inference.blocks import blocks_of
 from analysis.inference.candidates import candidates_for, columns_for
 from analysis.inference.expected import without_bands
@@ -22,6 +22,7 @@ from analysis.inference.observation import observe_run
 from analysis.inference.responses import linearise
 from analysis.kinematics.arm import Array, Integers, arm_of, forward
 from analysis.model.predict import model_of, nominal_setup
+from analysis.traces.table_layout import came_from_columns, joint_columns
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError, RigPlace
 from rigs.rig import Rig
@@ -68,9 +69,10 @@ class Pool:
 
 @dataclass(frozen=True)
 class PlannedPoses:
-    """Poses to measure, in the order to drive them, and what is expected of them: joints q (n, 6) rad, places of the
-    nominal tool xyz_mm (n, 3) in the world; u_mm of the tool's place over the workspace after them, after as many
-    random ones; as_good: how many random poses leave no more, None where none of those tried do."""
+    """Poses to measure, in the order to drive them, each from the one before, and what is expected of them: joints q
+    (n, 6) rad, places of the nominal tool xyz_mm (n, 3) in the world; u_mm of the tool's place over the workspace after
+    them, after as many random ones; as_good: how many random poses leave no more, None where none of those tried do;
+    one_axis: whether each axis goes down, up and back while the others stand."""
 
     q: Array
     xyz_mm: Array
@@ -78,15 +80,23 @@ class PlannedPoses:
     random_u_mm: float
     as_good: int | None
     asked: int
+    one_axis: bool = False
 
     def lines(self) -> list[str]:
         """What is planned, in sentences."""
-        as_good = f"{self.as_good} random ones are as good" if self.as_good else "no number tried is as good"
         lines = [
             f"{len(self.q)} poses: the place of the tool is then known to {1e3 * self.u_mm:.0f} µm over the workspace "
-            "(expected rms, for an arm with the errors of a real one, frame and tool fitted)",
-            f"as many random poses leave {1e3 * self.random_u_mm:.0f} µm; {as_good}",
+            "(expected rms, for an arm with the errors of a real one, frame and tool fitted)"
         ]
+        as_good = f"{self.as_good} random ones are as good" if self.as_good else "no number tried is as good"
+        compared = f"as many random poses leave {1e3 * self.random_u_mm:.0f} µm"
+        if self.one_axis:
+            lines.append(
+                "each axis goes down, up and back while the others stand: rig analyse shows its curve by direction and "
+                f"its play; {compared}: measure some as well to calibrate the arm"
+            )
+        else:
+            lines.append(f"{compared}; {as_good}")
         if left_out := self.asked - len(self.q):
             lines.append(
                 f"{left_out} of {self.asked} have no way from another, clear and within limits; they are left out"
@@ -94,9 +104,12 @@ class PlannedPoses:
         return [*lines, "covers, cables and the cell are not known: watch the first run, hand on the stop"]
 
     def csv(self) -> str:
-        """The poses as a table, a row each: q1_deg … and the nominal place."""
-        header = ["pose", *(f"q{axis}_deg" for axis in range(1, self.q.shape[1] + 1)), "nominal_x_mm", "nominal_y_mm"]
-        rows = np.column_stack([np.degrees(self.q), self.xyz_mm])
+        """The poses as a table, a row each: q1_deg …, from where each joint comes, and the nominal place. From where it
+        comes to the first pose nobody knows: it is taken to stand there."""
+        axes = self.q.shape[1]
+        header = ["pose", *joint_columns(axes), *came_from_columns(axes), "nominal_x_mm", "nominal_y_mm"]
+        came_from = np.vstack([self.q[:1], self.q[:-1]])
+        rows = np.column_stack([np.degrees(self.q), np.degrees(came_from), self.xyz_mm])
         lines = [f"{k}," + ",".join(f"{angle:.6f}" for angle in row) for k, row in enumerate(rows.tolist(), start=1)]
         return "\n".join([",".join([*header, "nominal_z_mm"]), *lines]) + "\n"
 
@@ -113,8 +126,9 @@ class PlannedPoses:
         }
 
 
-def planned_poses(rig: Rig, count: int, sight: Sight | None = None) -> PlannedPoses:
-    """Plan so many poses of the arm of a rig, reachable, clear, and seen by a tracker. Raises FileError."""
+def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis: bool = False) -> PlannedPoses:
+    """Plan so many poses of the arm of a rig, reachable, clear, and seen by a tracker: spread over the workspace, or
+    one_axis at a time down, up and back. Raises FileError."""
     if rig.robot.rail:
         problem = "stands on a rail, and poses are planned of an arm that stands"
         raise FileError(
@@ -127,19 +141,22 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None) -> PlannedPo
         raise FileError(
             RigPlace.of(rig.name), problem, "put the tracker elsewhere, turn its target, or plan fewer poses"
         )
-    pool = pool_of(rig, q)
-    chosen = pool.choose(count)
+    driven = axes_in_turn(arm, count, sight, rng) if one_axis else None
+    pool = pool_of(rig, q if driven is None else np.vstack([q, driven]))
+    chosen = pool.choose(count) if driven is None else np.arange(len(q), len(pool.q))
     u_mm = pool.u_mm(chosen)
     shuffled = [rng.permutation(len(q)) for _ in range(_SHUFFLES)]
 
     def random(number: int) -> float:
         return float(np.median([pool.u_mm(order[:number]) for order in shuffled]))
 
-    further = (number for number in range(count, len(q), max(1, count // 15)))
+    further = (number for number in range(len(chosen), len(q), max(1, count // 15)))
     as_good = next((number for number in further if random(number) <= u_mm), None)
-    driven = in_order_of_ways(arm, q[chosen])
+    if driven is None:
+        driven = in_order_of_ways(arm, q[chosen])
     places = forward(arm, driven)[:, :3, 3]
-    return PlannedPoses(driven, places, u_mm, random(count), as_good, count)
+    asked = len(driven) if one_axis else count
+    return PlannedPoses(driven, places, u_mm, random(len(chosen)), as_good, asked, one_axis)
 
 
 def pool_of(rig: Rig, q: Array) -> Pool:

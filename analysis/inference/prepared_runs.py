@@ -175,9 +175,9 @@ def _without_far(
         far = run.one.table.kind.far(run.one.table, run.model.arm) if k in kept else None
         if far is None:
             continue
-        if far.words:
-            doubts.append(f"{names[k]}: {far.words}")
         table = run.one.table
+        if words := far.words(table):
+            doubts.append(f"{names[k]}: {words}")
         out = far.wild | table.kind.lost(table)
         if out.any() and not out.all():
             found[k] = replace(run, one=part(run.one, ~out[run.one.rows]))

@@ -360,6 +360,28 @@ class ResidualBand:
     words: str
 
 
+Subject = Literal["posture", "approach", "time", "temperature", "speed"]
+
+
+@dataclass(frozen=True)
+class Looked:
+    """Something that what stays was held against: `share` is the part of its mean square that it explains at places
+    left out, None where it was not looked for since these runs do not have it."""
+
+    subject: Subject
+    share: float | None
+
+
+@dataclass(frozen=True)
+class Remains:
+    """What the model of all others leaves of each neighbourhood of places, rms in µm of a distance; the noise of a
+    reading; and what it was held against."""
+
+    um: float
+    noise_um: float
+    looked: tuple[Looked, ...]
+
+
 @dataclass(frozen=True)
 class NextTest:
     """The test that would distinguish the rivals best, and the sigma to expect."""
@@ -445,6 +467,8 @@ class Diagnosis(Tabular):
     calibrated: CalibratedModel | None = None
     given: bool = False
     staircase: Staircase | None = None
+    remains: Remains | None = None
+    """What stays of places after the calibrated model, and what it was held against; None without places."""
     acts: tuple[Act, ...] = ()
     """What follows from it, the first act first; every output prints from here."""
 
@@ -508,6 +532,7 @@ class Diagnosis(Tabular):
                 "where": [of_place(place) for place in self.where],
                 "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
                 "left": [asdict(band) for band in self.left],
+                **({"remains": asdict(self.remains)} if self.remains else {}),
                 "setup": {name: _of_setup(name, setup) for name, setup in self.setups.items()},
                 "groups": self.groups,
                 "not_testable": self.not_testable,

@@ -5,18 +5,19 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from analysis.inference.background import Posterior, background_effects, background_terms
 from analysis.inference.blocks import Block, blocks_of, entries, targets_key
-from analysis.inference.observation import ObservedRun, residuals_of, rms
+from analysis.inference.observation import ObservedRun, residuals_of, rms, without_socket
 from analysis.inference.refine import Unknown, slopes_of
 from analysis.inference.responses import basis_of, limits_um, linearise, noise_um, rms_um
 from analysis.inference.result import Gap, TestGap
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import FEWEST_PLACES, FittedRuns, fit_run_setups, neighbourhoods, with_effects
-from analysis.kinematics.arm import Array, rail_mm
+from analysis.kinematics.arm import Array, Integers, rail_mm
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
 from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Parameter, PlacedSetUp, Term, packed_factor
@@ -106,65 +107,219 @@ def _largest(residual: Array) -> float:
     return float(size.max())
 
 
-def widening(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) -> float:
-    """Return by which factor the calibrated model misses poses left out by more than it states, at least 1: the larger
-    Birge ratio of poses `runs` that had no part in it, and of those used, each neighbourhood left out in its turn.
+@dataclass(frozen=True)
+class Widening:
+    """How far places that had no part in a model are missed beyond what it states: the `factor` by which its
+    uncertainty grows, at least 1, and what is as much everywhere, unexplained_mm of one coordinate; None where no
+    places judge it."""
 
-    A model that is smooth where an arm is not, or the same in postures where it is not, misses places between those
-    that were measured by more than its covariance allows for. Residuals are (m, k) mm.
+    factor: float = 1.0
+    unexplained_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class _Missed:
+    """What neighbourhoods of places (g,) were missed by, a coordinate's mean square in mm²; of it the noise of their
+    readings, and the variance that the model states there."""
+
+    missed: Array
+    noise: Array
+    stated: Array
+    weight: Array
+
+    @cached_property
+    def _fitted(self) -> tuple[float, Array]:
+        """The excess over the noise as a multiple of the variance stated, and one standard error more: of few
+        neighbourhoods it is known badly, which how much they differ says; and how much each counts (g,). Those that are
+        missed by twice what all others are, as one placement of nine, count less: u is what most places need."""
+        weight, count = self.weight, len(self.weight)
+        ratio = error = 0.0
+        for _ in range(_ROUNDS):
+            excess, stated = weight * (self.missed - self.noise), weight * self.stated
+            ratio = float(excess.sum() / stated.sum())
+            error = float(np.sqrt(count / max(count - 1, 1)) * np.linalg.norm(excess - ratio * stated) / stated.sum())
+            expected = max(ratio, 1.0) * self.stated + self.noise
+            weight = self.weight * np.minimum(1.0, _FAR * expected / np.maximum(self.missed, 1e-12))
+        return ratio + error, weight
+
+    @property
+    def ratio(self) -> float:
+        """By how much the variance stated is too small."""
+        return self._fitted[0]
+
+    def widening(self) -> Widening:
+        """Return what makes the variance stated as much larger on the mean as the ratio says: a factor, something that
+        is as much everywhere, or both, each as likely as its share makes the neighbourhoods.
+
+        A factor grows where little was measured, as what a model does not know does; what no form of it can be, a cable
+        or a play, does not.
+        """
+        ratio, weight = max(self.ratio, 1.0), self._fitted[1]
+        mean = float(weight @ self.stated / weight.sum())
+        even = np.linspace(0.0, 1.0, 21)[:, None] * (ratio - 1) * mean
+        expected = (ratio - even / mean) * self.stated + even + self.noise
+        fits = -0.5 * _FREEDOM * (np.log(expected) + self.missed / expected) @ (weight / self.weight)
+        odds = np.exp(fits - fits.max())
+        likely = float(odds @ even[:, 0] / odds.sum())
+        return Widening(float(np.sqrt(max(ratio - likely / mean, 1.0))), float(np.sqrt(likely)))
+
+
+_FAR, _ROUNDS = 4.0, 8
+"""Mean square over that expected from which a neighbourhood counts less: of three normal coordinates less than one in a
+hundred is so far. And rounds until that has settled."""
+_FREEDOM = 3.0
+"""Degrees of freedom of what a neighbourhood is missed by: one vector, which its poses share."""
+
+
+def widening(
+    left_out: LeftOut,
+    judges: Sequence[ObservedRun],
+    elsewhere: Sequence[ObservedRun],
+    stages: Stages,
+    result: SearchResult,
+) -> Widening:
+    """Return how far places are missed beyond what the calibrated model states: by the largest of the ratios of places
+    used, each neighbourhood (`left_out`), and each placement, left out in its turn; of those that were held out; of
+    runs elsewhere.
+
+    A model that is smooth where an arm is not, or the same in postures, on days, or about placements where it is not,
+    misses places by more than its covariance allows for. Residuals are (m, k) mm.
     """
-    missed = stated = 0.0
-    kept = [run for run in runs if run.one.table.kind.of_places and run.one.setup in stages.calibrated]
-    for run, calibrated in zip(kept, with_effects(kept, stages.effects[-1]), strict=True):
-        (residual,) = residuals_of(calibrated.model, [run.one], stages.calibrated)
-        noise, variance = _stated_variances(run, stages.calibrated, result)
-        missed += float((entries(residual, None) ** 2 - noise).sum())
-        stated += float(variance.sum())
-    return float(np.sqrt(max(missed / stated if stated > 0 else 1.0, _ratio_within(result), 1.0)))
+    sets = [_missed_of(left_out.sums) if len(left_out.rows) else None, _missed_by_placement(result)]
+    for runs in (judges, elsewhere):
+        places = [run for run in runs if run.one.table.kind.of_places]
+        sets.append(_missed_by(places, stages, result) if places else None)
+    judging = [missed for missed in sets if missed is not None and missed.stated.any()]
+    return max(judging, key=lambda missed: missed.ratio).widening() if judging else Widening()
 
 
-def _ratio_within(result: SearchResult) -> float:
-    """Return the ratio, as variances, by which the model of all others misses each neighbourhood of the poses used over
-    what it states, and one standard error more; 1 where there are no poses.
+@dataclass(frozen=True)
+class LeftOut:
+    """Places used, each neighbourhood left out in its turn: the whitened rows (n,) of the readings, their
+    neighbourhood, what the model of all others misses them by, in standard deviations of the noise and squared in mm²,
+    how much of the square is noise, and what is stated. Wild readings count as little as in the fit, `robust`."""
 
-    Of few neighbourhoods the ratio is known badly, which the standard error says: it comes from how much they differ.
-    Wild readings count as little as in the fit. Residuals and variances are those of whitened entries (n,).
-    """
-    linear, posterior = result.linear, result.calibrated_posterior
-    noise = np.minimum(result.state.strength, 1.0)[posterior.background.columns.band]
-    excess, stated = [], []
+    rows: Integers
+    group: Integers
+    missed: Array
+    missed_mm2: Array
+    noise_mm2: Array
+    stated_mm2: Array
+    robust: Array
+
+    @property
+    def sums(self) -> Array:
+        """Sums over the entries of each neighbourhood (g, 4), as `_missed_of` takes them."""
+        entry = self.robust * np.stack([self.missed_mm2, self.noise_mm2, self.stated_mm2, np.ones(len(self.rows))])
+        return np.array([entry[:, self.group == number].sum(axis=1) for number in np.unique(self.group).tolist()])
+
+
+def places_left_out(result: SearchResult) -> LeftOut:
+    """Return each neighbourhood of the poses used as all others predict it; empty where there are no poses."""
+    linear, parts, first = result.linear, list[LeftOut](), 0
     for block, of_block in zip(linear.blocks, linear.rows, strict=True):
-        if not block.one.table.kind.of_places:
-            continue
-        group = np.repeat(neighbourhoods(block.one.table.q[block.one.rows], np.random.default_rng(0)), 3)
-        for number in np.unique(group).tolist():
-            rows = of_block.start + np.flatnonzero(group == number)
-            missed, variance = posterior.left_out(rows)
-            robust = result.state.robust[rows]
-            excess.append(float(robust @ (missed**2 - noise[rows])))
-            stated.append(float(robust @ variance))
-    if not sum(stated) > 0:
-        return 1.0
-    ratio, count = sum(excess) / sum(stated), len(stated)
-    apart = np.array(excess) - ratio * np.array(stated)
-    error = float(np.sqrt(count / max(count - 1, 1)) * np.linalg.norm(apart)) / sum(stated)
-    return ratio + error
+        if block.one.table.kind.of_places:
+            group = _neighbourhoods(block)
+            for number in np.unique(group).tolist():
+                rows = of_block.start + np.flatnonzero(group == number)
+                parts.append(_left_out(result, rows, np.full(len(rows), first + number)))
+            first += int(group.max()) + 1
+    return _together(parts)
+
+
+def _together(parts: Sequence[LeftOut]) -> LeftOut:
+    number, value = np.zeros(0, dtype=np.int64), np.zeros(0)
+    none = LeftOut(number, number, value, value, value, value, value)
+    return LeftOut(*(np.concatenate([getattr(part, name) for part in (none, *parts)]) for name in vars(none)))
+
+
+def _missed_by_placement(result: SearchResult) -> _Missed | None:
+    """Return by how much the model of all others misses each placement of the poses used, its set-up fitted to it, by
+    neighbourhood; None where there are not two. Long series are not left out, only the others predicted by them."""
+    linear, left_out, first = result.linear, list[LeftOut](), 0
+    blocks = [k for k, block in enumerate(linear.blocks) if block.one.table.kind.of_places]
+    placement = {k: without_socket(linear.blocks[k].one.setup) for k in blocks}
+    for name in set(placement.values()) if len(set(placement.values())) > 1 else ():
+        parts = [k for k in blocks if placement[k] == name]
+        rows = np.concatenate([np.arange(linear.rows[k].start, linear.rows[k].stop) for k in parts])
+        group = np.concatenate([_neighbourhoods(linear.blocks[k]) for k in parts])
+        terms = sorted({term for k in parts for term in linear.terms[linear.blocks[k].one.setup]})
+        if len(terms) < len(rows) < _LONGEST:
+            left_out.append(_left_out(result, rows, first + group, basis_of(linear.U[rows][:, terms])))
+            first += int(group.max()) + 1
+    return _missed_of(_together(left_out).sums) if left_out else None
+
+
+_LONGEST = 1500
+"""Readings of a placement from which it is not left out: their covariance is inverted, in a second."""
+
+
+def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Array | None = None) -> LeftOut:
+    """Return whitened rows (n,), left out together: without what `placed`, orthonormal columns (n, s) of a set-up,
+    takes up."""
+    posterior = result.calibrated_posterior
+    noise = np.minimum(result.state.strength, 1.0)[posterior.background.columns.band[rows]]
+    variance_mm2 = np.concatenate([block.sd_mm for block in result.linear.blocks])[rows] ** 2
+    missed, covariance = posterior.left_out(rows)
+    if placed is not None:
+        missed, covariance = missed - placed @ (placed.T @ missed), covariance - placed @ (placed.T @ covariance)
+        covariance -= (covariance @ placed) @ placed.T
+    stated = np.maximum(np.diag(covariance), 0.0) * variance_mm2
+    robust = result.state.robust[rows]
+    return LeftOut(rows, group, missed, missed**2 * variance_mm2, noise * variance_mm2, stated, robust)
+
+
+def _neighbourhoods(block: Block) -> Integers:
+    """Return the neighbourhood of each entry (n,) of a block of places."""
+    return np.repeat(neighbourhoods(block.one.table.q[block.one.rows], np.random.default_rng(0)), 3)
+
+
+def _missed_by(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) -> _Missed:
+    """Return by how much the calibrated model misses neighbourhoods of runs of places that had no part in it, in the
+    set-ups of the runs used, or in their own."""
+    groups, shown = [], _noise_shown(result)
+    setups = dict(stages.calibrated)
+    with_model = with_effects(runs, stages.effects[-1])
+    if new := [run for run in with_model if run.one.setup not in setups]:
+        setups |= fit_run_setups(new)[0]
+    for run, calibrated in zip(runs, with_model, strict=True):
+        (residual,) = residuals_of(calibrated.model, [run.one], setups)
+        noise, variance = _stated_variances(run, setups, result)
+        alike = [block.one.table.test == run.one.table.test for block in result.linear.blocks]
+        noise = noise * (shown[alike].mean() if any(alike) else 1.0)
+        group = np.repeat(neighbourhoods(run.one.table.q[run.one.rows], np.random.default_rng(0)), 3)
+        entry = np.stack([entries(residual, None) ** 2, noise, variance, np.ones_like(noise)])
+        groups += [entry[:, group == number].sum(axis=1) for number in np.unique(group).tolist()]
+    return _missed_of(np.array(groups))
+
+
+def _missed_of(sums: Array) -> _Missed:
+    """Return neighbourhoods (g, 4) of sums over their entries: squares missed, of noise and stated, and weights."""
+    weight = sums[:, 3]
+    missed, noise, stated = sums[:, :3].T / weight
+    return _Missed(missed, noise, stated, weight)
 
 
 def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: SearchResult) -> tuple[Array, Array]:
     """Return the variances (N,) mm² of the noise of a run of poses, and of what the calibrated model predicts for its
-    entries in the set-up of the runs used."""
+    entries: in the set-up of the runs used, or in one of its own, which takes up what it can."""
     refined, posterior = result.state.refined, result.calibrated_posterior
     of_run = linearise(blocks_of([run], setups, refined.effects), setups, refined.effects)
     columns = posterior.background.columns
     sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])
     share = of_run.columns([effect for form in columns.forms for effect in form.effects]) / sizes
-    placed = np.zeros((len(of_run.y), columns.set_ups.stop - columns.set_ups.start))
-    placed[:, result.linear.terms[run.one.setup]] = of_run.U[:, of_run.terms[run.one.setup]]
     of_effect = [[unknown for unknown in refined.unknowns if unknown.effect == k] for k in range(len(refined.effects))]
     slopes = [slopes_of(of_run, *both) for both in zip(refined.effects, of_effect, strict=True)]
-    change = np.concatenate([*slopes, share, placed], axis=1)
-    covariance = posterior.joint_covariance(columns.set_ups.stop, len(refined.unknowns))
+    change = np.concatenate([*slopes, share], axis=1)
+    count = columns.set_ups.start
+    if run.one.setup in result.linear.terms:
+        placed = np.zeros((len(of_run.y), columns.set_ups.stop - columns.set_ups.start))
+        placed[:, result.linear.terms[run.one.setup]] = of_run.U[:, of_run.terms[run.one.setup]]
+        change, count = np.concatenate([change, placed], axis=1), columns.set_ups.stop
+    else:
+        basis = basis_of(of_run.U)
+        change -= basis @ (basis.T @ change)
+    covariance = posterior.joint_covariance(count, len(refined.unknowns))
     variance = np.einsum("np,np->n", change @ covariance, change)
     noise: Array = of_run.blocks[0].sd_mm ** 2
     return noise, np.maximum(variance, 0.0) * noise
@@ -283,12 +438,16 @@ def _floor(result: SearchResult, runs: Sequence[ObservedRun]) -> float:
     if not any(alike):
         alike = [block.one.table.test in tests for block in linear.blocks]
     size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
-    strength = result.state.strength[result.selection.columns.band]
-    shown = [
+    return float(np.sqrt(size @ (_noise_shown(result) * noise_um(linear) ** 2) / size.sum()))
+
+
+def _noise_shown(result: SearchResult) -> Array:
+    """Return which share of the variance of its noise the readings of each block (b,) show, at the most all."""
+    linear, strength = result.linear, result.state.strength[result.selection.columns.band]
+    return np.array([
         min(float(strength[rows].mean()), 1.0) if _shows_noise(block) else 1.0
         for block, rows in zip(linear.blocks, linear.rows, strict=True)
-    ]
-    return float(np.sqrt(size @ (shown * noise_um(linear) ** 2) / size.sum()))
+    ])  # fmt: skip
 
 
 def _shows_noise(block: Block) -> bool:
@@ -329,12 +488,12 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     stages: Stages,
     train: Gap,
     elsewhere: Gap | None,
-    widened: float = 1.0,
+    wider: Widening,
     judged: Judged | None = None,
 ) -> CalibratedModel:
     """Return the calibrated model of a search about a rig: its posterior, with the effects `standing` marked as those
     that the rig file names, the range of each joint in the `runs`, the set-ups of the last of the `stages`, what is
-    left of them and `elsewhere`, and its uncertainty `widened` by a factor."""
+    left of them and `elsewhere`, and its uncertainty `wider` than its covariance."""
     effects, unknowns = result.state.refined.effects, result.state.refined.unknowns
     terms = [Term.model_construct(effect=effect, times=1.0, named=effect in standing) for effect in effects]
     background = background_terms(result.calibrated_posterior)
@@ -342,7 +501,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         background = [term.model_copy(update={"times": 0.0}) for term in background]
     parameters = [Parameter.model_construct(term=unknown.effect, field=unknown.field) for unknown in unknowns]
     parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(background))]
-    root = widened * _root(covariance_of(result.calibrated_posterior, unknowns))
+    root = wider.factor * _root(covariance_of(result.calibrated_posterior, unknowns))
     arm, q = runs[0].model.arm, np.concatenate([run.one.table.q[run.one.rows] for run in runs])
     angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
     calibrated = CalibratedModel.model_construct(
@@ -359,7 +518,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         before_um=train.before_um,
         calibrated_um=train.calibrated_um,
         held_out_um=elsewhere.calibrated_um if elsewhere else None,
-        widened=widened,
+        widened=wider.factor,
         judged=judged,
         terms=(*terms, *background),
         parameters=tuple(parameters),

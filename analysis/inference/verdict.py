@@ -445,17 +445,18 @@ def _gains_elsewhere(gaps: Gaps) -> bool:
     return (judged.calibrated_um / judged.before_um) ** 2 < 1 - _LEAST_GAIN
 
 
-def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps) -> Judged:
+def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> Judged:
     """Return what a diagnosis says of its model, for the file that is handed over: of the whole one, and of what is
-    handed over."""
+    handed over; unexplained_mm of a coordinate, or what is left where it was judged if no places say it."""
     judged = gaps.judged
     excess_um2 = max(judged.calibrated_um**2 - judged.noise_floor_um**2, 0.0)
-    coordinates = 3 if all(kind_named(tested.test).of_places for tested in judged.tests) else 1
+    if unexplained_mm is None or any(not kind_named(tested.test).of_places for tested in judged.tests):
+        unexplained_mm = 1e-3 * float(np.sqrt(excess_um2))
     return Judged(
         condition=diagnosis.condition, place=diagnosis.accuracy.place,
         before_um=judged.before_um, names_um=judged.after_um,
         whole_um=whole.judged.calibrated_um, handed_um=judged.calibrated_um, noise_um=judged.noise_floor_um,
-        unexplained_um=float(np.sqrt(excess_um2 / coordinates)),
+        unexplained_um=1e3 * unexplained_mm,
     )  # fmt: skip
 
 

@@ -60,40 +60,40 @@ class DrivenPaths:
 def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None, where: str) -> DrivenPaths:
     """Return the paths of a cube in a recording, with the frame T_world_instrument (4, 4) of the tracker in the world,
     None for one that is fitted. Raises FileError where there are none, or they are not the cube's."""
-    table, said = measured_places(table)
+    table, left_out = measured_places(table)
     commands, moves = paths_of(cube), moves_of(table.t_s, table.xyz_mm)
-    found = _sorted(table, commands, moves)
-    whole = {name: [one for one in own if one.whole] for name, own in found.items()}
-    whole = {name: own for name, own in whole.items() if own}
+    every = _sorted(table, commands, moves)
+    whole = {name: [move for move in cycles if move.whole] for name, cycles in every.items()}
+    whole = {name: cycles for name, cycles in whole.items() if cycles}
     if not set(whole) - {"back"}:
         raise FileError(where, _nothing(moves, commands), "check its unit, the cube of the rig file, and the recording")
-    places = {name: [table.xyz_mm[one.first : one.last] for one in own] for name, own in whole.items()}
+    places = {name: [table.xyz_mm[move.first : move.last] for move in cycles] for name, cycles in whole.items()}
     T = _fitted(places, commands) if T_world_instrument is None else T_world_instrument
     paths: dict[PathName, Driven] = {}
     coarse = []
-    for name, own in whole.items():
-        times = [table.t_s[one.first : one.last] for one in own]
-        driven = _driven(commands[name], [in_frame(T, one) for one in places[name]], times)
+    for name, cycles in whole.items():
+        times = [table.t_s[move.first : move.last] for move in cycles]
+        driven = _driven(commands[name], [in_frame(T, cycle) for cycle in places[name]], times)
         if driven is None:
             coarse.append(name.replace("_", " "))
         elif name != "back":
             paths[name] = driven
     if not paths:
-        what = "its tracker wrote too few places along each path to judge it"
-        raise FileError(where, what, "record more places a second")
+        problem = "its tracker wrote too few places along each path to judge it"
+        raise FileError(where, problem, "record more places a second")
     _hold_near(paths, cube, where, fitted=T_world_instrument is None)
-    torn = sum(not one.whole for own in found.values() for one in own)
+    torn = sum(not move.whole for cycles in every.values() for move in cycles)
     notes = [f"{torn} paths are left out, where the tracker wrote nothing for a while"] if torn else []
     if coarse:
         notes.append(f"too few places were written to judge: {', '.join(coarse)}; record more places a second")
-    return DrivenPaths(paths, T, (*said, *notes))
+    return DrivenPaths(paths, T, (*left_out, *notes))
 
 
 def _sorted(
     table: PathTable, commands: Mapping[PathName, CommandPath], moves: list[Moved]
 ) -> dict[PathName, list[Moved]]:
     """The moves of each path, in order of time."""
-    found: dict[PathName, list[Moved]] = {}
+    cycles: dict[PathName, list[Moved]] = {}
     around: Array | None = None
     for move in moves:
         name = next((name for name, command in commands.items() if _is_of(move, command)), None)
@@ -104,8 +104,8 @@ def _sorted(
             around = area if around is None else around
             name = "circle" if area @ around > 0 else "circle_cw"
         if name is not None:
-            found.setdefault(name, []).append(move)
-    return found
+            cycles.setdefault(name, []).append(move)
+    return cycles
 
 
 def _is_of(move: Moved, command: CommandPath) -> bool:
@@ -118,7 +118,7 @@ def _nothing(moves: list[Moved], commands: Mapping[PathName, CommandPath]) -> st
     length = commands["line"].length_mm
     if not moves:
         return "it has no moves between stands"
-    longest = max(one.length_mm for one in moves)
+    longest = max(move.length_mm for move in moves)
     return (
         f"none of its {len(moves)} moves between stands is as long as a path of the cube: the longest is {longest:.4g} "
         f"mm, and a line would be {length:.4g} mm"
@@ -127,17 +127,16 @@ def _nothing(moves: list[Moved], commands: Mapping[PathName, CommandPath]) -> st
 
 def _fitted(places: Mapping[PathName, list[Array]], commands: Mapping[PathName, CommandPath]) -> Array:
     """The frame (4, 4) that brings all places to their paths."""
-    some = {name: [one[:: max(1, len(one) // _FITTED)] for one in own] for name, own in places.items()}
-    seen = np.concatenate([one for own in some.values() for one in own])
-    goals = []
-    for name, own in some.items():
-        for one in own:
-            way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(one, axis=0), axis=1))])
-            goals.append(commands[name].at(way / way[-1] * commands[name].length_mm))
+    cycles = [
+        (commands[name], cycle[:: max(1, len(cycle) // _FITTED)]) for name, driven in places.items() for cycle in driven
+    ]
+    seen, goals = np.concatenate([cycle for _, cycle in cycles]), []
+    for command, cycle in cycles:
+        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(cycle, axis=0), axis=1))])
+        goals.append(command.at(way / way[-1] * command.length_mm))
     T = best_rigid(seen, np.concatenate(goals))
     for _ in range(_ROUNDS):
-        placed = [(commands[name], in_frame(T, one)) for name, own in some.items() for one in own]
-        goals = [command.at(command.nearest(one)) for command, one in placed]
+        goals = [command.at(command.nearest(in_frame(T, cycle))) for command, cycle in cycles]
         T = best_rigid(seen, np.concatenate(goals))
     return T
 
@@ -149,9 +148,9 @@ def _driven(command: CommandPath, places: list[Array], times: list[Array]) -> Dr
         return None
     edges = np.linspace(_ENDS, 1 - _ENDS, stations + 1) * command.length_mm
     off, speeds = [], []
-    for own, t_s in zip(places, times, strict=True):
-        s = command.nearest(own)
-        off.append(_at_stations(s, own - command.at(s), edges))
+    for cycle, t_s in zip(places, times, strict=True):
+        s = command.nearest(cycle)
+        off.append(_at_stations(s, cycle - command.at(s), edges))
         middle = np.flatnonzero((s > 0.25 * command.length_mm) & (s < 0.75 * command.length_mm))
         speeds.append((s[middle[-1]] - s[middle[0]]) / (t_s[middle[-1]] - t_s[middle[0]]))
     return Driven(command, tuple(places), (edges[1:] + edges[:-1]) / 2, np.array(off), np.array(speeds))
@@ -164,15 +163,16 @@ def _at_stations(s_mm: Array, off_mm: Array, edges: Array) -> Array:
     inside = (number >= 0) & (number < len(edges) - 1)
     count = np.bincount(number[inside], minlength=len(edges) - 1)
     sums = [np.bincount(number[inside], off_mm[inside, k], minlength=len(edges) - 1) for k in range(3)]
-    there = count > 0
+    written = count > 0
     middle = (edges[1:] + edges[:-1]) / 2
-    return np.stack([np.interp(middle, middle[there], one[there] / count[there]) for one in sums], axis=1)
+    means = [total[written] / count[written] for total in sums]
+    return np.stack([np.interp(middle, middle[written], mean) for mean in means], axis=1)
 
 
 def _hold_near(paths: Mapping[PathName, Driven], cube: Cube, where: str, *, fitted: bool) -> None:
     """Raises FileError where the paths are elsewhere than the cube."""
-    far = max(float(np.median(np.linalg.norm(one.off_mm, axis=2))) for one in paths.values())
+    far = max(float(np.median(np.linalg.norm(driven.off_mm, axis=2))) for driven in paths.values())
     if far > _FAR * cube.side_mm:
-        what = f"its paths lie {far:.3g} mm from those of the cube in the rig file"
-        known = "" if fitted else ", tests.iso9283.instrument and the tool"
-        raise FileError(where, what, f"give the rig file of its program; check the cube{known}")
+        problem = f"its paths lie {far:.3g} mm from those of the cube in the rig file"
+        or_else = "" if fitted else ", tests.iso9283.instrument and the tool"
+        raise FileError(where, problem, f"give the rig file of its program; check the cube{or_else}")

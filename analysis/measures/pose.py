@@ -42,6 +42,7 @@ from analysis.geometry.iso_cube import Cube, cube_of
 from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, transform, without_setup
 from analysis.kinematics.limits import impossible_rad, wrapped
+from analysis.measures.axis_curves import AxisCurve, axis_curves
 from analysis.measures.checks import hold_numbers
 from analysis.measures.cube import by_pose, distance_figures, poses_of_cube
 from analysis.measures.evaluate import Instruments
@@ -52,13 +53,14 @@ from analysis.measures.result_curves import PoseCurve
 from analysis.measures.scatter_figures import of_scatter
 from analysis.measures.simulated_gauges import Simulation
 from analysis.measures.simulated_iso9283 import simulated_cube
-from analysis.measures.stops import PlaceKind
+from analysis.measures.stops import PlaceKind, came_from_cells, came_from_of
 from analysis.noise.cell import TARGET_MM, TRACKER_U_MM, LogUniform
 from analysis.noise.spectrum import DRAWS
 from analysis.noise.target_scatter import Scatter, scatter_of
+from analysis.noise.wild import FITTED_SPREADS
 from analysis.traces.csv_tables import Rows, joint_cells
 from analysis.traces.single_stands import STANDS_MM
-from analysis.traces.table_layout import PLACE, RAIL, TURN, Layout, joint_columns
+from analysis.traces.table_layout import PLACE, RAIL, RAIL_FROM, TURN, Layout, came_from_columns, joint_columns
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -83,7 +85,7 @@ _BLIND = 1e-3
 class PoseResult:
     """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base; placed_mm (n, 3): what
     AP is of, by the instrument's frame where it is known, else the same; group (n,), from 0; rows (n,): of the table,
-    those that were not left out."""
+    those that were not left out; axes: curves of the joints that were driven one at a time, both ways."""
 
     setup: PoseSetUp
     position_mm: Array
@@ -94,11 +96,12 @@ class PoseResult:
     samples: int
     notes: tuple[str, ...]
     rows: Integers
+    axes: tuple[AxisCurve, ...] = ()
 
     @property
     def as_curve(self) -> PoseCurve:
         """The errors in the order of the table."""
-        return PoseCurve(self.position_mm, None if self.rotation is None else np.degrees(self.rotation))
+        return PoseCurve(self.position_mm, None if self.rotation is None else np.degrees(self.rotation), self.axes)
 
 
 def evaluate(
@@ -117,7 +120,8 @@ def evaluate(
     figures: rms_mm, mean_mm, max_mm of the position error; rms_deg, max_deg of the orientation error where measured;
     where poses were visited again repeat_mm (pooled scatter of one coordinate), ap_mm and ap_mean_mm and, from
     three visits on, rp_mm and rp_mean_mm (largest and mean over the groups), ap_a_deg, rp_a_deg … of the
-    rotations about the arm's x, y, z (a, b, c as in the standard). Poses that were not measured are left out
+    rotations about the arm's x, y, z (a, b, c as in the standard); where joints were driven one at a time, both ways,
+    axis3_reversal_deg … (`analysis.measures.axis_curves`). Poses that were not measured are left out
     (`analysis.conventions.lost_poses`). Raises FileError.
     """
     _hold(table, where)
@@ -131,6 +135,8 @@ def evaluate(
     if table.rpy is not None:
         setup, rotation = _orientation(T, table.rpy, setup)
     group = groups(table.q, same_rad, rail=table.rail)
+    if (sides := table.kind.sides(table)) is not None:  # a pose that is reached from two sides is two
+        group = np.unique(np.column_stack([group, sides]), axis=0, return_inverse=True)[1].ravel()
     again = np.flatnonzero(np.bincount(group) >= 2)
     figures, notes = (
         {},
@@ -158,8 +164,10 @@ def evaluate(
         figures = {name: replace(figure, noise="assumed") for name, figure in figures.items()}
     if rotation is not None and not np.isfinite(figures["rms_deg"].u):
         notes.append("how well the instrument measures a rotation is not known: figures of the orientation have no u")
+    axes, of_axes = ((), {}) if sides is None else axis_curves(table.q, sides, table.xyz_mm, arm.axes)
+    figures |= of_axes
     notes = [*kept.notes, *_misfit(figures["rms_mm"]), *_blind(setup), *notes]
-    return PoseResult(setup, position, rotation, placed, group, figures, len(T), tuple(notes), kept.rows)
+    return PoseResult(setup, position, rotation, placed, group, figures, len(T), tuple(notes), kept.rows, axes)
 
 
 def _in_frame(arm: Arm, table: PoseTable, instrument: Instrument) -> tuple[Array, Array | None]:
@@ -379,22 +387,24 @@ class Pose(PlaceKind[PoseTable]):
     setup_words = "the places of the instrument and of its target on the tool"
     assumed_sd_mm = 0.04
     """UR10, two visits (Landgraf et al. 2021)."""
-    wild_spreads = 6.0
-    """As beside an arm whose constants are fitted (`analysis.conventions.lost_poses`)."""
+    wild_spreads = FITTED_SPREADS
     joints_fit = "poses fit"
     rows_called, away_from = "poses", "from where the arm was"
     when_far = "check that the tracker had its target and that the robot stood"
 
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
-        return Layout((*joint_columns(axes), *[RAIL] * rail, *PLACE), TURN, TURN)
+        came_from = came_from_columns(axes)
+        optional = (*TURN, *came_from, *[RAIL_FROM] * rail)
+        return Layout((*joint_columns(axes), *[RAIL] * rail, *PLACE), optional, (TURN, came_from))
 
     def table_of(self, rows: Rows, direction: Direction | None, where: str) -> PoseTable:
         rpy = np.radians(rows.stack(TURN)) if rows.has(TURN) else None
-        return PoseTable(rows.with_rail(rows.q), rows.stack(PLACE), rpy, rail=rows.rail)
+        return PoseTable(rows.with_rail(rows.q), rows.stack(PLACE), rpy, rail=rows.rail, came_from=came_from_of(rows))
 
     def columns(self, table: PoseTable) -> Mapping[str, Array]:
         turns = {} if table.rpy is None else dict(zip(TURN, np.degrees(table.rpy).T, strict=True))
-        return {**joint_cells(table.q, rail=table.rail), **dict(zip(PLACE, table.xyz_mm.T, strict=True)), **turns}
+        places = dict(zip(PLACE, table.xyz_mm.T, strict=True))
+        return {**joint_cells(table.q, rail=table.rail), **places, **turns, **came_from_cells(table)}
 
     def differs(self, table: PoseTable) -> Mask:
         lost = (table.xyz_mm == 0).all(axis=1)

@@ -355,9 +355,9 @@ class Radial(TargetKind[RadialTable]):
         """The stands at targets, with what the link is longer than the radius by its certificate."""
         stands, program = stands_of(data.t_s, data.q, data.g_mm), radial_program(rig)
         at = at_targets(stands, program, rig)
-        wanted = list(zip(program.target.tolist(), program.orientation.tolist(), strict=True))
-        once = len(wanted) // hemisphere_of(rig).visits
-        visits = visits_of(at, [wanted[row] for _, row in at], wanted, once, program, where)
+        order = list(zip(program.target.tolist(), program.orientation.tolist(), strict=True))
+        once = len(order) // hemisphere_of(rig).visits
+        visits = visits_of(at, [order[row] for _, row in at], order, once, program, where)
         elsewhere, rows = len(stands) - len(at), visits.rows
         doubts = [f"{elsewhere} stands are left out because they are not at a target"] if elsewhere else []
         table = RadialTable(

@@ -223,9 +223,9 @@ class Repeatability(TargetKind[RepeatabilityTable]):
         at = [(stand, row) for stand, row in at if abs(outwards_mm[stand.begin : stand.end].mean()) < limit_mm]
         sides = _came_from(at, outwards_mm, limit_mm)
         places = [(row, side) for (_, row), side in zip(at, sides, strict=True)]
-        order = ["none", *["out", "in"] * repeatability_of(rig).rounds]
-        wanted = [(row, side) for row in range(len(program.target)) for side in order]
-        visits = visits_of(at, places, wanted, len(wanted), program, where)
+        ways = ["none", *["out", "in"] * repeatability_of(rig).rounds]
+        order = [(row, side) for row in range(len(program.target)) for side in ways]
+        visits = visits_of(at, places, order, len(order), program, where)
         times, rounds = Counter[tuple[int, str]](), list[int]()  # a round is the count of a side at a target
         for place in (places[k] for k in visits.number):
             times[place] += 1

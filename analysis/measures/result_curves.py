@@ -12,6 +12,7 @@ from analysis.frames import Tabular
 from analysis.geometry.circle import reversals
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, Integers, arm_of
+from analysis.measures.axis_curves import AxisCurve
 from rigs.rig import Rig
 
 
@@ -80,11 +81,12 @@ class PoseCurve(Tabular):
     """The poses of a tracker, or touches, in the order of their table, measured less fitted, in the robot's base.
 
     error_mm (n, 3): position error along x, y, z. rotation_deg (n, 3): orientation error about x, y, z, None where
-    only positions were measured.
+    only positions were measured. axes: the curves of the joints that were driven one at a time.
     """
 
     error_mm: Array
     rotation_deg: Array | None
+    axes: tuple[AxisCurve, ...] = ()
 
     @property
     def distance_mm(self) -> Array:

@@ -112,6 +112,7 @@ class Result(Tabular):
                 "u_lag_s": self.measured.u_lag_s,
                 "figures": {name: asdict(figure) for name, figure in self.figures.items()},
                 "doubts": list(self.doubts),
+                **({"axes": [asdict(axis) for axis in axes]} if (axes := getattr(self.found, "axes", ())) else {}),
                 **({"warmth": {str(axis): asdict(one) for axis, one in warmth.items()}} if warmth else {}),
             }
         )

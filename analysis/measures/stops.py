@@ -20,8 +20,10 @@ from analysis.kinematics.arm import Array, Integers, Mask
 from analysis.measures.simulated_gauges import Simulation, hold_gauged, read_by_gauges
 from analysis.model.predict import Model, Path, SetUp, gauged, stops
 from analysis.model.scene import Scene, apply
-from analysis.traces.kind import Kind
+from analysis.traces.csv_tables import Rows, joint_cells
+from analysis.traces.kind import SAME_RAD, Kind
 from analysis.traces.single_stands import STANDS_MM
+from analysis.traces.table_layout import RAIL, RAIL_FROM, came_from_columns
 from analysis.traces.tables import PlaceTable, TargetTable
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -134,6 +136,22 @@ def timed(t_s: Array) -> dict[str, Array]:
     return {"t_s": t_s} if t_s.any() else {}
 
 
+def came_from_of(rows: Rows) -> Array | None:
+    """Return from where joints came (n, axes) rad by the columns of a file, None where it does not say it; a rail of
+    which it is not said comes from where it stands."""
+    names = came_from_columns(rows.axes)
+    if not rows.has(names):
+        return None
+    return rows.with_rail(np.radians(rows.stack(names)), RAIL_FROM if rows.has((RAIL_FROM,)) else RAIL)
+
+
+def came_from_cells(table: PlaceTable) -> dict[str, Array]:
+    """Return the columns that say from where joints came, in degrees and mm, none where that is not known."""
+    if table.came_from is None:
+        return {}
+    return joint_cells(table.came_from, rail=table.rail, names=came_from_columns, rail_name=RAIL_FROM)
+
+
 P = TypeVar("P", bound=PlaceTable)
 
 
@@ -150,7 +168,13 @@ class PlaceKind(Kind[P]):
         return SetUp(np.zeros(3), np.zeros(1), np.eye(4), np.eye(4))
 
     def path(self, model: Model, table: P) -> Path:
-        return stops(table.q)
+        return stops(table.q, came_from=table.came_from)
+
+    def sides(self, table: P) -> Integers | None:
+        if table.came_from is None:
+            return None
+        way = table.q - table.came_from
+        return np.where(np.abs(way) > SAME_RAD, np.sign(way), 0).astype(np.int64)
 
     def read(self, model: Model, table: P, path: Path, scene: Scene, setup: SetUp) -> Array:
         """The target's T_instrument_target, (m, 16) row by row."""

@@ -30,8 +30,8 @@ from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
 from analysis.measures.simulated_gauges import Simulation
 from analysis.measures.simulated_touches import simulated_touches
-from analysis.measures.stops import PlaceKind
-from analysis.model.predict import Model, Path, SetUp, model_of, moved, path_of, stops
+from analysis.measures.stops import PlaceKind, came_from_cells, came_from_of
+from analysis.model.predict import Model, SetUp, model_of, moved, path_of
 from analysis.noise.cell import SEAT_MM, TARGET_MM
 from analysis.noise.readings import rms
 from analysis.noise.spectrum import DRAWS
@@ -201,29 +201,19 @@ class Touch(PlaceKind[TouchTable]):
 
     def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
         came_from = came_from_columns(axes)
-        return Layout((SOCKET, *joint_columns(axes), *[RAIL] * rail), (*came_from, *[RAIL_FROM] * rail), came_from)
+        return Layout((SOCKET, *joint_columns(axes), *[RAIL] * rail), (*came_from, *[RAIL_FROM] * rail), (came_from,))
 
     def table_of(self, rows: Rows, direction: Direction | None, where: str) -> TouchTable:
-        """The touches of a file; a rail of which it is not said comes from where it stands."""
-        names, came_from = came_from_columns(rows.axes), None
-        if rows.has(names):
-            came_from = rows.with_rail(np.radians(rows.stack(names)), RAIL_FROM if rows.has((RAIL_FROM,)) else RAIL)
-        return TouchTable(rows.words(SOCKET), rows.with_rail(rows.q), came_from, rail=rows.rail)
+        return TouchTable(rows.words(SOCKET), rows.with_rail(rows.q), came_from_of(rows), rail=rows.rail)
 
     def columns(self, table: TouchTable) -> Mapping[str, Array | Sequence[str]]:
-        came: dict[str, Array] = {}
-        if table.came_from is not None:
-            came = joint_cells(table.came_from, rail=table.rail, names=came_from_columns, rail_name=RAIL_FROM)
-        return {SOCKET: table.socket.tolist(), **joint_cells(table.q, rail=table.rail), **came}
+        return {SOCKET: table.socket.tolist(), **joint_cells(table.q, rail=table.rail), **came_from_cells(table)}
 
     def setup(self, rig: Rig) -> SetUp:
         setup = super().setup(rig)
         if rig.tests.touch:
             setup.T_tool_target[:3, 3] = rig.tests.touch.ball_mm
         return setup
-
-    def path(self, model: Model, table: TouchTable) -> Path:
-        return stops(table.q, came_from=table.came_from)
 
     def cannot_tell(self, table: TouchTable, rig: Rig) -> str:
         return "a touch has no place of its own"
@@ -239,9 +229,6 @@ class Touch(PlaceKind[TouchTable]):
 
     def parts(self, table: TouchTable) -> NDArray[np.str_]:
         return table.socket
-
-    def sides_known(self, table: TouchTable) -> bool:
-        return table.came_from is not None
 
     def far(self, table: TouchTable, arm: Arm) -> Far:
         return far_touches(table, forward(arm, table.q))

@@ -21,6 +21,7 @@ from analysis.reporting.diagnosis_words import (
     beside_u,
     closed,
     percent,
+    remains_lines,
     runs_of,
     shortened,
     size,
@@ -157,7 +158,8 @@ def _unexplained(diagnosis: Diagnosis) -> list[RenderableType]:
         return []
     remainder = diagnosis.remainder
     lines = [Text(f"{remainder.um:.1f} µm ({percent(remainder.share)} of the gap): {remainder.words}")]
-    return [*lines, *(Text(f"{runs_of(band)}, {band.part}: {band.words}", style="dim") for band in diagnosis.left)]
+    lines += [Text(f"{runs_of(band)}, {band.part}: {band.words}", style="dim") for band in diagnosis.left]
+    return [*lines, *map(Text, remains_lines(diagnosis.remains, texts_of("en")) if diagnosis.remains else ())]
 
 
 def _cannot(diagnosis: Diagnosis) -> list[RenderableType]:

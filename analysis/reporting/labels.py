@@ -83,6 +83,11 @@ _LABELS = {
     "f_min_mm": "radial deviation F, smallest",
     "d_mm": "mean radial deviation D, both directions",
     "speed_mm_s": "speed along the path",
+    **{
+        f"axis{axis}_{figure}_deg": f"axis {axis}, {text}"
+        for axis in range(1, 8)
+        for figure, text in (("bidirectional", "bidirectional deviation E"), ("reversal", "reversal (play)"))
+    },
     **{f"friction_j{axis}_a": f"friction of axis {axis}" for axis in range(1, 7)},
     "ap_a_deg": "accuracy AP a, about x",
     "ap_b_deg": "accuracy AP b, about y",

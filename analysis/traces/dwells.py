@@ -42,14 +42,14 @@ class Visits:
 def visits_of(
     at: Sequence[tuple[Stand, int]],
     places: Sequence[Hashable],
-    wanted: Sequence[Hashable],
+    order: Sequence[Hashable],
     once: int,
     program: TargetProgram,
     where: str,
 ) -> Visits:
-    """Return the visits among stands at targets, each with its row of the program; places: what each is of, wanted:
-    those of the program in order, once: of one pass of it. Raises FileError where no stand is at a target."""
-    fits, doubts = _in_order(places, wanted, once)
+    """Return the visits among stands at targets, each with its row of the program; places: what each is of, order:
+    those of the program in turn, once: of one pass of it. Raises FileError where no stand is at a target."""
+    fits, doubts = _in_order(places, order, once)
     stands = [at[k][0] for k in fits]
     if not stands:
         remedy = "correct tests.hemisphere, or record its program"
@@ -65,36 +65,36 @@ def visits_of(
     return Visits(fits, rows, np.array(t_s), np.array(q), np.array(g_mm), doubts)
 
 
-def _in_order(found: Sequence[Hashable], wanted: Sequence[Hashable], once: int) -> tuple[list[int], list[str]]:
-    """Which of the places found, by number, follow the order wanted, and what is to be said of the others.
+def _in_order(places: Sequence[Hashable], order: Sequence[Hashable], once: int) -> tuple[list[int], list[str]]:
+    """Which of the places, by number, follow the order, and what is to be said of the others.
 
     once: places of one pass of the program. A pass that ends with its first place is not counted: the robot went back.
     """
-    pairs = _longest_common(found, wanted)
+    pairs = _longest_common(places, order)
     if len(pairs) > 1 and pairs[-1][1] > 0 and pairs[-1][1] % once == 0:
         pairs.pop()
-    others = len(found) - len(pairs)
-    if len(pairs) < _FOLLOWED * len(found):
-        return list(range(len(found))), [
+    others = len(places) - len(pairs)
+    if len(pairs) < _FOLLOWED * len(places):
+        return list(range(len(places))), [
             "targets were visited in another order than in the rig file: all stands are used"
         ]
-    said = f"{others} stands outside the order of the program (before it, after it, or once too often) are not used"
-    return [k for k, _ in pairs], [said] if others else []
+    words = f"{others} stands outside the order of the program (before it, after it, or once too often) are not used"
+    return [k for k, _ in pairs], [words] if others else []
 
 
-def _longest_common(found: Sequence[Hashable], wanted: Sequence[Hashable]) -> list[tuple[int, int]]:
-    """Numbers in both of the longest common subsequence; of equal ones, the one whose places were found last."""
-    codes = {place: code for code, place in enumerate(dict.fromkeys([*found, *wanted]))}
-    targets = np.array([codes[place] for place in wanted], dtype=np.int64)
-    length = np.zeros((len(found) + 1, len(wanted) + 1), dtype=np.int32)
-    for k, place in enumerate(found):
+def _longest_common(places: Sequence[Hashable], order: Sequence[Hashable]) -> list[tuple[int, int]]:
+    """Numbers in both of the longest common subsequence; of equal ones, the one whose places come last."""
+    codes = {place: code for code, place in enumerate(dict.fromkeys([*places, *order]))}
+    targets = np.array([codes[place] for place in order], dtype=np.int64)
+    length = np.zeros((len(places) + 1, len(order) + 1), dtype=np.int32)
+    for k, place in enumerate(places):
         longer = np.where(targets == codes[place], length[k, :-1] + 1, 0)
         length[k + 1, 1:] = np.maximum.accumulate(np.maximum(length[k, 1:], longer))
-    pairs, k, j = [], len(found), len(wanted)
+    pairs, k, j = [], len(places), len(order)
     while length[k, j]:
         if length[k, j - 1] == length[k, j]:
             j -= 1
-        elif found[k - 1] == wanted[j - 1]:
+        elif places[k - 1] == order[j - 1]:
             k, j = k - 1, j - 1
             pairs.append((k, j))
         else:
@@ -109,9 +109,9 @@ def at_targets(
     if not stands:
         return []
     arm = arm_of(rig.robot)
-    wanted, reached = forward(arm, program.q), forward(arm, np.array([stand.q for stand in stands]))
-    away = np.linalg.norm(reached[:, None, :3, 3] - wanted[None, :, :3, 3], axis=2)
-    cosine = (np.einsum("aij,bij->ab", reached[:, :3, :3], wanted[:, :3, :3]) - 1) / 2
+    targets, reached = forward(arm, program.q), forward(arm, np.array([stand.q for stand in stands]))
+    away = np.linalg.norm(reached[:, None, :3, 3] - targets[None, :, :3, 3], axis=2)
+    cosine = (np.einsum("aij,bij->ab", reached[:, :3, :3], targets[:, :3, :3]) - 1) / 2
     angle = np.arccos(np.clip(cosine, -1, 1))
     badness = away / _NEAR_MM + angle / TURNED_RAD
     best = badness.argmin(axis=1)

@@ -224,9 +224,10 @@ class Kind(ABC, Generic[T]):
         """Return to which part each row (n,) belongs, where parts of a table have set-ups of their own."""
         return None
 
-    def sides_known(self, table: T) -> bool:
-        """Return whether rows say from where joints came, and so on which side of its play each stands."""
-        return False
+    def sides(self, table: T) -> Integers | None:
+        """Return on which side of its play each joint stands (n, axes): the way of its last move, -1 or 1, 0 where it
+        stayed; None where rows do not say from where joints came."""
+        return None
 
     def far(self, table: T, arm: Arm) -> Far | None:
         """Return which rows lie far from all others, of places; others are judged beside the calibrated arm alone."""

@@ -19,7 +19,7 @@ JointSource = Literal["measured", "commanded"]
 PLACE = ("x_mm", "y_mm", "z_mm")
 TURN = ("rx_deg", "ry_deg", "rz_deg")
 RAIL, RAIL_FROM = "e1_mm", "e1_from_mm"
-"""Where the rail that carries an arm stands, and from where it came to a touch."""
+"""Where the rail that carries an arm stands, and from where it came there."""
 SOCKET = "socket"
 """The column of a touch with the name of the socket; any words."""
 WORDS = {"direction": ("acw", "cw"), "approach": ("none", "out", "in")}
@@ -32,12 +32,12 @@ COUNTS = ("target", "orientation", "round")
 
 @dataclass(frozen=True)
 class Layout:
-    """Columns that a table needs, and those that it may have, of which those `together` are all there or none; any
-    other is extra and kept as it is."""
+    """Columns that a table needs, and those that it may have, of which each group of those `together` is all there or
+    none; any other is extra and kept as it is."""
 
     required: tuple[str, ...]
     optional: tuple[str, ...] = ()
-    together: tuple[str, ...] = ()
+    together: tuple[tuple[str, ...], ...] = ()
 
     @property
     def known(self) -> tuple[str, ...]:
@@ -46,5 +46,5 @@ class Layout:
 
 
 def came_from_columns(axes: int) -> tuple[str, ...]:
-    """Return the names of the columns that say from which angle each joint came to a touch, in its last move."""
+    """Return the names of the columns that say from which angle each joint came to a posture, in its last move."""
     return tuple(f"q{axis}_from_deg" for axis in range(1, axes + 1))

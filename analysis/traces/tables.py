@@ -98,7 +98,9 @@ class PoseTable(Table):
 
     q (n, axes) rad, of an arm on a rail with a column more, where the rail stands in m (`rail`);
     xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis roll-pitch-yaw, or None where only places were measured;
-    row (n,): from 1, the row of the file that each is, or the first of several; None where they are 1 … n.
+    row (n,): from 1, the row of the file that each is, or the first of several; None where they are 1 … n; came_from
+    (n, axes) rad: where each joint was before its last move, which says on which side of its play it stands, or None
+    where it came from the pose before.
     """
 
     test: ClassVar[TestName] = "pose"
@@ -107,6 +109,7 @@ class PoseTable(Table):
     rpy: Array | None
     row: Integers | None = None
     rail: bool = False
+    came_from: Array | None = None
 
     @property
     def rows(self) -> Integers:
@@ -118,9 +121,7 @@ class PoseTable(Table):
 class TouchTable(Table):
     """Touches: the tool's ball seated in sockets that are fixed in the world, in one posture after the other.
 
-    socket (n,) of str; q (n, axes) rad, with a rail as of poses; came_from (n, axes) rad: where each joint was before
-    its last move, which says on which side of its play it stands, or None where it came from the touch before; row (n,)
-    as of poses.
+    socket (n,) of str; q (n, axes) rad, with a rail as of poses; came_from (n, axes) rad and row (n,) as of poses.
     """
 
     test: ClassVar[TestName] = "touch"

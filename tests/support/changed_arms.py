@@ -29,7 +29,7 @@ def changed(name: str, seed: int = 0, *, rail: bool = False) -> Rig:
     effects = [
         effect
         for _ in range(2)
-        for axis in range(1, min(len(robot.axes), 6) + 1)
+        for axis in range(1, len(robot.axes) + 1)
         for effect in (
             JointOffset(axis=axis, offset_deg=rng.normal(0, 0.2)),
             *(LinkGeometry(axis=axis, field=field, delta=rng.normal(0, 0.3)) for field in get_args(Constant)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from analysis.measures.axis_curves import AxisCurve
 from analysis.measures.result_curves import PathCurve, PoseCurve, RadialCurve, RepeatabilityCurve
 from analysis.measures.results import Result
 from analysis.reporting.iso_views import PlaneView, cube_view, path_view
@@ -29,6 +30,7 @@ def target_charts(result: Result, texts: Texts) -> list[Picture]:
             return [
                 *([] if view is None else [_plane(view, "chart_cube", texts, points=True)]),
                 _poses(result, curve, texts),
+                *(_axis(axis, texts) for axis in curve.axes),
             ]
         case PathCurve() as curve:
             return [_plane(path_view(curve), "chart_paths", texts, points=False), _along(curve, texts)]
@@ -101,6 +103,18 @@ def _poses(result: Result, curve: PoseCurve, texts: Texts) -> Chart:
     line = Line(texts("measured"), "measured", number, curve.distance_mm, points=True)
     y_label = f"{texts('error_position')} / mm"
     return Chart(texts("chart_pose"), texts("caption_pose"), "targets", texts("pose"), y_label, "mm", (line,))
+
+
+def _axis(curve: AxisCurve, texts: Texts) -> Chart:
+    """The error of the angle of an axis that was driven alone, by the way it turned."""
+    ways: tuple[tuple[str, Role, Array], ...] = (("up", "acw", curve.up_deg), ("down", "cw", curve.down_deg))
+    lines = tuple(
+        Line(texts(f"turned_{way}"), role, curve.angle_deg[reached], 1e3 * off[reached], points=True)
+        for way, role, off in ways
+        if (reached := np.isfinite(off)).any()
+    )
+    title = texts("chart_axis", axis=curve.axis)
+    return Chart(title, texts("caption_axis"), "targets", texts("angle_of_axis"), texts("error_of_angle"), "m°", lines)
 
 
 def _plane(view: PlaneView, title: str, texts: Texts, *, points: bool) -> Chart:

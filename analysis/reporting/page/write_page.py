@@ -24,7 +24,7 @@ from analysis.inference.acts import is_done
 from analysis.inference.state import FAULT
 from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
-from analysis.reporting.diagnosis_words import micrometres
+from analysis.reporting.diagnosis_words import micrometres, remains_lines, remains_rows
 from analysis.reporting.html_page import environment, write_html
 from analysis.reporting.page.budget_table import budget_table, step_table
 from analysis.reporting.page.chart import Picture
@@ -75,6 +75,8 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         acts=_acts(report, texts),
         cut_off=f"{FAULT:g}",
         budget=budget_table(report.found, texts) if report.found else None,
+        remains=remains_rows(report.found.remains, texts) if report.found and report.found.remains else [],
+        remains_lines=remains_lines(report.found.remains, texts) if report.found and report.found.remains else [],
         steps=step_table(report.found, texts) if report.found else None,
         example_limits=example_limits(verdict) if verdict.overall == "unjudged" else "",
         has_data_sheet=report.rig.limits.data_sheet_rp_mm is not None,

@@ -119,7 +119,7 @@ def test_what_is_imported_again_has_the_same_poses_limits_and_masses(name: str, 
         assert axis.limits_deg == pytest.approx(own.limits_deg, abs=1e-9)
         assert axis.speed_deg_s == pytest.approx(own.speed_deg_s, abs=1e-9)
     masses = [axis.mass_kg for axis in rig.robot.axes]
-    assert [axis.mass_kg for axis in again.axes] == pytest.approx([*masses[:5], masses[5] + 2.5])
+    assert [axis.mass_kg for axis in again.axes] == pytest.approx([*masses[:-1], masses[-1] + rig.robot.payload_kg])
 
 
 @pytest.mark.parametrize("name", COUPLED)

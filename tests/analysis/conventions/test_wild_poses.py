@@ -7,9 +7,10 @@ import pytest
 
 from analysis.conventions.check import findings_of
 from analysis.conventions.lost_poses import WILDNESS, far_poses
+from analysis.geometry.pose_setup import fit_setup
 from analysis.inference.diagnose import diagnose
 from analysis.inference.prepared_runs import prepare_runs
-from analysis.kinematics.arm import arm_of, without_setup
+from analysis.kinematics.arm import arm_of, forward, without_setup
 from analysis.measures.results import result_of
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PoseTable
@@ -80,3 +81,15 @@ def test_what_is_left_of_held_out_poses_is_as_without_wild_ones(spoil: str) -> N
         assert gap is not None
         left_um.append(gap.calibrated_um)
     assert left_um[0] < 1.4 * left_um[1] < 100
+
+
+@pytest.mark.parametrize("which", ["rows from about 31 on", "every other row"])
+def test_two_reflectors_in_one_run_are_told(which: str) -> None:
+    """Each row alone lies near an arm that is fitted to both."""
+    seen = _seen(0)
+    later = np.arange(60) >= 30 if "from" in which else np.arange(60) % 2 == 1
+    T = forward(without_setup(arm_of(RIG.robot)), seen.q)
+    R = fit_setup(T, seen.xyz_mm).T_world_base[:3, :3] @ T[:, :3, :3]
+    xyz = seen.xyz_mm + later[:, None] * (R @ np.array([3.0, -2.0, 1.0]))
+    (line,) = [one.words for one in findings_of([run_of(PoseTable(seen.q, xyz, None), "poses", RIG)])]
+    assert which in line and "a run each" in line

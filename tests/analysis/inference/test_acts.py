@@ -218,7 +218,11 @@ def test_a_test_that_separates_rivals_is_looked_for_from_the_shortest_on() -> No
     asked: list[str] = []
 
     def possible(name: str, minutes: float, sigma: float) -> PossibleTest:
-        expected: Any = SimpleNamespace(separation_sigma=lambda *_: asked.append(name) or sigma)
+        def separation_sigma(*_: object) -> float:
+            asked.append(name)
+            return sigma
+
+        expected: Any = SimpleNamespace(separation_sigma=separation_sigma)
         return PossibleTest(name, "", expected, minutes, 1, 1)
 
     tests = [possible("long", 30, 90), possible("weak", 1, 0.5), possible("enough", 5, 20), possible("better", 5, 25)]

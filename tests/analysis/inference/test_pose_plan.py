@@ -105,7 +105,7 @@ def test_the_planned_table_and_a_tracker_s_become_a_run(maker: str, tmp_path: Pa
         (("--poses", "12", "--tracker", "here"), "is no place"),
         (("--poses", "12", "--faces", "z"), "needs the place of the tracker"),
         (("--poses", "12", "--propose"), "plans poses alone"),
-        (("--for", "ur"), "--for, --tracker and --faces need it"),
+        (("--for", "ur"), "--for, --tracker, --faces and --one-axis need it"),
     ],
 )
 def test_wrong_use_is_told(options: tuple[str, ...], says: str) -> None:

@@ -1,0 +1,24 @@
+"""Tables drawn by a seed as exporters write them, each with its truth: none is read wrongly in silence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.support.drawn_tables import drawn, judged
+from tests.support.nightly import cases
+
+# Two files without a header, of which one has decimal commas.
+EACH_COMMIT = [155]
+
+
+@pytest.mark.cpu_limit(120)
+@pytest.mark.parametrize("seed", cases([*range(60), 155], EACH_COMMIT))
+def test_a_table_is_read_as_it_was_meant_or_something_is_said(seed: int, tmp_path: Path) -> None:
+    table = drawn(seed)
+    done = judged(table, tmp_path)
+    assert not done.wrong, done.lines
+    assert done.outcome != "question, likeliest answer wrong", done.lines
+    if table.sound:
+        assert done.outcome != "refused", done.lines

@@ -1,0 +1,75 @@
+"""How wide u is where a model had no part: a factor where misses grow with what is stated, else as much everywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.inference import remains
+from analysis.inference.blocks import _visit_numbers
+from analysis.inference.observation import observe
+from analysis.inference.validation import LeftOut, _Missed
+from analysis.model.predict import model_of
+from analysis.traces.tables import PoseTable
+from rigs.arms import load_arm
+from rigs.load import parse
+
+RNG = np.random.default_rng(5)
+STATED = RNG.uniform(0.02, 0.3, 60) ** 2
+NOISE = np.full(60, 0.03**2)
+
+
+def missed(variance: np.ndarray) -> _Missed:
+    """Neighbourhoods of ten poses that share their error, of a given variance beside the noise."""
+    squares = (variance + NOISE) * RNG.chisquare(3, 60) / 3
+    return _Missed(squares, NOISE, STATED, np.full(60, 30.0))
+
+
+def test_misses_that_grow_with_what_is_stated_are_a_factor() -> None:
+    wider = missed(4 * STATED).widening()
+    assert 1.6 < wider.factor < 2.7
+    assert wider.unexplained_mm is not None and wider.unexplained_mm < 0.12
+
+
+def test_misses_that_are_the_same_everywhere_are_unexplained() -> None:
+    wider = missed(STATED + 0.3**2).widening()
+    assert wider.factor < 1.8  # a wide share of the places states nearly as much
+    assert wider.unexplained_mm == pytest.approx(0.3, rel=0.35)
+
+
+def test_a_model_that_states_enough_is_not_narrowed() -> None:
+    wider = missed(0.3 * STATED).widening()
+    assert wider.factor == 1.0 and wider.unexplained_mm == 0.0
+
+
+def test_one_place_far_off_does_not_decide() -> None:
+    sound = missed(STATED)
+    squares = sound.missed.copy()
+    squares[7] = 400 * STATED[7]
+    assert _Missed(squares, NOISE, STATED, sound.weight).ratio < 2 * max(sound.ratio, 1.0)
+
+
+def left_out(missed_by: np.ndarray, group: np.ndarray) -> LeftOut:
+    ones = np.ones(len(missed_by))
+    return LeftOut(np.arange(len(ones)), group, missed_by, missed_by**2, ones, ones, ones)
+
+
+def test_what_stays_is_held_against_places_that_had_no_part() -> None:
+    group = np.repeat(np.arange(20), 15)
+    columns = RNG.normal(size=(300, 12))
+    noise = RNG.normal(size=300)
+    share_of = remains._share_left_out
+    assert share_of(columns, noise, left_out(noise, group)) < 0.02
+    with_some = noise + columns[:, :2] @ [1.0, 1.0]
+    assert share_of(columns, with_some, left_out(with_some, group)) == pytest.approx(2 / 3, abs=0.1)
+
+
+def test_a_pose_that_is_reached_from_two_sides_is_no_repeat() -> None:
+    model = model_of(parse(f"name: x\n{load_arm('ur10e').text}", "x"))
+    q = np.tile(np.linspace(-1, 1, 6), (4, 1)) + np.repeat([[0.0], [0.3]], 2, axis=0)
+    came_from = q - np.array([[0.1], [-0.1], [0.1], [0.1]])
+    table = PoseTable(q, np.zeros((4, 3)), None, came_from=came_from)
+    np.testing.assert_array_equal(table.kind.sides(table), np.sign(q - came_from))
+    numbers = [_visit_numbers(observe(model, one, "x"))[::3] for one in (table, PoseTable(q, table.xyz_mm, None))]
+    assert [len(set(visits.tolist())) for visits in numbers] == [3, 2]
+    np.testing.assert_array_equal(table.kind.path(model, table).q[::4], came_from)

@@ -1,0 +1,515 @@
+"""Tables of poses drawn by a seed as exporters write them, some sound, some not what they claim; each with its truth.
+
+Written from the outside: manuals of makers, exporters of trackers, of ROS and of spreadsheets. Arms are multiplied out
+apart from the product, wrong as healthy arms are, seen from anywhere by a tracker with noise. Every kind of trouble is
+laid over every exporter, so that what settles one file does not settle the next.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from analysis import load_run
+from analysis.traces.tables import PathTable, PoseTable
+from rigs.arms import load_arm
+from tests.support.command_line import ran
+from tests.support.foreign_tables import Poses, rows, text
+from tests.support.independent_arm import Constants, flange, healthy, none
+
+Array = NDArray[np.float64]
+Outcome = Literal["without a word", "with a word", "question", "question, likeliest answer wrong", "refused"]
+ARMS = (
+    "ur10e", "ur5e", "kuka-kr-6-r900-2", "fanuc-lr-mate-200id", "abb-irb-120", "staubli-tx2-60", "yaskawa-gp12",
+    "kawasaki-rs007n", "doosan-m1013", "ufactory-xarm-6",
+)  # fmt: skip
+_UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
+_LAST_DIGIT_MM, _LAST_DIGIT_RAD = 0.011, 2e-5
+"""What the digits of a file may take from a place and an angle."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A table and what is true of it. files: content by name; says: what a person has to read if it is imported, as a
+    regular expression, empty where nothing is wrong; sound: whether a right import exists."""
+
+    arm: str
+    exporter: str
+    trouble: str
+    files: dict[str, bytes]
+    truth: Poses
+    says: str = ""
+    sound: bool = True
+    options: tuple[str, ...] = ()
+    test: str = "pose"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What an import made of a table; wrong: what is wrong in silence, in words, else empty; lines: what it printed."""
+
+    outcome: Outcome
+    wrong: str
+    lines: str
+
+
+@dataclass
+class _Table:
+    """What stands in the table before it is written: each may be spoilt."""
+
+    arm: str
+    q: Array
+    xyz_mm: Array
+    turn: Rotation
+    truth: Poses
+    says: str = ""
+    sound: bool = True
+    more: dict[str, Sequence[object]] = field(default_factory=dict)
+
+
+def constants(arm: str) -> Constants:
+    """The constants of an arm of the library, read from its file and multiplied out apart from the product."""
+    robot = yaml.safe_load(f"name: arm\n{load_arm(arm).text}")["robot"]
+    keys = ("a_mm", "alpha_deg", "d_mm", "offset_deg")
+    a, alpha, d, offset = (np.array([float(axis.get(key, 0.0)) for axis in robot["axes"]]) for key in keys)
+    coupling = np.array(robot.get("coupling", np.eye(6)), dtype=float)
+    return Constants(a, np.radians(alpha), d, np.radians(offset), coupling)
+
+
+def _postures(arm: str, count: int, rng: np.random.Generator) -> Array:
+    """Joints (count, 6) rad over the middle part of their limits."""
+    axes = yaml.safe_load(f"name: arm\n{load_arm(arm).text}")["robot"]["axes"]
+    low, high = np.radians([np.clip(axis["limits_deg"], -150, 150) for axis in axes]).T
+    share = rng.uniform(0.25, 0.9)
+    return (low + high) / 2 + share * (high - low) / 2 * rng.uniform(-1, 1, (count, 6))
+
+
+def _seen(arm: str, rng: np.random.Generator, q: Array) -> Poses:
+    R, p = flange(constants(arm), healthy(rng), q)
+    base, tool = Rotation.random(rng=rng), Rotation.random(rng=rng)
+    noise_mm = float(np.exp(rng.uniform(np.log(0.008), np.log(0.05))))
+    place = p + R @ rng.uniform([-80, -80, 40], [80, 80, 250]) + rng.normal(0, noise_mm, p.shape)
+    tilt = Rotation.from_rotvec(rng.normal(0, np.radians(0.01), p.shape))
+    return Poses(q, base.apply(place) + rng.uniform(-3000, 3000, 3), base * tilt * Rotation.from_matrix(R) * tool)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Troubles: what is not as it seems. Each changes what is written, and says what has to be read if it is imported.
+
+
+def _sound(t: _Table, rng: np.random.Generator) -> None:
+    del t, rng
+
+
+def _other_turns(t: _Table, rng: np.random.Generator) -> None:
+    """Wrists that stand a turn elsewhere in some rows."""
+    t.q = t.q + 2 * np.pi * rng.integers(-1, 2, t.q.shape) * np.array([0, 0, 0, 1, 0, 1])
+
+
+def _backwards(t: _Table, rng: np.random.Generator) -> None:
+    t.q = t.q * np.where(np.arange(6) == rng.integers(6), -1.0, 1.0)
+
+
+def _exchanged(t: _Table, rng: np.random.Generator) -> None:
+    first, second = rng.choice(6, 2, replace=False)
+    order = np.arange(6)
+    order[[first, second]] = second, first
+    t.q = t.q[:, order]
+
+
+def _mirrored(t: _Table, rng: np.random.Generator) -> None:
+    signs = np.where(np.arange(3) == rng.integers(3), -1.0, 1.0)
+    t.xyz_mm = t.xyz_mm * signs
+    t.turn = Rotation.from_matrix(np.diag(signs) @ t.turn.as_matrix() @ np.diag(signs))
+
+
+def _zero_elsewhere(t: _Table, rng: np.random.Generator) -> None:
+    axis = rng.integers(1, 5)
+    t.q = t.q + np.where(np.arange(6) == axis, np.radians(rng.choice([90, -90])), 0.0)
+    t.sound = False
+
+
+def _coupled(t: _Table, rng: np.random.Generator) -> None:
+    """Joint 3 counted from the horizontal where the rig file counts it from axis 2, or the other way round."""
+    t.q = t.q.copy()
+    t.q[:, 2] += rng.choice([-1, 1]) * t.q[:, 1]
+    t.sound = False
+
+
+def _wild(t: _Table, rng: np.random.Generator, sizes: tuple[float, float] = (1.0, 1000.0)) -> None:
+    wild = rng.choice(len(t.q), 1 + int(rng.random() < 0.4), replace=False)
+    away = rng.normal(size=(len(wild), 3))
+    mm = np.exp(rng.uniform(*np.log(sizes), len(wild)))
+    t.xyz_mm = t.xyz_mm.copy()
+    t.xyz_mm[wild] += away * (mm / np.linalg.norm(away, axis=1))[:, None]
+    t.says = "(?s)" + "".join(rf"(?=.*\b{row + 1}\b)" for row in wild) + ".*(left out|far from)"
+
+
+def _lost(t: _Table, rng: np.random.Generator) -> None:
+    lost = rng.choice(len(t.q), 2, replace=False)
+    t.xyz_mm = t.xyz_mm.copy()
+    t.xyz_mm[lost] = 0.0
+    t.says = "(?s)" + "".join(rf"(?=.*\b{row + 1}\b)" for row in lost) + ".*(0, 0, 0|left out)"
+
+
+def _sent_again(t: _Table, rng: np.random.Generator) -> None:
+    row = int(rng.integers(5, len(t.q)))
+    t.xyz_mm = t.xyz_mm.copy()
+    t.xyz_mm[row] = t.xyz_mm[row - 1]
+    t.says = rf"\b{row + 1}\b"
+
+
+def _not_at_rest(t: _Table, rng: np.random.Generator) -> None:
+    """The instrument was read while the tool still came to rest: the last rows lag behind."""
+    count = int(rng.choice([2, 4, 6]))
+    lag = rng.uniform(0.02, 0.2, count)[:, None]
+    t.xyz_mm = t.xyz_mm.copy()
+    t.xyz_mm[-count:] += lag * (t.xyz_mm[-count - 1 : -1] - t.xyz_mm[-count:])
+    t.says = "left out|far from"
+
+
+def _computed(t: _Table, rng: np.random.Generator) -> None:
+    """The controller's places: its own calibrated constants, the flange or a tool, in its base or a frame."""
+    own = none()
+    own.offset[1:5] = np.radians(rng.normal(0, 0.05, 4))
+    own.a[2:4], own.d[3:] = rng.normal(0, 0.5, 2), rng.normal(0, 0.3, 3)
+    R, p = flange(constants(t.arm), own, t.truth.q)
+    frame, tool_mm = Rotation.identity(), np.zeros(3)
+    if rng.random() < 0.5:
+        tool_mm = rng.uniform([-50, -50, 50], [50, 50, 200]).round(1)
+    if rng.random() < 0.4:
+        frame = Rotation.from_euler("z", rng.choice([180.0, 90.0, 37.0]), degrees=True)
+    t.xyz_mm = frame.apply(p + R @ tool_mm).round(int(rng.choice([2, 3, 4])))
+    t.turn = frame * Rotation.from_matrix(R)
+    t.says, t.sound = "computed|controller|robot", False
+
+
+def _two_reflectors(t: _Table, rng: np.random.Generator) -> None:
+    """Half of the rows are of another reflector of the same tool: as blocks, or in turn."""
+    second = np.arange(len(t.q)) % 2 == 1 if rng.random() < 0.5 else np.arange(len(t.q)) >= len(t.q) // 2
+    place = rng.normal(size=3)
+    place *= rng.uniform(20, 150) / np.linalg.norm(place)
+    t.xyz_mm = t.xyz_mm + second[:, None] * t.turn.apply(place)
+    t.says, t.sound = "far from|target|reflector", False
+    if rng.random() < 0.5:
+        t.more["Target"] = np.where(second, "SMR 2", "SMR 1").tolist()
+
+
+def _moved(t: _Table, rng: np.random.Generator) -> None:
+    """The tracker was kicked after the first part."""
+    later = np.arange(len(t.q)) >= int(len(t.q) * rng.uniform(0.4, 0.85))
+    turn = Rotation.from_rotvec(rng.normal(0, np.radians(0.3), 3))
+    t.xyz_mm = np.where(later[:, None], turn.apply(t.xyz_mm) + rng.normal(0, 8, 3), t.xyz_mm)
+    t.says, t.sound = "far from|left out|elsewhere", False
+
+
+def _another_arm(t: _Table, rng: np.random.Generator) -> None:
+    t.arm = str(rng.choice([arm for arm in ARMS if arm != t.arm]))
+    t.sound = False
+
+
+def _bad_cells(t: _Table, rng: np.random.Generator) -> None:
+    t.more["Bad"] = [str(rng.choice(["", "n/a", "###", "NaN", "1.2.3"]))]
+    t.sound = False
+
+
+TROUBLES: dict[str, tuple[Callable[[_Table, np.random.Generator], None], float]] = {
+    "sound": (_sound, 8), "wrists a turn elsewhere": (_other_turns, 2), "an axis the other way": (_backwards, 2),
+    "two columns exchanged": (_exchanged, 2), "a left-handed frame": (_mirrored, 2),
+    "a zero elsewhere": (_zero_elsewhere, 1), "joint 3 from the horizontal": (_coupled, 1), "wild rows": (_wild, 3),
+    "lost places": (_lost, 1), "a place sent again": (_sent_again, 1), "not come to rest": (_not_at_rest, 2),
+    "the controller's places": (_computed, 3), "two reflectors": (_two_reflectors, 2), "a tracker moved": (_moved, 1),
+    "another arm": (_another_arm, 1), "bad cells": (_bad_cells, 1),
+}  # fmt: skip
+"""By name: what it does to a table, and how often it is drawn."""
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Exporters: how such a table is written.
+
+_Files = tuple[dict[str, bytes], tuple[str, ...]]
+_TO = {"mm": 1.0, "m": 1e-3, "cm": 0.1, "in": 1 / 25.4}
+
+
+def _numbers(t: _Table, rng: np.random.Generator) -> tuple[Array, Array, str, str]:
+    """Joints and places in a unit that the file may or may not state."""
+    angle, length = str(rng.choice(["deg", "deg", "rad"])), str(rng.choice(["mm", "mm", "mm", "m", "m", "cm", "in"]))
+    return (np.degrees(t.q) if angle == "deg" else t.q), t.xyz_mm * _TO[length], angle, length
+
+
+def _written(
+    header: Sequence[str], columns: Sequence[Array], t: _Table, rng: np.random.Generator, sep: str = ""
+) -> bytes:
+    """A text file: separator, decimals, line ends and encoding as such files have them."""
+    sep = sep or str(rng.choice([",", ";", "\t"]))
+    cells: list[list[object]] = [list(row) for row in rows(*columns)]
+    names = list(header)
+    if bad := t.more.get("Bad"):
+        cells[len(cells) // 2][int(rng.integers(len(names) or 6))] = bad[0]
+    for name, values in t.more.items():
+        if name != "Bad":
+            names = [name, *names] if names else names
+            cells = [[value, *row] for value, row in zip(values, cells, strict=True)]
+    body = text(cells, names, sep, comma=sep == ";" and bool(rng.random() < 0.7)).decode()
+    body = body.replace("\n", "\r\n") if rng.random() < 0.3 else body
+    return body.encode(str(rng.choice(["utf-8", "utf-8", "utf-8-sig", "utf-16", "cp1252"])), errors="replace")
+
+
+def _spreadsheet(t: _Table, rng: np.random.Generator) -> _Files:
+    """A person's columns, as people call them."""
+    q, xyz, angle, length = _numbers(t, rng)
+    styles = ("J{}", "q{}", "joint_{}", "Joint {}", "theta{}", "A{}", "axis{}", "j{}_act", "Achse {}", "JT{}", "Q[{}]")
+    joints = str(rng.choice(styles))
+    place = str(rng.choice(["{}", "{}_meas", "measured_{}", "{}-Ist", "tracker.{}", "Meas {}", "pos_{}", "P{}"]))
+    unit = str(rng.choice(["", " [{}]", " ({})", "_{}"]))
+    names = [joints.format(k) + unit.format(angle) for k in range(1, 7)]
+    seen = [place.format(axis) + unit.format(length) for axis in str(rng.choice(["xyz", "XYZ"]))]
+    if rng.random() < 0.5:
+        return {"poses.csv": _written([*names, *seen], [q, xyz], t, rng)}, ()
+    return {"poses.csv": _written([*seen, *names], [xyz, q], t, rng)}, ()
+
+
+def _pandas(t: _Table, rng: np.random.Generator) -> _Files:
+    """DataFrame.to_csv: a column without a name in front."""
+    q, xyz, _, _ = _numbers(t, rng)
+    header = ["", *(f"q_{k}" for k in range(6)), "x", "y", "z"]
+    return {"frame.csv": _written(header, [np.arange(len(q))[:, None], q, xyz], t, rng, ",")}, ()
+
+
+def _headless(t: _Table, rng: np.random.Generator) -> _Files:
+    """MATLAB's writematrix and numpy's savetxt."""
+    q, xyz, _, _ = _numbers(t, rng)
+    pose = [xyz, t.turn.as_euler("xyz", degrees=True)] if rng.random() < 0.4 else [xyz]
+    columns = [q, *pose] if rng.random() < 0.6 else [*pose, q]
+    return {"data.txt": _written([], columns, t, rng, str(rng.choice([",", " ", "\t", ";"])))}, ()
+
+
+def _two_headless(t: _Table, rng: np.random.Generator) -> _Files:
+    q, xyz, _, _ = _numbers(t, rng)
+    files = {"joints.csv": _written([], [q], replace(t, more={}), rng), "tracker.csv": _written([], [xyz], t, rng)}
+    return dict(sorted(files.items(), reverse=bool(rng.random() < 0.4))), ("--join", "rows")
+
+
+def _matrices(t: _Table, rng: np.random.Generator) -> _Files:
+    q, _, _, _ = _numbers(t, rng)
+    T = np.tile(np.eye(4), (len(q), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = t.turn.as_matrix(), t.xyz_mm / 1e3
+    header = [*(f"q_{k}" for k in range(1, 7)), *(f"T_{k}" for k in range(1, 17))]
+    return {"T.csv": _written(header, [q, T.reshape(-1, 16)], t, rng, ",")}, ()
+
+
+def _kuka(t: _Table, rng: np.random.Generator) -> _Files:
+    header = [*(f"A{k}" for k in range(1, 7)), "X", "Y", "Z", "A", "B", "C"]
+    abc = t.turn.as_euler("ZYX", degrees=True)
+    return {"krc.csv": _written(header, [np.degrees(t.q), t.xyz_mm, abc], t, rng, ";")}, ()
+
+
+def _fanuc(t: _Table, rng: np.random.Generator) -> _Files:
+    header = ["X", "Y", "Z", "W", "P", "R", *(f"J{k}" for k in range(1, 7))]
+    wpr = t.turn.as_euler("xyz", degrees=True)
+    return {"pos.csv": _written(header, [t.xyz_mm, wpr, np.degrees(t.q)], t, rng, ",")}, ()
+
+
+def _abb(t: _Table, rng: np.random.Generator) -> _Files:
+    header = [*(f"rax_{k}" for k in range(1, 7)), "x", "y", "z", "q1", "q2", "q3", "q4"]
+    quat = t.turn.as_quat()[:, [3, 0, 1, 2]]
+    return {"targets.txt": _written(header, [np.degrees(t.q), t.xyz_mm, quat], t, rng, "\t")}, ()
+
+
+def _by_name(t: _Table) -> tuple[list[str], list[int]]:
+    """Joints as a driver of ROS calls them, and their order in the alphabet."""
+    called = list(_UR) if t.arm.startswith("ur") else [f"joint_{k}" for k in range(1, 7)]
+    return called, sorted(range(6), key=lambda k: called[k])
+
+
+def _plotjuggler(t: _Table, rng: np.random.Generator) -> _Files:
+    called, order = _by_name(t)
+    header = [f"/joint_states/{called[k]}/{kind}" for kind in ("position", "velocity", "effort") for k in order]
+    still, effort = rng.normal(0, 1e-4, t.q.shape), rng.normal(0, 5, t.q.shape)
+    stamp = 1.7e9 + 5.0 * np.arange(len(t.q))[:, None]
+    header = ["__time", *header, *(f"/{rng.choice(['leica', 'vicon', 'tracker'])}/point/{axis}" for axis in "xyz")]
+    return {"plot.csv": _written(header, [stamp, t.q[:, order], still, effort, t.xyz_mm / 1e3], t, rng, ",")}, ()
+
+
+def _rostopic(t: _Table, rng: np.random.Generator) -> _Files:
+    called, order = _by_name(t)
+    names = {f"field.name{k}": [called[order[k]]] * len(t.q) for k in range(6)}
+    header = ["%time", *(f"field.position{k}" for k in range(6)), "x", "y", "z"]
+    stamp = 1.7e9 + 5.0 * np.arange(len(t.q))[:, None]
+    written = replace(t, more={**names, **t.more})
+    return {"echo.csv": _written(header, [stamp, t.q[:, order], t.xyz_mm], written, rng, ",")}, ()
+
+
+def _rtde(t: _Table, rng: np.random.Generator) -> _Files:
+    """A recorder of RTDE: targets, currents, the controller's own pose, and a tracker's place beside them."""
+    header = ["timestamp", *(f"target_q_{k}" for k in range(6)), *(f"actual_q_{k}" for k in range(6))]
+    header += [f"actual_current_{k}" for k in range(6)] + [f"actual_TCP_pose_{k}" for k in range(6)]
+    R, p = flange(constants(t.arm), none(), t.q)
+    robot = [p / 1e3, Rotation.from_matrix(R).as_rotvec()]
+    stamp, current = 0.5 * np.arange(len(t.q))[:, None], rng.normal(0, 2, t.q.shape)
+    columns = [stamp, t.q + rng.normal(0, 1e-5, t.q.shape), t.q, current, *robot, t.xyz_mm / 1e3]
+    header += [f"tracker_{axis}" for axis in "xyz"]
+    return {"rtde.csv": _written(header, columns, t, rng, str(rng.choice([",", " "])))}, ()
+
+
+def _analyzer(t: _Table, rng: np.random.Generator) -> _Files:
+    """A report of an analyzer of trackers: remarks, names of points, uncertainties; joints in a file beside it."""
+    header = ["Collection", "Group", "Point", "X [mm]", "Y [mm]", "Z [mm]", "Ux [mm]", "Uy [mm]", "Uz [mm]"]
+    points = {"Point": [f"p{k}" for k in range(len(t.q))], "Group": ["Main"] * len(t.q), "Collection": ["A"] * len(t.q)}
+    written = replace(t, more={**t.more, **points})
+    names = [*header[3:]]
+    body = _written(names, [t.xyz_mm, np.full(t.xyz_mm.shape, 0.012)], written, rng, ",")
+    joints = text(rows(np.degrees(t.q)), [f"J{k}" for k in range(1, 7)])
+    return {"report.csv": body, "joints.csv": joints}, ("--join", "rows")
+
+
+def _decimal_comma_workbook(t: _Table, rng: np.random.Generator) -> _Files:
+    """Excel: cells of text with decimal commas, or numbers; above them perhaps a title."""
+    import openpyxl  # noqa: PLC0415 - slow to import
+
+    q, xyz, angle, length = _numbers(t, rng)
+    book = openpyxl.Workbook()
+    if rng.random() < 0.4:
+        book.active.append(["Messung Zelle 4"])
+    book.active.append([*(f"Achse {k} [{angle}]" for k in range(1, 7)), *(f"{axis} [{length}]" for axis in "XYZ")])
+    is_text = rng.random() < 0.6
+    for number, row in enumerate(rows(q, xyz)):
+        cells: list[object] = [f"{value:.6f}".replace(".", ",") for value in row] if is_text else list(row)
+        if "Bad" in t.more and number == len(q) // 2:
+            cells[3] = t.more["Bad"][0]
+        book.active.append(cells)
+    held = io.BytesIO()
+    book.save(held)
+    return {"Mappe1.xlsx": held.getvalue()}, ()
+
+
+def _motion_capture(t: _Table, rng: np.random.Generator) -> _Files:
+    """A motion capture's export of one rigid body, its lines of names, joined with joints by row."""
+    head = "Format Version,1.23,Take Name,Take 1,Export Frame Rate,240\n,,RigidBody,RigidBody,RigidBody\n"
+    header = ["Frame", "Time", *(f"Rotation {axis}" for axis in "XYZW"), *(f"Position {axis}" for axis in "XYZ")]
+    columns = [np.arange(len(t.q))[:, None], np.arange(len(t.q))[:, None] / 240, t.turn.as_quat(), t.xyz_mm]
+    body = head.encode() + text(rows(*columns), header)
+    joints = _written([f"q{k}" for k in range(1, 7)], [np.degrees(t.q)], t, rng, ",")
+    return {"take.csv": body, "q.csv": joints}, ("--join", "rows")
+
+
+def _commanded_too(t: _Table, rng: np.random.Generator) -> _Files:
+    """What was commanded beside what was measured, of joints and places."""
+    header = [*(f"q{k}_cmd" for k in range(1, 7)), *(f"q{k}_act" for k in range(1, 7))]
+    header += ["x_nom", "y_nom", "z_nom", "x_act", "y_act", "z_act"]
+    nominal = t.xyz_mm + rng.normal(0, 0.7, t.xyz_mm.shape)
+    columns = [np.degrees(t.q).round(2), np.degrees(t.q), nominal.round(1), t.xyz_mm]
+    return {"log.csv": _written(header, columns, t, rng)}, ()
+
+
+EXPORTERS: dict[str, Callable[[_Table, np.random.Generator], _Files]] = {
+    "a spreadsheet": _spreadsheet, "pandas": _pandas, "no header": _headless, "two files, no header": _two_headless,
+    "matrices": _matrices, "KUKA": _kuka, "FANUC": _fanuc, "ABB": _abb, "PlotJuggler": _plotjuggler,
+    "rostopic": _rostopic, "RTDE beside a tracker": _rtde, "a report and joints": _analyzer,
+    "a workbook": _decimal_comma_workbook, "motion capture": _motion_capture, "commanded beside": _commanded_too,
+}  # fmt: skip
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Draw, and judge.
+
+
+def drawn(seed: int) -> Drawn:
+    """A table by its seed; every fifteenth is a path."""
+    rng = np.random.default_rng([54, seed])
+    if seed % 15 == 14:
+        return _path(rng)
+    arm = str(rng.choice(ARMS))
+    truth = _seen(arm, rng, _postures(arm, int(rng.choice([25, 40, 60, 120])), rng))
+    table = _Table(arm, truth.q, truth.xyz_mm, truth.turn, truth)
+    weights = np.array([weight for _, weight in TROUBLES.values()])
+    trouble = str(rng.choice(list(TROUBLES), p=weights / weights.sum()))
+    TROUBLES[trouble][0](table, rng)
+    exporter = str(rng.choice(list(EXPORTERS)))
+    files, options = EXPORTERS[exporter](table, rng)
+    truth = replace(truth, xyz_mm=truth.xyz_mm if trouble == "a left-handed frame" else table.xyz_mm)
+    return Drawn(table.arm, exporter, trouble, files, truth, table.says, table.sound, options)
+
+
+def _path(rng: np.random.Generator) -> Drawn:
+    """A circle of a tracker at 1 kHz: with a spike, with a beam that stood still, or sound."""
+    t_s = np.arange(8000) / 1000
+    angle = 2 * np.pi * 0.25 * t_s
+    xyz = 150 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]) @ Rotation.random(rng=rng).as_matrix()
+    xyz += np.array([1200.0, 300.0, 500.0]) + rng.normal(0, 0.01, xyz.shape)
+    trouble, row, says = (
+        str(rng.choice(["a sound path", "a spike", "a beam stood still"])),
+        int(rng.integers(800, 7000)),
+        "",
+    )
+    if trouble == "a spike":
+        xyz[row : row + int(rng.choice([1, 2, 4]))] += rng.normal(0, 3.0, 3)
+        says = "wild"
+    elif trouble == "a beam stood still":
+        xyz[row : row + 300] = xyz[row]
+        says = "repeat"
+    nothing = Poses(np.zeros((len(xyz), 6)), xyz, Rotation.identity(len(xyz)))
+    body = text(rows(t_s[:, None], xyz), ["t_s", "x_mm", "y_mm", "z_mm"])
+    return Drawn("ur10e", "a path", trouble, {"path.csv": body}, nothing, says, test="path")
+
+
+def judged(drawn: Drawn, folder: Path) -> Judged:
+    """Import a table into a folder of its own, with nobody to answer, and hold it against the truth."""
+    tests = "tests: {iso9283: {}}\n" * (drawn.test == "path")
+    (folder / "arm.yaml").write_text(f"name: arm\n{load_arm(drawn.arm).text}{tests}", encoding="utf-8")
+    for name, content in drawn.files.items():
+        (folder / name).write_bytes(content)
+    done = ran(*_command(drawn), "-o", "run", cwd=folder)
+    if done.returncode and list(folder.glob("*.map.yaml")):
+        return Judged(_asked(drawn, folder), "", done.stderr)
+    if done.returncode:
+        return Judged("refused", "", done.stderr)
+    doubts = "\n".join(line for line in done.stderr.splitlines() if line.startswith("doubt:"))
+    outcome: Outcome = "with a word" if doubts else "without a word"
+    return Judged(outcome, _wrong(drawn, folder / "run", doubts), done.stderr)
+
+
+def _command(drawn: Drawn) -> list[str]:
+    return ["import", *drawn.files, "--rig", "arm.yaml", "--test", drawn.test, *drawn.options]
+
+
+def _asked(drawn: Drawn, folder: Path) -> Outcome:
+    """Whether the likeliest answer to a question reads the joints as they were, where there is a right one."""
+    if drawn.sound and ran(*_command(drawn), "-o", "assumed", "--yes", cwd=folder).returncode == 0:
+        table = load_run(folder / "assumed").table
+        if isinstance(table, PoseTable) and _turned(table.q, drawn.truth.q) > _LAST_DIGIT_RAD:
+            return "question, likeliest answer wrong"
+    return "question"
+
+
+def _turned(q: Array, q_true: Array) -> float:
+    """How far angles (n, 6) rad are from others, modulo a turn."""
+    return float(np.abs((q - q_true + np.pi) % (2 * np.pi) - np.pi).max())
+
+
+def _wrong(drawn: Drawn, run: Path, doubts: str) -> str:
+    """What of an imported run is not so, and not said, in words."""
+    table = load_run(run).table
+    if drawn.says:
+        return "" if re.search(drawn.says, doubts) else f"says nothing of {drawn.trouble}"
+    if isinstance(table, PathTable):
+        return f"a word about a sound path: {doubts}" if re.search("wild|repeat", doubts) else ""
+    assert isinstance(table, PoseTable)
+    if "assumed" in doubts or "taken as they are named" in doubts or "doubt: joints" in doubts:
+        return ""
+    if not drawn.sound:
+        return f"{drawn.trouble}: imported"
+    off = [
+        "joints" * (_turned(table.q, drawn.truth.q) > _LAST_DIGIT_RAD),
+        "places" * bool(np.abs(table.xyz_mm - drawn.truth.xyz_mm).max() > _LAST_DIGIT_MM),
+    ]
+    return ", ".join(filter(None, off)) or (f"a word about a sound table: {doubts}" if doubts else "")
