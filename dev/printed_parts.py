@@ -11,6 +11,7 @@ far its surface is off is printed, in mm.
 
 from __future__ import annotations
 
+import argparse
 import io
 from typing import Any
 
@@ -29,6 +30,7 @@ AWAY = -0.5
 
 def main() -> None:
     """Print a line for each part."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     rig = _rig()
     for bought in BOUGHT:
         print(f"ball {bought.ball_mm:g} mm, magnet {bought.magnet_mm[0]:g} × {bought.magnet_mm[1]:g}, {bought.screw}")

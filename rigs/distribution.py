@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import sys
+import tomllib
 from contextlib import suppress
+from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -21,8 +24,6 @@ _OF_UVX = ("archive-v", "environments-v")
 
 def version() -> str:
     """Return the version that is installed, `not installed` for sources that were only copied."""
-    from importlib import metadata  # noqa: PLC0415 - slow to import, and reading a rig file needs no version
-
     with suppress(metadata.PackageNotFoundError):
         return metadata.version(NAME)
     return "not installed"
@@ -34,8 +35,6 @@ def to_install(*packages: str) -> str:
     `pipx` and `uv tool` keep an environment for each program and leave a file in it by which it is known, and `uvx`
     keeps its own in a cache. Any other environment is named by its Python, also one without a pip.
     """
-    import shlex  # noqa: PLC0415 - needed where something is missing, and rig starts without it
-
     prefix, python = Path(sys.prefix), shlex.quote(sys.executable)
     asked = [shlex.quote(_required(package)) for package in packages]
     names = " ".join(asked)
@@ -55,8 +54,6 @@ def to_install(*packages: str) -> str:
 
 def _required(package: str) -> str:
     """A package with the versions of it that rig asks for; as it is where rig does not ask for it."""
-    from importlib import metadata  # noqa: PLC0415
-
     with suppress(metadata.PackageNotFoundError):
         for line in metadata.requires(NAME) or ():
             requirement = line.partition(";")[0].strip()
@@ -67,13 +64,10 @@ def _required(package: str) -> str:
 
 def _of_uv(receipt: Path) -> list[str]:
     """What `uv tool` was given: rig by its name or place, then what was added, which uv removes unless named again."""
-    import shlex  # noqa: PLC0415
-    import tomllib  # noqa: PLC0415
-
     tool = tomllib.loads(receipt.read_text(encoding="utf-8")).get("tool", {})
-    given = tool.get("requirements", ()) or ({"name": NAME},)
+    requirements = tool.get("requirements", ()) or ({"name": NAME},)
     places = ("path", "directory", "editable")
     return [
         shlex.quote(next((entry[key] for key in places if key in entry), entry["name"] + entry.get("specifier", "")))
-        for entry in given
+        for entry in requirements
     ]
