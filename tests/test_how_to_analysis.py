@@ -107,3 +107,6 @@ def test_a_new_test_kind_passes_the_checks_and_its_commands(tmp_path: Path) -> N
     assert "3 passed" in output(tmp_path, *PYTEST, "tests/analysis/measures/test_height.py")
     said = output(tmp_path, "bash", "-ec", commands(TEST_KIND, "rig import"))
     assert "height_rms_mm" in said and '"height_band_mm": {' in said
+    output(tmp_path, "rig", "report", "heights/monday", "-o", "page.html")
+    assert "height" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "height" in output(tmp_path, "rig", "fleet", "heights")

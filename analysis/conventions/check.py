@@ -52,7 +52,7 @@ def check_runs(runs: Runs) -> list[Checked]:
             if with_joints
             else ""
             if convention.name in _SHOWN_BY_PATHS
-            else "a path has neither joints nor gauges",
+            else "the table has neither joints nor gauges",
         )
         for convention in CONVENTIONS
     ]

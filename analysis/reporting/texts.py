@@ -35,6 +35,10 @@ class Texts:
         """A text with values in its places."""
         return self.words[key].format(**values)
 
+    def test(self, name: str) -> str:
+        """What a test is called; one that another package adds, by its word."""
+        return self.words.get(f"test_{name}", name)
+
     def axis(self, robot: Robot, axis: int) -> str:
         """What an axis, counted from 1, is called: `axis 4 (gamma)`."""
         name = robot.own_name(axis)

@@ -168,20 +168,25 @@ class Limits(Part):
     data_sheet_rp_mm: float | None = Field(default=None, gt=0, le=10)
     """Pose repeatability RP (ISO 9283) of the arm's data sheet, the limit of each `rp_mm` that has none of its own."""
 
+    def _part(self, test: str) -> Part:
+        """The limits of a test; none of a test that another package adds."""
+        declared: Part = getattr(self, test, Part())
+        return declared
+
     def of(self, test: str, figure: str) -> Limit | None:
         """Return the limit of a figure of a test, None where there is none."""
-        declared = getattr(getattr(self, test), figure, None)
+        declared = getattr(self._part(test), figure, None)
         if isinstance(declared, Limit):
             return declared
         return Limit(fail=self.data_sheet_rp_mm) if self.from_data_sheet(test, figure) else None
 
     def judge(self, test: str) -> bool:
         """Return whether a figure of a test may have a limit."""
-        return self.data_sheet_rp_mm is not None or bool(getattr(self, test).model_dump(exclude_none=True))
+        return self.data_sheet_rp_mm is not None or bool(self._part(test).model_dump(exclude_none=True))
 
     def from_data_sheet(self, test: str, figure: str) -> bool:
         """Return whether the limit of a figure is the data sheet's."""
-        declared = getattr(getattr(self, test), figure, None)
+        declared = getattr(self._part(test), figure, None)
         return figure == "rp_mm" and declared is None and self.data_sheet_rp_mm is not None
 
 

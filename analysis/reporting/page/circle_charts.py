@@ -34,7 +34,7 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
                     many = f" ({texts('mean_of_runs', count=len(curves))})" if len(curves) > 1 else ""
                     values = [curve.error_deg if part == "angle" else 1e3 * curve.deviation_mm for curve in curves]
                     lines.append(Line(f"{role}{many}", role, np.degrees(PHI), np.mean(values, axis=0)))
-            title = texts(f"chart_{part}_{frame}", test=texts(f"test_{test}"))
+            title = texts(f"chart_{part}_{frame}", test=texts.test(test))
             caption = texts(f"caption_{part}_{frame}")
             y_label = f"{texts(label)} / {unit}"
             charts.append(Chart(title, caption, frame, texts("circle_angle"), y_label, unit, tuple(lines), marks))

@@ -51,7 +51,7 @@ def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
     if verdict.by_tolerance:
         return texts("why_tolerance")
     if verdict.overall == "unjudged":
-        return texts("why_unjudged", tests=", ".join(texts(f"test_{test}") for test in verdict.tests))
+        return texts("why_unjudged", tests=", ".join(texts.test(test) for test in verdict.tests))
     if verdict.overall == "pass":
         return texts("why_pass", count=len(verdict.judged))
     bad = verdict.with_standing(verdict.overall)
@@ -67,7 +67,7 @@ def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
 def named(figure: JudgedFigure, texts: Texts) -> str:
     """What a figure is of, and its label."""
     title = title_of(figure.column, texts)
-    of = texts(f"test_{figure.test}") + (f" {title}" if title else "")
+    of = texts.test(figure.test) + (f" {title}" if title else "")
     return f"{of}: {whole_label(figure.name, texts.label)}"
 
 

@@ -48,7 +48,8 @@ def test_without_limits_nothing_is_judged(laps: list[Result]) -> None:
 def test_the_example_of_limits_makes_every_test_judged() -> None:
     verdict = Verdict("unjudged", (), get_args(TestName))
     limits = Limits.model_validate(yaml.safe_load(example_limits(verdict))["limits"])
-    assert all(getattr(limits, test).model_fields_set for test in verdict.tests)
+    with_limits = [test for test in verdict.tests if test in Limits.model_fields]  # a test of one's own may have none
+    assert all(getattr(limits, test).model_fields_set for test in with_limits)
 
 
 def test_the_example_of_limits_for_one_test_has_three_lines(laps: list[Result]) -> None:
