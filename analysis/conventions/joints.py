@@ -231,7 +231,7 @@ def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = 
 
 
 def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> tuple[float, PoseSetUp]:
-    """What the nearest places leave, as `left_mm`, and the base and tool that are fitted to them."""
+    """What the nearest of places xyz_mm (n, 3) leave, as `left_mm`, and the base and tool that are fitted to them."""
     T = forward(bare, q)
     kept = np.arange(len(q))
     count = max(int(_KEPT * len(q)), 9)

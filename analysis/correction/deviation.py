@@ -9,7 +9,9 @@ from pydantic import Field
 from rigs.schema.part import Part
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+"""A length in µm, or seconds."""
 Count = Annotated[int, Field(ge=0)]
+"""How many runs."""
 
 
 class Deviation(Part):

@@ -154,7 +154,7 @@ class _Missed:
 
     @property
     def ratio(self) -> float:
-        """By how much the variance stated is too small."""
+        """The factor by which the variance stated is too small."""
         return self._fitted[0]
 
     def widening(self) -> Widening:

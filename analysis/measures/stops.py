@@ -146,7 +146,7 @@ def came_from_of(rows: Rows) -> Array | None:
 
 
 def came_from_cells(table: PlaceTable) -> dict[str, Array]:
-    """Return the columns that say from where joints came, in degrees and mm, none where that is not known."""
+    """Return the columns (n,) that say from where joints came, in degrees and mm, none where that is not known."""
     if table.came_from is None:
         return {}
     return joint_cells(table.came_from, rail=table.rail, names=came_from_columns, rail_name=RAIL_FROM)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from analysis.inference import remains
-from analysis.inference.blocks import _visit_numbers
+from analysis.inference.blocks import _visit_numbers  # private: which poses repeat is said nowhere else
 from analysis.inference.observation import observe
-from analysis.inference.validation import LeftOut, _Missed
+from analysis.inference.validation import LeftOut, _Missed  # private: the sums that the factor is made of
 from analysis.model.predict import model_of
 from analysis.traces.tables import PoseTable
 from rigs.arms import load_arm
@@ -58,7 +58,7 @@ def test_what_stays_is_held_against_places_that_had_no_part() -> None:
     group = np.repeat(np.arange(20), 15)
     columns = RNG.normal(size=(300, 12))
     noise = RNG.normal(size=300)
-    share_of = remains._share_left_out
+    share_of = remains._share_left_out  # private: the page shows it of real cells alone
     assert share_of(columns, noise, left_out(noise, group)) < 0.02
     with_some = noise + columns[:, :2] @ [1.0, 1.0]
     assert share_of(columns, with_some, left_out(with_some, group)) == pytest.approx(2 / 3, abs=0.1)
