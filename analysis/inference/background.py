@@ -193,7 +193,7 @@ class Background:
         return variances
 
     def covariance_times(self, vector: Array) -> Array:
-        """Return the product (p,) of the covariance with a vector (p,), without the covariance."""
+        """Return the product (p,) of the covariance of the weights with a vector (p,), without the covariance."""
         none = np.empty((0, 1))
         product: Array = self.taken(self._halved(none, none, vector[None]))[:, 0]
         return product

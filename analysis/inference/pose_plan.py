@@ -104,8 +104,8 @@ class PlannedPoses:
         return [*lines, "covers, cables and the cell are not known: watch the first run, hand on the stop"]
 
     def csv(self) -> str:
-        """Return the poses as a table, a row each: `q1_deg` and so on, from where each joint comes, and the nominal place.
-        From where it comes to the first pose nobody knows: it is taken to stand there."""
+        """Return the poses as a table, a row each: joint angles, from where each joint comes, and the nominal
+        place. From where it comes to the first pose is not known: it is taken to stand there."""
         axes = self.q.shape[1]
         header = ["pose", *joint_columns(axes), *came_from_columns(axes), "nominal_x_mm", "nominal_y_mm"]
         came_from = np.vstack([self.q[:1], self.q[:-1]])

@@ -30,8 +30,8 @@ _SLOW = 4
 
 
 def remains_of(result: SearchResult, left_out: LeftOut, temperature: Array | None) -> Remains | None:
-    """Return what stays of places that were `left_out`, None where there are none; temperature (n,) of the rows of the
-    one table of all, None where it is unknown."""
+    """Return what stays of places that were `left_out`, None where there are none; temperature (n,) in °C of the rows
+    of the one table of all, None where it is unknown."""
     linear = result.linear
     if not len(left_out.rows) or len(np.unique(left_out.group)) < _FEWEST_GROUPS:
         return None
