@@ -7,6 +7,7 @@ how far curves and plays are off in their u, and what a diagnosis of 30 poses, o
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,7 @@ from tests.support.seven_axes import Truth, draw_postures, run_of
 
 def main() -> None:
     """Print a line or two for each arm."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     for number, name in enumerate(ARMS):
         rig, truth, sweeps = driven(name, number)
         result = evaluate(sweeps, arm_of(rig.robot), 0.02)

@@ -320,5 +320,5 @@ def test_what_is_no_text_is_refused(what: str, tmp_path: Path) -> None:
 
 def test_a_computer_without_the_library_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pytransform3d.urdf", None)
-    with pytest.raises(CellError, match=r"needs pytransform3d.urdf, which is missing; add it: .* pytransform3d"):
+    with pytest.raises(CellError, match=r"needs pytransform3d.urdf, which is missing; add it: .* 'pytransform3d>="):
         import_urdf(urdf(tmp_path, GOOD))
