@@ -112,8 +112,11 @@ def test_a_resized_terminal_shows_no_old_fragments(playing: Terminal) -> None:
 
 
 def is_fresh(text: str, width: int, marker: str) -> bool:
-    """Whether the picture is that of this width: the keys stand in the last row, and nothing beyond the edge."""
+    """Whether the picture is that of this width and whole: both gauges are there, the keys stand in the last row, and
+    nothing beyond the edge."""
     lines = text.split("\n")
+    if "g1 " not in text or "g2 " not in text:  # half of it is drawn
+        return False
     if width < 60:
         return marker in text and "trace" not in text
     return marker in lines[-1] and len(lines[-1]) == width and text.count("min ") == 2
