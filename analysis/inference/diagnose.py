@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -216,6 +217,9 @@ def diagnose(
     return replace(diagnosis, doubts=tuple(doubts), seconds=time.perf_counter() - begin_s)
 
 
+_TEMPERATURE = re.compile(r"(?<![a-z])temp(erature)?(?![a-z])")
+
+
 def _temperature(used: Sequence[Measured]) -> Array | None:
     """Return the temperature (n,) of each row of a run's table, None where more runs were used or it is unknown: an
     extra column whose name says so, in whatever unit."""
@@ -223,7 +227,7 @@ def _temperature(used: Sequence[Measured]) -> Array | None:
     if table is None:
         return None
     for name in table.column_names:
-        if "temp" in name.casefold():
+        if _TEMPERATURE.search(name.casefold()):
             try:
                 values = np.array([float(str(cell).replace(",", ".")) for cell in table[name].to_pylist()])
             except ValueError:

@@ -183,7 +183,7 @@ def shortest(
     possible: Sequence[PossibleTest], sigma: Callable[[PossibleTest], float], enough: Callable[[float], bool]
 ) -> tuple[PossibleTest, float] | None:
     """Return the possible test of the fewest minutes whose sigmas are enough, with these; None where none has enough.
-    Each is simulated whole for its sigmas, some seconds for a circle: those that take longer than it are not."""
+    A test is simulated whole for its sigmas, some seconds for a circle, so longer ones than it are not simulated."""
     by_minutes = attrgetter("minutes")
     for _, group in groupby(sorted(possible, key=by_minutes), key=by_minutes):
         best, sigmas = max(((test, sigma(test)) for test in group), key=itemgetter(1))

@@ -71,8 +71,8 @@ class Pool:
 class PlannedPoses:
     """Poses to measure, in the order to drive them, each from the one before, and what is expected of them: joints q
     (n, 6) rad, places of the nominal tool xyz_mm (n, 3) in the world; u_mm of the tool's place over the workspace after
-    them, after as many random ones; as_good: how many random poses leave no more, None where none of those tried do;
-    one_axis: whether each axis goes down, up and back while the others stand."""
+    them, after as many random ones; as_good: how many random poses leave no more, None where none of those tried do,
+    or poses are one axis at a time; one_axis: whether each axis goes down, up and back while the others stand."""
 
     q: Array
     xyz_mm: Array
@@ -151,7 +151,7 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
         return float(np.median([pool.u_mm(order[:number]) for order in shuffled]))
 
     further = (number for number in range(len(chosen), len(q), max(1, count // 15)))
-    as_good = next((number for number in further if random(number) <= u_mm), None)
+    as_good = None if one_axis else next((number for number in further if random(number) <= u_mm), None)
     if driven is None:
         driven = in_order_of_ways(arm, q[chosen])
     places = forward(arm, driven)[:, :3, 3]

@@ -384,7 +384,7 @@ class Remains:
 
 @dataclass(frozen=True)
 class NextTest:
-    """The test that would distinguish the rivals best, and the sigma to expect."""
+    """The shortest test that distinguishes the rivals, and the sigma to expect."""
 
     test: str
     why: str

@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.inference.background import Posterior
 from analysis.inference.blocks import Block, blocks_of, entries, targets_key
-from analysis.inference.observation import ObservedRun, residuals_of, rms, without_socket
+from analysis.inference.observation import Observation, ObservedRun, residuals_of, rms, without_socket
 from analysis.inference.refine import Unknown, slopes_of
 from analysis.inference.responses import basis_of, limits_um, linearise, noise_um, rms_um
 from analysis.inference.result import Gap, TestGap
@@ -229,7 +229,7 @@ def places_left_out(result: SearchResult) -> LeftOut:
     linear, parts, first = result.linear, list[LeftOut](), 0
     for block, of_block in zip(linear.blocks, linear.rows, strict=True):
         if block.one.table.kind.of_places:
-            group = _neighbourhoods(block)
+            group = _neighbourhoods(block.one)
             for number in np.unique(group).tolist():
                 rows = of_block.start + np.flatnonzero(group == number)
                 parts.append(_left_out(result, rows, np.full(len(rows), first + number)))
@@ -249,10 +249,11 @@ def _missed_by_placement(result: SearchResult) -> _Missed | None:
     linear, left_out, first = result.linear, list[LeftOut](), 0
     blocks = [k for k, block in enumerate(linear.blocks) if block.one.table.kind.of_places]
     placement = {k: without_socket(linear.blocks[k].one.setup) for k in blocks}
-    for name in set(placement.values()) if len(set(placement.values())) > 1 else ():
+    names = sorted(set(placement.values()))
+    for name in names if len(names) > 1 else ():
         parts = [k for k in blocks if placement[k] == name]
         rows = np.concatenate([np.arange(linear.rows[k].start, linear.rows[k].stop) for k in parts])
-        group = np.concatenate([_neighbourhoods(linear.blocks[k]) for k in parts])
+        group = np.concatenate([_neighbourhoods(linear.blocks[k].one) for k in parts])
         terms = sorted({term for k in parts for term in linear.terms[linear.blocks[k].one.setup]})
         if len(terms) < len(rows) < _LONGEST:
             left_out.append(_left_out(result, rows, first + group, basis_of(linear.U[rows][:, terms])))
@@ -279,9 +280,9 @@ def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Arr
     return LeftOut(rows, group, missed, missed**2 * variance_mm2, noise * variance_mm2, stated, robust)
 
 
-def _neighbourhoods(block: Block) -> Integers:
-    """Return the neighbourhood of each entry (n,) of a block of places."""
-    return np.repeat(neighbourhoods(block.one.table.q[block.one.rows], np.random.default_rng(0)), 3)
+def _neighbourhoods(observation: Observation) -> Integers:
+    """Return the neighbourhood of each entry (n,) of places."""
+    return np.repeat(neighbourhoods(observation.table.q[observation.rows], np.random.default_rng(0)), 3)
 
 
 def _missed_by(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) -> _Missed:
@@ -297,7 +298,7 @@ def _missed_by(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult
         noise, variance = _stated_variances(run, setups, result)
         alike = [block.one.table.test == run.one.table.test for block in result.linear.blocks]
         noise = noise * (shown[alike].mean() if any(alike) else 1.0)
-        group = np.repeat(neighbourhoods(run.one.table.q[run.one.rows], np.random.default_rng(0)), 3)
+        group = _neighbourhoods(run.one)
         entry = np.stack([entries(residual, None) ** 2, noise, variance, np.ones_like(noise)])
         groups += [entry[:, group == number].sum(axis=1) for number in np.unique(group).tolist()]
     return _missed_of(np.array(groups))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
+import pyarrow as pa
 import pytest
 
-from analysis.inference import remains
+from analysis.inference import diagnose, remains
 from analysis.inference.blocks import _visit_numbers  # private: which poses repeat is said nowhere else
 from analysis.inference.observation import observe
 from analysis.inference.validation import LeftOut, _Missed  # private: the sums that the factor is made of
@@ -73,3 +76,22 @@ def test_a_pose_that_is_reached_from_two_sides_is_no_repeat() -> None:
     numbers = [_visit_numbers(observe(model, one, "x"))[::3] for one in (table, PoseTable(q, table.xyz_mm, None))]
     assert [len(set(visits.tolist())) for visits in numbers] == [3, 2]
     np.testing.assert_array_equal(table.kind.path(model, table).q[::4], came_from)
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "expected"),
+    [
+        ("temp_J2 [C]", ["20,5", "21"], [20.5, 21.0]),
+        ("Temperature", ["20.5", "21"], [20.5, 21.0]),
+        ("attempt", ["1", "2"], None),
+        ("template", ["1", "2"], None),
+        ("temp", ["warm", "21"], None),
+    ],
+)
+def test_a_temperature_column_is_known_by_its_word(
+    name: str, cells: list[str], expected: list[float] | None
+) -> None:
+    table = SimpleNamespace(q=np.zeros((2, 6)))
+    used = [SimpleNamespace(run=SimpleNamespace(table=pa.table({name: cells})), table=table)]
+    values = diagnose._temperature(used)  # type: ignore[arg-type]  # private: its share is on pages of real cells alone
+    assert (values is None) if expected is None else values.tolist() == expected

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from analysis import evaluate_runs, load_run
 from analysis.cli import app
-from analysis.inference.result import Condition
+from analysis.inference.result import Condition, Looked, Remains
 from analysis.reporting.page.circle_charts import circle_charts
 from analysis.reporting.page.report import Report, gather
 from analysis.reporting.page.still_chart import still
@@ -125,6 +125,16 @@ def test_runs_that_show_nothing_are_not_called_faultless(report: Report) -> None
     text = _text(rendered(small, texts_of("en")))
     assert "Condition: ? NOT VISIBLE HERE These runs cannot show whether something is worn" in text
     assert "What makes the error" not in text
+
+
+def test_what_stays_has_a_row_for_each_thing_that_it_was_held_against(report: Report) -> None:
+    looked = (Looked("posture", 0.004), Looked("approach", 0.31), Looked("temperature", None))
+    found = diagnosis("named", curves=(), maps=(), remains=Remains(108.0, 25.0, looked))
+    text = _text(rendered(replace(report, results=report.results[-1:], found=found), texts_of("en")))
+    assert "108 µm stay beside all that the model knows; the readings scatter by 25" in text
+    assert "it goes with: the side from which joints came 31 %. Looked for and not found: the posture." in text
+    rows = "the posture nothing the side from which joints came 31 % temperature not known of these runs"
+    assert rows in text
 
 
 @pytest.mark.parametrize("condition", cases(get_args(Condition), ("named", "undecided", "nothing_unusual")))
