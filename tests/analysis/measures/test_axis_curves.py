@@ -10,14 +10,17 @@ import numpy as np
 import pytest
 
 from analysis.geometry.pose_pool import axes_in_turn, is_way_clear
+from analysis.inference.diagnose import diagnose
 from analysis.kinematics.arm import arm_of
 from analysis.measures.pose import evaluate
 from analysis.traces.tables import PoseTable
 from rigs.arms import load_arm
+from rigs.effects import Backlash
 from rigs.load import parse
 from tests.support.command_line import ran
 from tests.support.nightly import cases
 from tests.support.one_axis import ARMS, driven, true_curve
+from tests.support.seven_axes import run_of
 
 
 @pytest.mark.parametrize("name", cases(ARMS, ("abb-irb-1600",)))
@@ -36,6 +39,16 @@ def test_plays_and_curves_by_direction_are_those_of_the_arm(name: str) -> None:
             abs=4 * result.figures[f"axis{curve.axis}_bidirectional_deg"].u,
         )
     assert np.abs(off_u).max() < 3 and np.sqrt(np.mean(np.square(off_u))) < 1.6
+
+
+@pytest.mark.nightly  # a play by the side from which joints came is named of touches in each commit
+def test_a_diagnosis_names_the_play_by_the_side_from_which_the_joint_came() -> None:
+    rig, truth, table = driven("abb-irb-1600", ARMS.index("abb-irb-1600"))
+    found = diagnose(rig, [run_of(rig, table, "sweeps", "cell")], [], [], lambda _: None)
+    play = next(named for named in found.standing if isinstance(named.effect, Backlash))
+    hidden = int(np.argmax(truth.play))
+    assert play.effect.axis == hidden + 1
+    assert abs(play.effect.width_deg - np.degrees(truth.play[hidden])) < 2 * play.sd["width_deg"]
 
 
 def test_without_from_where_joints_came_there_is_no_curve() -> None:
