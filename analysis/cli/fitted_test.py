@@ -65,6 +65,7 @@ def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: boo
     where = str(to.path or to.rig.name)
     text = with_test(to.text, fitted.test, fitted.values, where)
     doubts = [*fitted.doubts, *_not_drivable(parse(text, where))] if fitted.test == "circle" else list(fitted.doubts)
+    # What is written is written first of all, since an error is one line alone.
     if not (write and to.path):
         done = f"nothing is written: paste this, or give {'--write' if to.path else '--rig FILE --write'}"
     elif text == to.text:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from datetime import UTC
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from analysis.fleet.catalogue import Key
 from analysis.fleet.gather import Fleet, collected_in
@@ -15,10 +15,6 @@ from analysis.history.history_file import escaped
 from analysis.history.records import Record
 from daq.store import durable
 from rigs.errors import FileError
-
-if TYPE_CHECKING:
-    pass
-
 
 _PARQUET = b"PAR1"
 """What a Parquet file begins with."""

@@ -82,12 +82,12 @@ _SAME_RAD = float(np.radians(0.1))
 
 def _alone(q: Array, sides: Integers, joint: int) -> Integers:
     """Return the rows to which a joint alone moved, with the others where they stood in most such rows."""
-    others = np.delete(q, joint, axis=1)
     rows = np.flatnonzero((sides[:, joint] != 0) & (np.delete(sides, joint, axis=1) == 0).all(axis=1))
     if not len(rows):
         return rows
-    alike = np.abs(others[rows, None] - others[None, rows]).max(axis=2) < _SAME_RAD
-    most: Integers = rows[alike[int(np.argmax(alike.sum(axis=1)))]]
+    others = np.delete(q[rows], joint, axis=1)
+    alike = (np.abs(others - stood).max(axis=1) < _SAME_RAD for stood in others)  # of many rows, one at a time
+    most: Integers = rows[max(alike, key=np.count_nonzero)]
     return most
 
 

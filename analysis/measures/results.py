@@ -235,5 +235,5 @@ def _same_cell(one: Result, other: Result) -> bool:
     if one.measured.run.manifest.placement != other.measured.run.manifest.placement:
         return False
     kind = one.measured.table.kind  # without gauges there is no place that a rig file knows
-    same_place = not kind.gauges or getattr(rig.tests, kind.part) == getattr(its.tests, kind.part)
+    same_place = not (kind.gauges and kind.part) or getattr(rig.tests, kind.part) == getattr(its.tests, kind.part)
     return same_place and rig.robot == its.robot

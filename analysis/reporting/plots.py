@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,9 +19,6 @@ from analysis.measures.results import Result, by_test
 from analysis.reporting.iso_plots import draw_along, draw_plane
 from analysis.reporting.iso_views import PlaneView, cube_view, path_view
 from analysis.reporting.sheet import Sheet, as_png
-
-if TYPE_CHECKING:
-    pass
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"

@@ -49,7 +49,7 @@ def lines(program: CorrectedProgram) -> list[str]:
         )
     if count:
         text_lines.append(
-            f"  moved by up to {moved.max():.3f} mm, {rms(moved) if len(moved) else 0.0:.3f} mm rms; "
+            f"  moved by up to {moved.max():.3f} mm, {rms(moved):.3f} mm rms; "
             f"reached to ± {program.u_frame_mm.max():.3f} mm after with frame and tool taught with the robot, to "
             f"± {program.u_mm.max():.3f} mm in its base (standard uncertainty at the worst target)"
         )

@@ -17,7 +17,7 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.robot_programs.examine import angles_along
 from analysis.robot_programs.plan import Dwell, Move, Plan, end_of, start_of
-from analysis.traces.stands import STILL_DEG
+from analysis.traces.stands import FLICKER_DEG
 
 NEAR_DEG = 1.0
 """A robot whose joints are all so near to the start of a program stands there. Chosen: corrected programs begin some
@@ -103,7 +103,7 @@ class Watch:
         if self._first is None:
             self._first = q
         self._has_moved = self._has_moved or _apart(q, self._first) > NEAR_DEG
-        if _apart(q, self._stands_at) > STILL_DEG:
+        if _apart(q, self._stands_at) > FLICKER_DEG:
             self._stands_at, self._stands_since_s = q, t_s
         self.stood_s = t_s - self._stands_since_s
         return self._follow(q) if self.program else self._await(q)

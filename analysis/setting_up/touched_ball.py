@@ -21,7 +21,7 @@ from analysis.kinematics.arm import Arm, Array, Mask, arm_of, forward
 from analysis.setting_up.circle_rows import DRIVEN, Binned, FoundCircle
 from analysis.traces.align import align, robot_alone
 from analysis.traces.csv_tables import table_from
-from analysis.traces.stands import STILL_DEG, stands_of
+from analysis.traces.stands import FLICKER_DEG, stands_of
 from analysis.traces.tables import TargetTable, TouchTable
 from daq.store import Run
 from rigs.edit import Values
@@ -347,7 +347,7 @@ class Touching:
         if self._sides is None:
             self._sides, self._stands_at, self._since_s = _Sides(q), q, t_s
         self._sides.feed(q)
-        if np.abs(q - self._stands_at).max() > STILL_DEG:
+        if np.abs(q - self._stands_at).max() > FLICKER_DEG:
             self._stands_at, self._since_s, self._told = q, t_s, False
         if self._told or not self.socket or t_s - self._since_s < STANDS_S:
             return "nothing"

@@ -20,7 +20,7 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 _NEAR_MM = 20.0
-TURNED_RAD = np.radians(8.0)
+_TURNED_RAD = np.radians(8.0)
 """A stand further from every target than this is not at a target."""
 _FOLLOWED = 0.5
 """A run follows the program's order where at least this share of its stands at targets fits it."""
@@ -103,7 +103,7 @@ def _longest_common(places: Sequence[Hashable], order: Sequence[Hashable]) -> li
 
 
 def at_targets(
-    stands: Sequence[Stand], program: TargetProgram, rig: Rig, turned: float = TURNED_RAD
+    stands: Sequence[Stand], program: TargetProgram, rig: Rig, turned: float = _TURNED_RAD
 ) -> list[tuple[Stand, int]]:
     """Return the stands that are near a row of the program, turned by less, each with the nearest row."""
     if not stands:
@@ -113,7 +113,7 @@ def at_targets(
     away = np.linalg.norm(reached[:, None, :3, 3] - targets[None, :, :3, 3], axis=2)
     cosine = (np.einsum("aij,bij->ab", reached[:, :3, :3], targets[:, :3, :3]) - 1) / 2
     angle = np.arccos(np.clip(cosine, -1, 1))
-    badness = away / _NEAR_MM + angle / TURNED_RAD
+    badness = away / _NEAR_MM + angle / _TURNED_RAD
     best = badness.argmin(axis=1)
     near = (away[np.arange(len(best)), best] < _NEAR_MM) & (angle[np.arange(len(best)), best] < turned)
     return [(stand, int(row)) for stand, row, good in zip(stands, best, near, strict=True) if good]

@@ -10,7 +10,7 @@ from analysis.kinematics.arm import Array
 
 STANDS_RAD = float(np.radians(0.01))
 """Joints that move by less within the window stand; an encoder's noise is a tenth of it."""
-STILL_DEG = 0.03
+FLICKER_DEG = 0.03
 """A joint seen live that is at rest flickers by less; the slowest circle moves some joint by more in half a second."""
 STOOD_RAD = float(np.radians(0.2))
 """Joints that move by less in a whole run stood still."""

@@ -72,14 +72,15 @@ def named(figure: JudgedFigure, texts: Texts) -> str:
 
 
 def example_limits(verdict: Verdict) -> str:
-    """The lines of a rig file by which a figure of each test is judged, with bounds to be replaced."""
+    """The lines of a rig file by which a figure of each test is judged, with bounds to be replaced; none of tests that
+    have no limits there."""
     bounds = {
         kind.test: {name: {"watch": watch, "fail": fail}}
         for kind in kinds()
-        if kind.test in verdict.tests and kind.example
+        if kind.test in verdict.tests and kind.example and kind.test in Limits.model_fields
         for name, watch, fail in [kind.example]
     }
-    return yaml.safe_dump({"limits": bounds}, sort_keys=False, default_flow_style=None)
+    return yaml.safe_dump({"limits": bounds}, sort_keys=False, default_flow_style=None) if bounds else ""
 
 
 def _bounds(figure: JudgedFigure, texts: Texts) -> str:

@@ -14,11 +14,13 @@ from typer.testing import CliRunner
 from analysis import evaluate, evaluate_runs, load_run
 from analysis.cli import app
 from analysis.kinematics.arm import arm_of, forward
+from analysis.measures.link_angle import CircleKind
 from analysis.measures.pooled import pooled
 from analysis.measures.results import Result, by_test
 from analysis.reporting.run_object import as_object
 from analysis.reporting.run_report import as_tables
 from analysis.reporting.truth import compare
+from analysis.traces.kind import Kind
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
@@ -94,6 +96,13 @@ def test_runs_of_two_placements_are_not_pooled(tmp_path: Path) -> None:
         [run.name for run in runs[:2]],
         [run.name for run in runs[2:]],
     ]
+
+
+def test_a_kind_with_gauges_of_which_a_rig_file_has_no_part_is_of_one_place(
+    laps: list[Result], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(CircleKind, "part", Kind.part)
+    assert len(by_test(laps)) == 1
 
 
 def test_one_run_says_what_is_not_in_its_uncertainty(laps: list[Result]) -> None:

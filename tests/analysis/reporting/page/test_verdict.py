@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import get_args
 
 import pytest
@@ -50,6 +51,13 @@ def test_the_example_of_limits_makes_every_test_judged() -> None:
     limits = Limits.model_validate(yaml.safe_load(example_limits(verdict))["limits"])
     with_limits = [test for test in verdict.tests if test in Limits.model_fields]  # a test of one's own may have none
     assert all(getattr(limits, test).model_fields_set for test in with_limits)
+
+
+def test_of_a_test_without_limits_no_example_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kind of one's own may inherit the example of places; a rig file would refuse its lines."""
+    height = SimpleNamespace(test="height", example=("rms_mm", 0.5, 1.0))
+    monkeypatch.setattr("analysis.reporting.page.verdict.kinds", lambda: iter([height]))
+    assert example_limits(Verdict("unjudged", (), ("height",))) == ""  # type: ignore[arg-type]
 
 
 def test_the_example_of_limits_for_one_test_has_three_lines(laps: list[Result]) -> None:
