@@ -139,9 +139,9 @@ class Rig(Part):
     def _possible(cls, automatic: Automatic | None, info: ValidationInfo) -> Automatic | None:
         if automatic is None or not {"feedback", "gauges"} <= info.data.keys():  # with mistakes of their own
             return automatic
-        if isinstance(info.data["feedback"], NoFeedback):
-            raise ValueError("nothing is recorded without gauges and feedback; add both, or leave it out")
         gauges = len(list(info.data["gauges"]))
+        if not gauges or isinstance(info.data["feedback"], NoFeedback):
+            raise ValueError("nothing is recorded without gauges and feedback; add both, or leave it out")
         if lacking := automatic.lacking(signal=carries_signal(info.data["feedback"]), gauges=gauges):
             raise ValueError("; ".join(lacking))
         return automatic

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 import statistics
+import threading
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -94,17 +95,24 @@ class StallWatch(clock.Thread):
         self._longest_ns = longest_ns
         self._stop_asked = clock.Event()
         self._faults: deque[Fault] = deque()
+        self._lock = threading.Lock()
+        """Held while this thread, or the one that takes, says that it is awake: a stall is a fault once."""
+        self._awake_ns = 0
+
+    def start(self) -> None:
+        """Begin to sleep."""
         self._awake_ns = clock.now_ns()
+        super().start()
 
     def run(self) -> None:
         """Do the work until `stop`: the body of the thread."""
-        self._awake_ns = clock.now_ns()
         while not self._stop_asked.wait(_SLEEP_S):
             self._awake()
 
     def _awake(self) -> None:
-        before_ns, self._awake_ns = self._awake_ns, clock.now_ns()
-        self.note(before_ns, self._awake_ns)
+        with self._lock:
+            before_ns, self._awake_ns = self._awake_ns, clock.now_ns()
+            self.note(before_ns, self._awake_ns)
 
     def note(self, before_ns: int, now_ns: int) -> None:
         """Keep a fault if the thread was asleep for too long between these times."""
@@ -114,7 +122,8 @@ class StallWatch(clock.Thread):
 
     def take(self) -> list[Fault]:
         """Return the faults since the last call, that of a sleep which has just ended among them."""
-        self._awake()
+        if self.is_alive():
+            self._awake()
         return [self._faults.popleft() for _ in range(len(self._faults))]
 
     def stop(self) -> None:

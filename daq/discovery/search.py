@@ -115,11 +115,15 @@ def search_port(port: str, description: str, options: Wanted, progress: Progress
             if finding.verdict is Verdict.WRONG:
                 return _failed(report, finding.what.removeprefix(f"{port}: "), finding.remedy)
     tried = options.named.get(port) or attempts(port, options.modbus_units)
+    stalls = StallWatch(_STOOD_STILL_NS)
+    stalls.start()
     try:
-        with _as_it_was(port), _stalls_watched() as stalls:
+        with _as_it_was(port):
             return _tried(report, tried, partial(_trial, port, stalls, options.listen_s), progress, stop)
     except (OSError, termios.error) as error:
         return _failed(report, f"is not a serial port ({error.args[-1]})", "give the path of a serial port")
+    finally:
+        stalls.stop()
 
 
 def host_of(members: Sequence[Gauge], sends: Sends, listen_s: float, silences: int = 1) -> Host:
@@ -194,16 +198,6 @@ def _trial(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> 
         if trial.samples or trial.error or not stalls.take():
             break
     return trial
-
-
-@contextlib.contextmanager
-def _stalls_watched() -> Iterator[StallWatch]:
-    stalls = StallWatch(_STOOD_STILL_NS)
-    stalls.start()
-    try:
-        yield stalls
-    finally:
-        stalls.stop()
 
 
 def _with_gauges(report: PortReport, attempt: Attempt, trial: Trial, also: tuple[str, ...]) -> PortReport:

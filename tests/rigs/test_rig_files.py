@@ -421,6 +421,9 @@ def test_gauges_are_there_with_feedback_and_touches_need_feedback_alone() -> Non
         parse(_with(gauges=True), "tracker")
     rig = parse(_with(feedback=True), "touches")
     assert [stream.name for stream in streams_of(rig)] == ["robot"] and rig.gauges.baseline_mm == 0
+    automatic = "automatic: {rules: [{test: radial, when: {from_deg: [0, 0, 0, 0, 0, 0], to_deg: [9, 0, 0, 0, 0, 0]}}]}"
+    with pytest.raises(RigFileError, match="nothing is recorded without gauges and feedback"):
+        parse(_with(feedback=True) + automatic, "touches")
 
 
 def test_the_maker_is_that_of_the_feedback_or_of_the_robots_name() -> None:

@@ -69,6 +69,23 @@ def test_a_thread_that_only_sleeps_shows_that_all_of_rigd_stood_still() -> None:
     assert watch.take() == []
 
 
+def test_a_sleep_that_has_just_ended_is_a_stall_once_and_none_where_nobody_sleeps(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    watch = StallWatch()
+    watch.start()
+    later = SimpleNamespace(now_ns=lambda: time.monotonic_ns() + 5 * S)
+    with monkeypatch.context() as patched:
+        patched.setattr("daq.acquisition.host_clock.clock", later)
+        assert len(watch.take()) == 1
+        assert watch.take() == []
+    watch.stop()
+    watch.join()
+    later.now_ns = lambda: time.monotonic_ns() + 10 * S
+    monkeypatch.setattr("daq.acquisition.host_clock.clock", later)
+    assert watch.take() == []
+
+
 def test_samples_that_come_in_batches_have_a_rate(buffer: StreamBuffer) -> None:
     """A flood brings hundreds of samples in one read, all of one stamp."""
     now_ns = time.monotonic_ns()
