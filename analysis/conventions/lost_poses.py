@@ -21,7 +21,7 @@ import numpy as np
 
 from analysis.conventions.finding import Finding
 from analysis.conventions.path_places import places_of
-from analysis.conventions.two_placings import two_placings
+from analysis.conventions.two_placings import FITTED, SPARE, two_placings
 from analysis.geometry.pose_setup import fit_arm, fit_setup, position_error, socket_design
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, without_setup
 from analysis.noise.cell import TARGET_MM
@@ -32,8 +32,6 @@ from rigs.text import listed
 
 _LEAST_RAD = 0.001
 """The least that a turn counts as a standard deviation: ten times what trackers resolve."""
-_SPARE, _FITTED = 30, 300
-"""Readings beyond the unknowns without which such a fit shows nothing, and poses that are enough for it."""
 _KEPT = 6
 """Poses that fit base and tool; the nearest of fewer would fit anything."""
 Fit = Callable[[PoseTable, PoseTable], tuple[Array, Array | None]]
@@ -114,9 +112,9 @@ def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Ar
     near = ~far
     for _ in range(STEPS):
         those = np.flatnonzero(near)
-        those = those[np.unique(np.linspace(0, len(those) - 1, min(_FITTED, len(those))).astype(int))]
+        those = those[np.unique(np.linspace(0, len(those) - 1, min(FITTED, len(those))).astype(int))]
         fitted = fit_arm(bare, seen.q[those], seen.xyz_mm[those])
-        if fitted.spare < _SPARE:
+        if fitted.spare < SPARE:
             break
         mm = np.linalg.norm(seen.xyz_mm - forward(fitted.arm, seen.q)[:, :3, 3], axis=1)
         spreads = spreads_of(mm, TARGET_MM.high)
@@ -204,8 +202,7 @@ def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     if words := two_placings(_of(table, ~(lost | far.wild)), bare):
         remedy = "give each placing in a file of its own, a run each"
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "two placings", words, remedy)
-        return
-    if far.far.any():
+    if far.far.any() and (far.by_accident or not words):  # so many are far since something was moved
         what = left_out(table, far.wild, far.far_mm) if far.by_accident else far.words(table)
         what, remedy = what.rsplit("; ", 1)
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", what, remedy)

@@ -7,23 +7,21 @@ rows from some row on, or every other row, are given a placing of their own and 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from analysis.geometry.pose_setup import FittedArm, fit_arm
+from analysis.geometry.pose_setup import DETERMINED, FittedArm, fit_arm
 from analysis.kinematics.arm import Arm, Array, Mask, forward
 from analysis.traces.tables import PoseTable
 
-_FEWEST_ROWS, _SPLITS, _MOST = 8, 24, 300
-"""Rows of a part, of which the nine unknowns of a placing leave some; how many rows are tried as the first of a part;
-and rows that are fitted."""
-_SPARE = 30
-"""Readings beyond the unknowns without which such a fit shows nothing."""
+_FEWEST_ROWS, _SPLITS = 8, 24
+"""Rows of a part, of which the nine unknowns of a placing leave some, and how many rows are tried as its first."""
+SPARE, FITTED = 30, 300
+"""Readings beyond the unknowns without which a fit of all constants shows nothing, and poses that are enough for it."""
 _SHARE = 0.6
 """Share of what remains that a second placing has to leave at most. Of a UR10 and a UR5, measured over hours, the best
 of all splits leaves 0.86 and more, of 30 to 1495 poses."""
-_DETERMINED = 1e-6
-"""Share of the largest singular value from which on a direction is an unknown."""
 _LEAST_MM = 0.05
 """Below what the noise of a tracker is, nothing was moved."""
 
@@ -32,12 +30,12 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
     """Return which rows were measured with target or instrument elsewhere than the others, in words; empty where none
     were, or the poses are too few to show it."""
     count = len(table.q)
-    chosen = np.unique(np.linspace(0, count - 1, min(_MOST, count)).astype(int))
+    chosen = np.unique(np.linspace(0, count - 1, min(FITTED, count)).astype(int))
     if count < 2 * _FEWEST_ROWS:
         return ""
     q, xyz_mm, rows = table.q[chosen], table.xyz_mm[chosen], table.rows[chosen]
     fitted = fit_arm(bare, q, xyz_mm)
-    if fitted.spare < _SPARE or fitted.rms_mm < _LEAST_MM:
+    if fitted.spare < SPARE or fitted.rms_mm < _LEAST_MM:
         return ""
     T = forward(fitted.arm, q)
     best, words = _SHARE * fitted.rms_mm, ""
@@ -72,5 +70,5 @@ def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
     shifted = np.tile(np.eye(3), (len(p), 1, 1))
     placing = (np.concatenate([shifted, turned, T[:, :3, :3]], axis=2) * part[:, None, None]).reshape(-1, 9)
     design = np.concatenate([fitted.design, placing], axis=1)
-    left = fitted.left_mm - design @ np.linalg.lstsq(design, fitted.left_mm, rcond=_DETERMINED)[0]
-    return float(np.sqrt(3 * (left @ left) / (fitted.spare - 9)))
+    left = fitted.left_mm - design @ np.linalg.lstsq(design, fitted.left_mm, rcond=DETERMINED)[0]
+    return replace(fitted, left_mm=left, spare=fitted.spare - 9).rms_mm

@@ -136,6 +136,7 @@ def correct_program(
     reasons |= unsolved
     beyond = ((q < arm.limits[:, 0] - 1e-9) | (q > arm.limits[:, 1] + 1e-9)).any(axis=1)
     reasons |= {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
+    from_begin = (step.target for step in parsed.steps if AT_BEGIN in step.comes_from)
     good = np.array([k for k in range(len(targets)) if k not in reasons], dtype=np.int64)
     done = _Done.of(rig, supported, q, good)
     reasons |= done.reasons
@@ -173,7 +174,7 @@ def correct_program(
         texts.names,
         tuple(named for named in parsed.sets if _otherwise(named, frames)),
         whole and any(target.reason != "unused" for target in everything),
-        start if any(AT_BEGIN in step.comes_from for step in parsed.steps) else None,
+        None if all(targets[k].joints for k in from_begin) else start,
     )
 
 

@@ -237,8 +237,8 @@ def _of_role(groups: Sequence[Group]) -> tuple[list[Group], list[Group]]:
 
 def _places(groups: Groups) -> tuple[list[Seen], Group | None]:
     """Places to read, and the residual beside them where no column holds what was measured."""
-    own = [pose for pose in groups.seen if not pose.place.of_controller and pose.place.role != "commanded"]
-    seen = own or groups.seen  # what the robot says of itself, only where nothing else was measured
+    apart = [pose for pose in groups.seen if not pose.place.of_controller and pose.place.role != "commanded"]
+    seen = apart or groups.seen  # what the robot says of itself, only where nothing else was measured
     measured = [pose for pose in seen if pose.place.role == "measured"]
     unsaid = [pose for pose in seen if pose.place.role == "unsaid"]
     commanded = [pose for pose in groups.seen if pose.place.role == "commanded"]

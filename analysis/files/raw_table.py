@@ -273,10 +273,16 @@ def _is_number(cell: str, comma: bool) -> bool:
 def read_raw(lines: Sequence[str], layout: Layout, where: str) -> RawTable:
     """Split the lines of a file by its layout. Raises TableFileError with every row of another length."""
     mark = SEPARATORS[layout.separator]
+    fields = len(_fields("".join(lines[layout.first_line - 1 : layout.first_line]), mark))
+
+    def is_comment(line: str) -> bool:
+        if not layout.comment or not line.startswith(layout.comment):
+            return False
+        first, *others = _fields(line, mark)  # ###, a number too wide for its cell, is the first cell of a row
+        return bool(first.strip(layout.comment)) or 1 + len(others) != fields
+
     kept = [
-        k
-        for k in range(layout.first_line - 1, len(lines))
-        if lines[k].strip() and not (layout.comment and lines[k].lstrip().startswith(layout.comment))
+        k for k in range(layout.first_line - 1, len(lines)) if lines[k].strip() and not is_comment(lines[k].lstrip())
     ]
     if not kept:
         raise FileError(where, "has no rows below its header", "give the measured rows")

@@ -89,20 +89,13 @@ def _free_way(arm: Arm, posture: Array, joint: int, sight: Sight | None) -> tupl
         q = np.repeat(posture[None], len(angles), axis=0)
         q[:, joint] = angles
         free = _is_off(arm, q) & (is_seen(arm, q, sight) if sight else True)
-        ends.append(float(angles[: int(np.argmin(free)) or None if not free.all() else None][-1]))
+        ends.append(float(angles[np.logical_and.accumulate(free)][-1]))
     return min(ends), max(ends)
 
 
 def is_clear(arm: Arm, q: Array) -> Mask:
     """Whether the arm at joint angles q (n, 6) rad keeps clear of the floor, its column and singularities (n,)."""
-    points = _points(arm, q)
-    outer = points[:, 2:]  # from the elbow on
-    above = (outer[..., 2] > _FLOOR_MM).all(axis=1)
-    shoulder = points[:, 1, 2].max() + _COLUMN_MM
-    last = points[:, 4:]
-    off_column = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > shoulder)
-    even = conditioning(arm, q) > _LEAST_CONDITIONING
-    return np.asarray(above & off_column.all(axis=1) & even)
+    return np.asarray(_is_off(arm, q) & (conditioning(arm, q) > _LEAST_CONDITIONING))
 
 
 def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
@@ -115,7 +108,7 @@ def is_way_clear(arm: Arm, begin: Array, end: Array) -> bool:
 def _is_off(arm: Arm, q: Array) -> Mask:
     """Whether the arm at joint angles q (n, axes) rad is off the floor and its column (n,)."""
     points = _points(arm, q)
-    outer, last = points[:, 2:], points[:, 4:]
+    outer, last = points[:, 2:], points[:, 4:]  # from the elbow on, and from the wrist on
     off_column = (np.hypot(last[..., 0], last[..., 1]) > _COLUMN_MM) | (last[..., 2] > points[:, 1:2, 2] + _COLUMN_MM)
     return np.asarray((outer[..., 2] > _FLOOR_MM).all(axis=1) & off_column.all(axis=1))
 

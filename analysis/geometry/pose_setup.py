@@ -162,7 +162,7 @@ REACH_MM = 500.0
 _LEAST_DAMPING_OF_ARM, _MOST_DAMPING_OF_ARM = 1e-10, 1e2
 _ENOUGH = 1e-3
 """Share of the misfit that a further step must gain."""
-_DETERMINED = 1e-6
+DETERMINED = 1e-6
 """Share of the largest singular value from which on a direction is an unknown."""
 _FIELDS = (("a", 1.0), ("alpha", REACH_MM), ("beta", REACH_MM), ("d", 1.0), ("offset", REACH_MM))
 
@@ -238,4 +238,4 @@ def _fitted(changed: Callable[[Array], Arm], count: int, misfit: Callable[[Arm],
         if gained < _ENOUGH * before:
             break
     sizes = np.linalg.svd(J, compute_uv=False)
-    return FittedArm(changed(change), residual, J, residual.size - int((sizes > _DETERMINED * sizes[0]).sum()))
+    return FittedArm(changed(change), residual, J, residual.size - int((sizes > DETERMINED * sizes[0]).sum()))

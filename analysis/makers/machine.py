@@ -462,7 +462,8 @@ def family_of(part: str) -> str:
 
 def _place_of(body: tuple[Statement, ...], at: int) -> Unknown:
     """Return what is said where ways with different values come together: before the next move or call."""
-    for statement in body[at:]:
+    for place in range(at, len(body)):  # a slice would copy a long routine at each of its joins
+        statement = body[place]
         if isinstance(statement, Move):
             return Unknown(statement.file, statement.line, "it differs between the ways that lead here")
         if isinstance(statement, Call):

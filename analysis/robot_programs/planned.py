@@ -87,8 +87,8 @@ def poses_plan(
     first, *targets = targets_at(arm, np.concatenate([q[:1] if start is None else start[None], q]))
     names = names or [f"pose {number}" for number in range(1, len(q) + 1)]
     steps: list[Step] = [JointMove(first, _SPEED_RAD_S / 2), Hold("start the tracker, continue")]
-    for problem, target in zip(names, targets, strict=True):
-        steps += [Comment(problem), JointMove(target, speed_rad_s), Dwell(dwell_s)]
+    for label, target in zip(names, targets, strict=True):
+        steps += [Comment(label), JointMove(target, speed_rad_s), Dwell(dwell_s)]
     return tracker_plan(rig, f"{name} {rig.name}", steps)
 
 

@@ -74,6 +74,8 @@ class _Table:
     says: str = ""
     sound: bool = True
     more: dict[str, Sequence[object]] = field(default_factory=dict)
+    bad: str = "nan"
+    """How a joint or place that is nan is written."""
 
 
 def constants(arm: str) -> Constants:
@@ -218,8 +220,11 @@ def _another_arm(t: _Table, rng: np.random.Generator) -> None:
 
 
 def _bad_cells(t: _Table, rng: np.random.Generator) -> None:
-    t.more["Bad"] = [str(rng.choice(["", "n/a", "###", "NaN", "1.2.3"]))]
-    t.sound = False
+    """A joint or a place that is no number; in a column that nothing reads it would be no trouble."""
+    t.q, t.xyz_mm = t.q.copy(), t.xyz_mm.copy()
+    values = t.q if rng.random() < 0.5 else t.xyz_mm
+    values[len(values) // 2, rng.integers(values.shape[1])] = np.nan
+    t.bad, t.sound = str(rng.choice(["", "n/a", "###", "NaN", "1.2.3"])), False
 
 
 TROUBLES: dict[str, tuple[Callable[[_Table, np.random.Generator], None], float]] = {
@@ -251,14 +256,11 @@ def _written(
 ) -> bytes:
     """A text file: separator, decimals, line ends and encoding as such files have them."""
     sep = sep or str(rng.choice([",", ";", "\t"]))
-    cells: list[list[object]] = [list(row) for row in rows(*columns)]
+    cells: list[list[object]] = [[t.bad if np.isnan(value) else value for value in row] for row in rows(*columns)]
     names = list(header)
-    if bad := t.more.get("Bad"):
-        cells[len(cells) // 2][int(rng.integers(len(names) or 6))] = bad[0]
     for name, values in t.more.items():
-        if name != "Bad":
-            names = [name, *names] if names else names
-            cells = [[value, *row] for value, row in zip(values, cells, strict=True)]
+        names = [name, *names] if names else names
+        cells = [[value, *row] for value, row in zip(values, cells, strict=True)]
     body = text(cells, names, sep, comma=sep == ";" and bool(rng.random() < 0.7)).decode()
     body = body.replace("\n", "\r\n") if rng.random() < 0.3 else body
     return body.encode(str(rng.choice(["utf-8", "utf-8", "utf-8-sig", "utf-16", "cp1252"])), errors="replace")
@@ -353,7 +355,7 @@ def _rtde(t: _Table, rng: np.random.Generator) -> _Files:
     """A recorder of RTDE: targets, currents, the controller's own pose, and a tracker's place beside them."""
     header = ["timestamp", *(f"target_q_{k}" for k in range(6)), *(f"actual_q_{k}" for k in range(6))]
     header += [f"actual_current_{k}" for k in range(6)] + [f"actual_TCP_pose_{k}" for k in range(6)]
-    R, p = flange(constants(t.arm), none(), t.q)
+    R, p = flange(constants(t.arm), none(), np.nan_to_num(t.q))
     robot = [p / 1e3, Rotation.from_matrix(R).as_rotvec()]
     stamp, current = 0.5 * np.arange(len(t.q))[:, None], rng.normal(0, 2, t.q.shape)
     columns = [stamp, t.q + rng.normal(0, 1e-5, t.q.shape), t.q, current, *robot, t.xyz_mm / 1e3]
@@ -382,11 +384,9 @@ def _decimal_comma_workbook(t: _Table, rng: np.random.Generator) -> _Files:
         book.active.append(["Messung Zelle 4"])
     book.active.append([*(f"Achse {k} [{angle}]" for k in range(1, 7)), *(f"{axis} [{length}]" for axis in "XYZ")])
     is_text = rng.random() < 0.6
-    for number, row in enumerate(rows(q, xyz)):
+    for row in rows(q, xyz):
         cells: list[object] = [f"{value:.6f}".replace(".", ",") for value in row] if is_text else list(row)
-        if "Bad" in t.more and number == len(q) // 2:
-            cells[3] = t.more["Bad"][0]
-        book.active.append(cells)
+        book.active.append([t.bad if np.isnan(value) else cell for value, cell in zip(row, cells, strict=True)])
     held = io.BytesIO()
     book.save(held)
     return {"Mappe1.xlsx": held.getvalue()}, ()

@@ -45,7 +45,6 @@ def true_curve(truth: Truth, table: PoseTable, curve: AxisCurve) -> tuple[Array,
     wave = np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)[there]
     takes = wave @ np.linalg.pinv(wave)
     plain = both[there] - takes @ both[there]
-    up, down = np.full((2, len(curve.angle_deg)), np.nan)
     whole = np.full(len(both), np.nan)
     whole[there] = plain
     up, down = np.split(whole, 2)

@@ -349,8 +349,9 @@ def _functions(reader: Reader, begin: int, end: int) -> None:
     """Take the calls of functions with a value."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     text = reader.texts[reader.file]
+    closes = brackets(text[begin:end])
     for call in _CALL.finditer(text, begin, end):
-        closing = call.end() + brackets(text[call.end() - 1 : end]).get(0, end - call.end() + 1) - 1
+        closing = begin + closes.get(call.end() - 1 - begin, end - begin)
         if reader.defined(call[1]) or call[1].lower() not in _FUNCTIONS:
             reader.blocks.evaluated(text[begin : call.start()], reader.called(call.start(), call[1]))
             _handed(reader, call.end(), closing)

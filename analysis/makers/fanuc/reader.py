@@ -311,7 +311,9 @@ def _register(text: str, why: Unknown) -> Value | Built:
 def _set_register(reader: _Reader, assignment: re.Match[str]) -> None:
     """Take an assignment to a position register, or to one of its numbers."""
     index, _, axis = assignment[1].partition(",")
-    number, axis, right = index.partition(":")[0].strip(), axis.strip(), assignment[2].strip().strip("()")
+    # The remark stands behind the last number: PR[5:base], PR[5,1:base]
+    number, axis = (text.partition(":")[0].strip() for text in (index, axis))
+    right = assignment[2].strip().strip("()")
     why = reader.why(f"{assignment[0]} sets it")
     if not number.isdigit():
         reader.blocks.add(*(Lose(f"PR{register}", why) for register in reader.registers))

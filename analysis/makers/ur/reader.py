@@ -55,7 +55,7 @@ from analysis.makers.target import (
 _DECIMALS = Decimals(place=(8, 10), turn=(8, 10))
 """1e-8 m is 0.01 µm; PolyScope writes twelve decimals and more."""
 _QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
-_BLANK = re.compile(r"#[^\n]*|\"[^\"\n]*\"|'[^'\n]*'|^[ \t]*\$[^\n]*", re.MULTILINE)
+_BLANK = re.compile(rf"#[^\n]*|{_QUOTED.pattern}|^[ \t]*\$[^\n]*", re.MULTILINE)
 _DECLARED = re.compile(
     r"^[ \t]*(?:global[ \t]+|local[ \t]+)?(?P<name>[A-Za-z_]\w*)[ \t]*=[ \t]*(?P<kind>p?)\[(?P<list>[^\[\]\n]*)\]"
     r"[ \t]*$",

@@ -93,3 +93,14 @@ def test_two_reflectors_in_one_run_are_told(which: str) -> None:
     xyz = seen.xyz_mm + later[:, None] * (R @ np.array([3.0, -2.0, 1.0]))
     (line,) = [one.words for one in findings_of([run_of(PoseTable(seen.q, xyz, None), "poses", RIG)])]
     assert which in line and "a run each" in line
+
+
+def test_a_wild_row_is_said_beside_two_reflectors() -> None:
+    seen = _seen(0)
+    T = forward(without_setup(arm_of(RIG.robot)), seen.q)
+    R = fit_setup(T, seen.xyz_mm).T_world_base[:3, :3] @ T[:, :3, :3]
+    xyz = seen.xyz_mm + (np.arange(60) >= 30)[:, None] * (R @ np.array([3.0, -2.0, 1.0]))
+    xyz[11] += [400.0, 0.0, 0.0]
+    lines = [one.words for one in findings_of([run_of(PoseTable(seen.q, xyz, None), "poses", RIG)])]
+    assert ["elsewhere than the others" in line for line in lines] == [True, False]
+    assert "1 of 60 poses left out: row 12" in lines[1]

@@ -13,6 +13,7 @@ import pytest
 from analysis import load_run
 from analysis.cli import import_map
 from analysis.files.imports import propose_map
+from analysis.files.raw_table import layout_of, read_raw
 from analysis.files.table_map import TableMap, load_map, map_text, parse_map
 from analysis.setup.dialogue import Dialogue
 from analysis.traces.tables import PoseTable
@@ -271,3 +272,10 @@ def test_a_bad_cell_is_named_with_its_line(tmp_path: Path) -> None:
     path.write_text("\n".join(lines))
     done = imported(path, tmp_path / "run")
     assert done.returncode == 3 and "line 8, x: 'lost' is not a number" in done.stderr
+
+
+@pytest.mark.parametrize(("line", "lost"), [("###,2.5,3.5", False), ("#1.5,2.5,3.5", True), ("### a remark", True)])
+def test_a_number_too_wide_for_its_cell_begins_no_comment(line: str, lost: bool) -> None:
+    lines = ["1.0,2.0,3.0", "4.0,5.0,6.0", line, "7.0,8.0,9.0"]
+    raw = read_raw(lines, layout_of(lines, "utf-8", "a.csv"), "a.csv")
+    assert (3 in raw.lines.tolist()) is not lost

@@ -330,7 +330,9 @@ FANUC_ROWS: dict[str, tuple[dict[str, str], list[tuple[str, str]]]] = {
         },
         [("P[2]", "unknown_frame")],
     ),
-    "one with remarks": ({"a.ls": _selecting(*ZERO[1:], "PR[5:base,1]=(0)", "UFRAME[3:f]=PR[5:base]", J1, L2_)}, []),
+    "one with remarks": (
+        {"a.ls": _selecting(*ZERO[2:], "PR[5:base,1]=(0)", "PR[5,2:base]=0", "UFRAME[3:f]=PR[5:base]", J1, L2_)}, []
+    ),
     "one by a number in a register": (
         {"a.ls": _selecting(J1, "UFRAME[R[1]]=PR[5]", L2_, L4_)}, [("P[2]", "unknown_frame")]
     ),

@@ -248,11 +248,14 @@ UNUSED = {"of one of two programs", "after a move to nowhere", "of a thread"}
 def test_a_stated_start_is_where_a_joint_move_would_have_led(tmp_path: Path) -> None:
     for name, joints in (("near", 0), ("turned", 7)):
         rig, files = _ur({f"{name}.script": TCP + f"movej({{q{joints}}})\nmovel({{p1}})\n"})
-        moved = corrected_files(rig, tmp_path, files).files[f"{name}.script"].splitlines()[-1]
         angles = re.search(r"movej\(\[(.*)\]\)", files[f"{name}.script"])
         assert angles
+        start = tuple(map(float, angles[1].split(",")))
+        led = corrected_files(rig, tmp_path, files, start=start)
+        assert led.start is None  # a joint move leads away from it
+        moved = led.files[f"{name}.script"].splitlines()[-1]
         rig, files = _ur({"a.script": TCP + "movel({p1})\n"})
-        found = corrected_files(rig, tmp_path, files, start=tuple(map(float, angles[1].split(","))))
+        found = corrected_files(rig, tmp_path, files, start=start)
         assert found.files["a.script"].splitlines()[-1] == moved
         assert any("--start-joints" in line for line in program_report.lines(found))
         stated = program_report.as_object(found)["start_joints_deg"]
