@@ -119,8 +119,11 @@ def correct(
     from analysis.correction.refusal import hold_verdict
     from analysis.reporting import correction_report
     from analysis.reporting.plain_console import PlainConsole
+    from rigs.errors import UseError
     from rigs.load import load, named_by
 
+    if start and not programs:
+        raise UseError("--start-joints", "is where the arm stands when a program begins", "give --program as well")
     rig, _ = load(rig_file)
     hold_verdict(rig, rig_file, anyway=anyway)
     maker = maker or maker_of(rig.feedback.interface)

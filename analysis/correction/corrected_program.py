@@ -132,6 +132,8 @@ def correct_program(
             angles[k] = place
         else:
             poses[k] = _in_world(arm, located[k], place)
+    if start is not None and ((start < arm.limits[:, 0]) | (start > arm.limits[:, 1])).any():
+        raise UseError("--start-joints", "is beyond the limits of the arm's joints", "give angles that it can stand at")
     q, unsolved = solved(arm, targets, poses, angles, parsed.steps, start)
     reasons |= unsolved
     beyond = ((q < arm.limits[:, 0] - 1e-9) | (q > arm.limits[:, 1] + 1e-9)).any(axis=1)

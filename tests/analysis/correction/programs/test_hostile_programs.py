@@ -166,6 +166,11 @@ def test_a_frame_that_is_none_is_one_line(words: tuple[str, str], told: str, tmp
     assert done.returncode == 2 and told in done.stderr and done.stderr.count("\n") == 1
 
 
+def test_a_start_without_a_program_is_refused(tmp_path: Path, cell: Path) -> None:
+    done = ran("correct", cell, "-o", tmp_path / "out", "--start-joints", "0,0,0,0,0,0")
+    assert done.returncode == 2 and "give --program as well" in done.stderr and done.stderr.count("\n") == 1
+
+
 def test_programs_of_one_name_are_refused(tmp_path: Path, cell: Path) -> None:
     paths = [tmp_path / name / "a.script" for name in ("x", "y")]
     for path in paths:

@@ -17,6 +17,7 @@ import pytest
 from analysis.correction.corrected_program import NO_FRAMES, CorrectedProgram, correct_program, frames_of
 from analysis.correction.support import supports
 from analysis.reporting import program_report
+from rigs.errors import UseError
 from rigs.rig import Rig
 from tests.analysis.correction.programs.test_user_programs import (
     KUKA,
@@ -243,6 +244,12 @@ def test_a_program_begins_in_the_posture_that_a_person_states(row: str, tmp_path
 
 UNUSED = {"of one of two programs", "after a move to nowhere", "of a thread"}
 """Where no posture can come from the start, nothing is said about it."""
+
+
+def test_a_start_at_which_the_arm_cannot_stand_is_refused(tmp_path: Path) -> None:
+    rig, files = _ur({"a.script": TCP + "movel({p1})\n"})
+    with pytest.raises(UseError, match="--start-joints: is beyond the limits"):
+        corrected_files(rig, tmp_path, files, start=(7.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def test_a_stated_start_is_where_a_joint_move_would_have_led(tmp_path: Path) -> None:
