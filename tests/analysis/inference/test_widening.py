@@ -88,9 +88,7 @@ def test_a_pose_that_is_reached_from_two_sides_is_no_repeat() -> None:
         ("temp", ["warm", "21"], None),
     ],
 )
-def test_a_temperature_column_is_known_by_its_word(
-    name: str, cells: list[str], expected: list[float] | None
-) -> None:
+def test_a_temperature_column_is_known_by_its_word(name: str, cells: list[str], expected: list[float] | None) -> None:
     table = SimpleNamespace(q=np.zeros((2, 6)))
     used = [SimpleNamespace(run=SimpleNamespace(table=pa.table({name: cells})), table=table)]
     values = diagnose._temperature(used)  # type: ignore[arg-type]  # private: its share is on pages of real cells alone
