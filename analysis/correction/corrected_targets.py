@@ -15,9 +15,8 @@ import numpy as np
 from analysis.correction.pose_uncertainty import (
     PoseUncertainty,
     covered,
-    frame_u_mm,
+    places_u_mm,
     pose_uncertainty,
-    position_u_mm,
 )
 from analysis.correction.support import Support
 from analysis.correction.work import left_out_mm, rest_effects, tool_poses, used_effects, work_or_spread
@@ -110,8 +109,7 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         spread(distance),
         tuple(map(label_of, uncorrected)),
         spread(left_out),
-        spread(np.hypot(position_u_mm(uncertainty, at), stays_mm)),
-        spread(np.hypot(frame_u_mm(rig, uncertainty, at, taught), stays_mm)),
+        *(spread(np.hypot(u_mm, stays_mm)) for u_mm in places_u_mm(rig, uncertainty, at, taught)),
         marks,
         (*_doubts(rig, uncertainty, at), *_turned(rig, supported, q[done], at)),
         done,

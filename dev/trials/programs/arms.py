@@ -39,6 +39,7 @@ POSTURE_DEG = {
 }
 """The middle of the drawn targets: far from singular, every axis off its zero."""
 _ZEROS_DEG = (0.0, 0.06, -0.05, 0.07, -0.06, 0.04)
+_EYE = np.eye(4)
 _NEARLY_BACK = 0.9
 """The cosine of half a turn has no sine that says its axis; steps that large are few."""
 _A3_MM, _GEAR_DEG = 0.4, 0.03
@@ -191,7 +192,7 @@ def branches(dialect: str) -> Array:
 
 def placed(place: Array, R: Array) -> Array:
     """Return the frame (4, 4) of a place (3,) mm and a turn (3, 3)."""
-    T = np.eye(4)
+    T = _EYE.copy()
     T[:3, :3], T[:3, 3] = R, place
     return T
 
