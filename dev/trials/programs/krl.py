@@ -87,6 +87,8 @@ _STILL = frozenset(
         "CONST",
         "INIT",
         "RET",
+        "SET_CD_PARAMS",
+        "USE_CM_PRO_VALUES",
     ]
 )
 
