@@ -311,7 +311,7 @@ class Machine:
             return
         X = position.X
         if X is None and position.q is not None:
-            X = inverted(user) @ self._flange(position.q) @ tool
+            X = inverted(user) @ self.robot.flange(position.q) @ tool
         if X is None:
             raise Ended
         if relative:
@@ -326,9 +326,6 @@ class Machine:
         F = shifted(user @ X @ inverted(tool), -position.rail)
         chosen = Config(position.config) if position.config and not relative else None
         self.robot.pose(F, tool[:3, 3], place, src, chosen, straight=text[0] != "J")
-
-    def _flange(self, q: Array) -> Array:
-        return links(self.robot.here, q)[-1]
 
     def _options(self, text: str) -> tuple[bool, Array | None, Array | None]:
         relative = bool(re.search(r"\bINC\b", text, re.I))

@@ -267,7 +267,7 @@ class Machine:
             if self.shift is None and not self.tracking:
                 self.robot.joints(q, tool, place, src)
                 return
-            F = links(self.robot.here, q)[-1]
+            F = self.robot.flange(q)
         else:
             user = self._frame("frame", position.user) if position.kind == "USER" else np.eye(4)
             X = of_angles(*position.numbers[:6])
