@@ -427,7 +427,10 @@ def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> l
             value = reader.place(file, begin, right) if whole else reader.why(file, begin, f"a part of {name} is set")
             return [Set(name[1:].lower(), value)]
         case "$IPO_MODE" | "$ORI_TYPE":
-            return [_mode(reader, file, begin, name, right.strip().upper())]
+            mode, computed = right.strip().upper(), reader.why(file, begin, "$ORI_TYPE is computed")
+            modes: dict[str, Value] = {"#VAR": OFF, "#JOINT": OFF, "#CONSTANT": "on"}
+            outside = Set("external_tcp", OFF if mode == "#BASE" else "on")
+            return [outside if name == "$IPO_MODE" else Set("switch", modes.get(mode, computed))]
         case "TOOL_DATA" | "BASE_DATA":
             return _data(reader, file, begin, left, right)
         case "FDAT_ACT":
@@ -437,14 +440,6 @@ def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> l
     if name.startswith("$") and not _SYSTEM.fullmatch(name):
         return [Forget(reader.why(file, begin, f"{left} is not known here"))]
     return []
-
-
-def _mode(reader: Reader, file: int, begin: int, name: str, right: str) -> Set:
-    """Return what sets whether the tool stands outside, or whether lines keep the orientation of their start."""
-    if name == "$IPO_MODE":
-        return Set("external_tcp", OFF if right == "#BASE" else "on")
-    modes: dict[str, Value] = {"#VAR": OFF, "#JOINT": OFF, "#CONSTANT": "on"}
-    return Set("switch", modes.get(right) or reader.why(file, begin, "$ORI_TYPE is computed"))
 
 
 def _data(reader: Reader, file: int, begin: int, left: str, right: str) -> list[Statement]:
