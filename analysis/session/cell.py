@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+from analysis.emulation.keyboard import CellEvent
 from analysis.measures.usable import why_unusable
 from analysis.session.plan import Program
-from analysis.session.processes import Child, Talking, await_line
+from analysis.session.processes import Child, Talking
 from analysis.session.state import Emulated, Stage, Step
 from analysis.session.watch import Watch, Way
 from daq import clock
@@ -40,8 +41,6 @@ _STATUS_S = 1.0
 _MOVES_S = 0.5
 """A robot that has not stood for so long moves, and is waited for."""
 _AGAIN_S = 1.0
-_WAITS, _GOES_ON, _ENDS = "waits for a person; type go on", ("goes on", ": done", ": stopped"), (": done", ": stopped")
-"""How lines of the emulated cell end that say whether a program waits, goes on, or has ended."""
 _HOST = "host"
 """The stream of what happened to the computer itself."""
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
@@ -424,12 +423,17 @@ class Person:
         """They go home."""
 
 
-def _emulate(arguments: Sequence[str | Path], log: Path) -> Child:
-    return Child.start("analysis.cli", "rig emulate", arguments, log, talks=True)
+Hear = Callable[[CellEvent], None]
+StartCell = Callable[[Sequence[str | Path], Path, Hear], Talking]
+"""Starts an emulated cell with the arguments of `rig emulate` and a log; each of its events is heard."""
 
 
-StartCell = Callable[[Sequence[str | Path], Path], Talking]
-"""Starts an emulated cell with the arguments of `rig emulate`, and a log."""
+def _emulate(arguments: Sequence[str | Path], log: Path, hear: Hear) -> Child:
+    def hear_line(line: str) -> None:
+        if event := CellEvent.of_line(line):
+            hear(event)
+
+    return Child.start("analysis.cli", "rig emulate", [*arguments, "--json"], log, hear=hear_line)
 
 
 class EmulatedHands:
@@ -447,6 +451,7 @@ class EmulatedHands:
         self._directory, self._maker, self._emulated = directory, maker, emulated
         self._entered, self._start_cell = list(entered), start_cell
         self._child: Talking | None = None
+        self._events: queue.SimpleQueue[CellEvent] = queue.SimpleQueue()
         self._visits = 0
         self._waits, self._may_go_on, self._is_busy = False, False, False
 
@@ -461,10 +466,12 @@ class EmulatedHands:
         self._visits += 1
         self._is_busy = self._waits = False
         arguments += ["--seed", str(self._emulated.seed + self._visits)]
-        self._child = self._start_cell(arguments, self._directory / "emulated.log")
-        await_line(self._child, "ready", _READY_S)
+        self._events = queue.SimpleQueue()  # what the cell before it still told is of no use
+        self._child = self._start_cell(arguments, self._directory / "emulated.log", self._events.put)
+        self._await("ready")
         for file in self._entered:
-            self._enter(file)
+            self._type(f"enter {file}")
+            self._await("entered")
         return cell / "rig.yaml"
 
     def start(self, program: Program) -> None:
@@ -479,33 +486,52 @@ class EmulatedHands:
         self._may_go_on = True
 
     def look(self) -> None:
-        """Hear what the cell says. Raises CellError for an error of it, and where it has ended."""
-        assert self._child is not None  # noqa: S101 - a stage was set up
-        with suppress(queue.Empty):
-            while True:
-                line = self._child.lines.get_nowait()
-                if line.startswith("error: stop:"):
-                    continue  # it ended just before
-                if line.startswith("error: "):
-                    raise CellError("the emulated cell", line.removeprefix("error: "), f"see {self._child.log}")
-                if line.endswith(_WAITS):
-                    self._waits = True
-                elif line.endswith(_GOES_ON):
-                    self._waits = False
-                if line.endswith(_ENDS):
-                    self._is_busy = False
-        if not self._child.runs:
-            raise self._child.ended()
+        """Hear what the cell tells. Raises CellError for an error of it, and where it has ended."""
+        self._hear()
         if self._waits and self._may_go_on:
             self._waits = self._may_go_on = False
             self._type("go on")
+
+    def _hear(self) -> list[str]:
+        """Take in what the cell has told since the last time; return what kinds of events these are. Raises CellError
+        for an error of it, and where it has ended."""
+        assert self._child is not None  # noqa: S101 - a stage was set up
+        heard = []
+        with suppress(queue.Empty):
+            while True:
+                event = self._events.get_nowait()
+                heard.append(event.event)
+                match event.event:
+                    case "refused" if event.name != "stop":  # which was typed where it ended just before
+                        raise CellError(
+                            "the emulated cell", event.text.removeprefix("error: "), f"see {self._child.log}"
+                        )
+                    case "waits":
+                        self._waits = True
+                    case "drives":
+                        self._waits = False
+                    case "done" | "stopped":
+                        self._waits = self._is_busy = False
+        if not self._child.runs:
+            raise self._child.ended()
+        return heard
+
+    def _await(self, event: str) -> None:
+        """Wait until the cell tells of an event. Raises CellError where it ends before, or takes too long."""
+        assert self._child is not None  # noqa: S101 - a stage was set up
+        until_s = clock.now_s() + _READY_S
+        while event not in self._hear():
+            if clock.now_s() > until_s:
+                raise CellError(self._child.name, f"was not ready after {_READY_S:.0f} s", f"see {self._child.log}")
+            clock.sleep(LOOK_S)
 
     def enter(self, file: Path) -> bool:
         """Enter the values of a file."""
         self._entered.append(file)
         if self._child is not None:
             self._free()
-            self._enter(file)
+            self._type(f"enter {file}")
+            self._await("entered")
         return True
 
     def _free(self) -> None:
@@ -524,11 +550,6 @@ class EmulatedHands:
         if self._child is not None:
             self._child.stop()
             self._child = None
-
-    def _enter(self, file: Path) -> None:
-        assert self._child is not None  # noqa: S101 - a cell that runs
-        self._type(f"enter {file}")
-        await_line(self._child, f"{file}: entered", _READY_S)
 
     def _type(self, line: str) -> None:
         assert self._child is not None  # noqa: S101 - a stage was set up
