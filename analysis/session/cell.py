@@ -9,7 +9,7 @@ from __future__ import annotations
 import queue
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -264,88 +264,83 @@ class LiveDriver:
         self._hands.leave()
 
 
+@dataclass
 class _Drive:
-    """One step, from when it is asked for to its run."""
+    """One step, from when it is asked for to its run. ended: the program that came to its end, empty where none did;
+    recording: the one whose run is being recorded, or none."""
 
-    def __init__(
-        self,
-        rigd: Rigd,
-        hands: Hands,
-        screen: Screen,
-        programs: Mapping[str, Program],
-        watch: Watch,
-        step: Step,
-        wait: Callable[[], None],
-    ) -> None:
-        self._rigd, self._hands, self._screen = rigd, hands, screen
-        self._programs, self._watch, self._step, self._wait = programs, watch, step, wait
-        self.ended = ""
-        """The program that came to its end, empty where none did."""
-        self._recording = ""
-        """The program whose run is being recorded, or none."""
-        self._told: set[str] = set()
-        self._try_again_s = 0.0
+    rigd: Rigd
+    hands: Hands
+    screen: Screen
+    programs: Mapping[str, Program]
+    watch: Watch
+    asked: Step
+    wait: Callable[[], None]
+    ended: str = ""
+    recording: str = ""
+    lines: set[str] = field(default_factory=set)
+    try_again_s: float = 0.0
 
     def run(self, operator: str, wait_s: float, runs: Path) -> Run:
         """Have it driven; a recording that is cut short is ended in any case."""
-        self._hands.start(self._programs[self._step.program])
+        self.hands.start(self.programs[self.asked.program])
         until_s, look_s = clock.now_s() + wait_s, 0.0
         try:
             while True:
-                self._wait()
-                self._hands.look()
-                if (reading := self._rigd.joints()) is not None:
-                    done = self._seen(self._watch.feed(*reading), operator)
+                self.wait()
+                self.hands.look()
+                if (reading := self.rigd.joints()) is not None:
+                    done = self._seen(self.watch.feed(*reading), operator)
                     if done is not None:
                         return self._judged(done, runs)
                 now_s = clock.now_s()
-                if self._watch.share > 0 or self._watch.stood_s < _MOVES_S:
+                if self.watch.share > 0 or self.watch.stood_s < _MOVES_S:
                     until_s = now_s + wait_s
                 if now_s > until_s:
                     raise self._never()
                 if now_s > look_s:
                     look_s = now_s + _STATUS_S
-                    for name in self._rigd.silent():
+                    for name in self.rigd.silent():
                         self._tell(f"{name} sends no readings: check its cable; see rig doctor")
-                    if not self._recording:
-                        self._screen.show(f"  waiting for {self._step.program}: {(until_s - now_s) / 60:.0f} min left")
+                    if not self.recording:
+                        self.screen.show(f"  waiting for {self.asked.program}: {(until_s - now_s) / 60:.0f} min left")
                 clock.sleep(LOOK_S)
         finally:
-            if self._recording:
+            if self.recording:
                 with suppress(RigError):
-                    self._rigd.ask("record_stop")
+                    self.rigd.ask("record_stop")
 
     def _seen(self, seen: str, operator: str) -> tuple[str, str] | None:
         """Act on what is seen; return the program that has come to its end, and why its run is unusable, or empty."""
-        program = self._watch.program
-        if seen == "at_start" and not self._recording:
+        program = self.watch.program
+        if seen == "at_start" and not self.recording:
             self._begin(program, operator)
-        elif seen == "driving" and not self._recording:
+        elif seen == "driving" and not self.recording:
             self._tell(f"{program} began before it was recorded: let it end, then start it again")
         elif seen == "driving":
-            self._screen.show(f"  {program}: {100 * self._watch.share:.0f} % of its way, recorded")
-        elif seen == "ended" and self._recording:
+            self.screen.show(f"  {program}: {100 * self.watch.share:.0f} % of its way, recorded")
+        elif seen == "ended" and self.recording:
             self.ended = program
             return program, ""
-        elif seen in ("ended", "stopped", "astray") and not self._recording:
-            self._watch.forget()
+        elif seen in ("ended", "stopped", "astray") and not self.recording:
+            self.watch.forget()
         elif seen == "stopped":
-            return program, f"the robot stopped at {100 * self._watch.share:.0f} % of its way"
+            return program, f"the robot stopped at {100 * self.watch.share:.0f} % of its way"
         elif seen == "astray":
-            return program, f"the robot left the way of {program} at {100 * self._watch.share:.0f} % of it"
+            return program, f"the robot left the way of {program} at {100 * self.watch.share:.0f} % of it"
         elif seen == "elsewhere":
-            self._tell(f"the robot drove something that is no program of this stage: start {self._step.program}")
+            self._tell(f"the robot drove something that is no program of this stage: start {self.asked.program}")
         return None
 
     def _begin(self, program: str, operator: str) -> None:
         """Begin to record a program, and let it go on; a refusal is reported, and tried again."""
-        if clock.now_s() < self._try_again_s:
+        if clock.now_s() < self.try_again_s:
             return
-        driven = self._programs[program]
-        if program != self._step.program:
-            self._tell(f"this is {program}, not {self._step.program}: it is recorded as what it is")
+        driven = self.programs[program]
+        if program != self.asked.program:
+            self._tell(f"this is {program}, not {self.asked.program}: it is recorded as what it is")
         try:
-            self._rigd.ask(
+            self.rigd.ask(
                 "record_start",
                 name=program,
                 test=driven.test,
@@ -356,16 +351,16 @@ class _Drive:
             )
         except RigError as error:
             self._tell(f"nothing is recorded: {error}")
-            self._try_again_s = clock.now_s() + _AGAIN_S
+            self.try_again_s = clock.now_s() + _AGAIN_S
             return
-        self._recording = program
-        self._hands.go_on(driven)
+        self.recording = program
+        self.hands.go_on(driven)
 
     def _judged(self, done: tuple[str, str], runs: Path) -> Run:
         """End the recording, and say whether it can be used."""
         program, why = done
-        ended = self._rigd.ask("record_stop")
-        self._recording = ""
+        ended = self.rigd.ask("record_stop")
+        self.recording = ""
         name = Path(ended["run"]).name
         why = why or why_unusable(runs / name)
         held_up = ended["counters"].get(_HOST, {}).get("stalled", 0)
@@ -380,16 +375,16 @@ class _Drive:
 
     def _tell(self, line: str) -> None:
         """Say something once."""
-        if line not in self._told:
-            self._told.add(line)
-            self._screen.say(line)
+        if line not in self.lines:
+            self.lines.add(line)
+            self.screen.say(line)
 
     def _never(self) -> CellError:
-        silent = self._rigd.silent()
+        silent = self.rigd.silent()
         if silent:
             return CellError(", ".join(silent), "sends no readings", "see rig doctor; then the same command goes on")
-        where = "stands at its start and was not started" if self._recording else "was not started"
-        return CellError(self._step.program, where, "start it; the same command goes on")
+        where = "stands at its start and was not started" if self.recording else "was not started"
+        return CellError(self.asked.program, where, "start it; the same command goes on")
 
 
 # ----------------------------------------------------------------------------------------------------------------------

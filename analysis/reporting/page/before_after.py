@@ -5,18 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from analysis.correction.deviation import Deviation, Expected
+from analysis.correction.deviation import Deviation, Side
 from analysis.reporting.page.verdict import Verdict
-
-
-@dataclass(frozen=True)
-class Row:
-    """One place: the error before and after, None where nothing was driven afterwards, and what was expected."""
-
-    place: Literal["same", "elsewhere"]
-    before: Deviation
-    after: Deviation | None
-    expected: Expected | None
 
 
 @dataclass(frozen=True)
@@ -32,7 +22,7 @@ class BeforeAfter:
 
     correction: str
     way: Literal["entries", "programs", "none"]
-    rows: tuple[Row, ...]
+    rows: tuple[Side, ...]
     work: tuple[float, float, float] | None = None
     judged: tuple[float, float] | None = None
     joined: int = 0
