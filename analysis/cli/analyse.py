@@ -76,7 +76,7 @@ def _show(results: Sequence[Result], *, as_json: bool, plot: Path | None, each: 
         truths = compare(results, truth)
     if plot:
         from analysis.cli.progress import progress_of
-        from analysis.reporting.plots import save_all_pictures
+        from analysis.reporting.run_pictures import save_all_pictures
 
         with progress_of("drawing the pictures"):
             pictures = list(save_all_pictures(results, plot))

@@ -12,13 +12,12 @@ from analysis.measures.joint_reversals import apart, turns
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.pooled import pairs_of, pooled
 from analysis.measures.results import Result, by_test
+from analysis.reporting.chart import Picture
 from analysis.reporting.labels import LEADING, in_order
-from analysis.reporting.page.chart import Picture
-from analysis.reporting.page.circle_charts import circle_charts, joint_chart
+from analysis.reporting.model_charts import simulated_charts
 from analysis.reporting.page.columns import Column, columns_of, shown
-from analysis.reporting.page.model_charts import simulated_charts
 from analysis.reporting.page.report import Report
-from analysis.reporting.page.target_charts import target_charts
+from analysis.reporting.run_charts import circle_charts, joint_chart, target_charts
 from analysis.reporting.run_words import eccentricities_in_words, lag_in_words, what_u_is
 from analysis.reporting.texts import Texts
 from rigs.schema.vocabulary import TestName
@@ -98,7 +97,7 @@ def _section(report: Report, group: Sequence[Result], joints: Sequence[Picture],
         remarks=tuple(f"{line[:1].upper()}{line[1:]}." for line in lines),
         doubts=_doubts(group),
         reversals=_reversals(group[0], texts) if circle else (),
-        pictures=(*charts, *simulated_charts(report, group, texts), *joints),
+        pictures=(*charts, *simulated_charts(report.simulated, report.corrected, group, texts), *joints),
     )
 
 
