@@ -71,7 +71,7 @@ def _show(results: Sequence[Result], *, as_json: bool, plot: Path | None, each: 
     """Draw the pictures, and print the table or the JSON object."""
     truths = []
     if truth:
-        from analysis.reporting.truth import compare
+        from analysis.reporting.run_object import compare
 
         truths = compare(results, truth)
     if plot:

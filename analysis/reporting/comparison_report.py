@@ -15,9 +15,9 @@ from rich.text import Text
 
 from analysis.inference.compare import Compared, Comparison
 from analysis.reporting.diagnosis_picture import disagreement_picture
+from analysis.reporting.diagnosis_screen import places_table
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.model_charts import compared_chart
-from analysis.reporting.places_table import places_table
 from analysis.reporting.plain_console import whole
 from analysis.reporting.run_pictures import distinctly_named
 from analysis.reporting.sheet import Sheet, as_png

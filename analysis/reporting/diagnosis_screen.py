@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from rich.console import Group, RenderableType
 from rich.padding import Padding
@@ -12,7 +12,7 @@ from rich.text import Text
 
 from analysis.inference.acts import Doubt
 from analysis.inference.candidates import LARGEST_FAULT
-from analysis.inference.result import Condition, Diagnosis
+from analysis.inference.result import Condition, Diagnosis, Place
 from analysis.inference.state import FAULT
 from analysis.reporting.act_words import ActWords, acts_in_words
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
@@ -25,14 +25,33 @@ from analysis.reporting.diagnosis_words import (
     runs_of,
     shortened,
     size,
+    stretch,
     sure,
     with_uncertainty,
 )
-from analysis.reporting.places_table import places_table
 from analysis.reporting.plain_console import whole
 from analysis.reporting.stairs import stairs_of, stairs_table
 from analysis.reporting.texts import texts_of
 from rigs.schema.effect import label_of, name_of
+
+_MOST_PLACES = 6
+_NUMBERS = ("axis", "µm", "sigma")
+
+
+def places_table(where: Sequence[Place]) -> list[RenderableType]:
+    """The worst places, each with the axis that turns back there."""
+    if not where:
+        return [Text("nowhere by more than the noise")]
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
+    for heading in ("test", "part", "where", "axis", "why", "µm", "sigma"):
+        number = heading in _NUMBERS
+        table.add_column(heading, justify="right" if number else "left", no_wrap=number)
+    for place in sorted(where, key=lambda place_of_error: -place_of_error.sigma)[:_MOST_PLACES]:
+        row = (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why)
+        table.add_row(*row, f"{place.rms_um:.1f}", f"{place.sigma:.0f}")
+    unlisted = len(where) - _MOST_PLACES
+    return [whole(table), *([Text(f"and {unlisted} more (all with --json)", style="dim")] if unlisted > 0 else [])]
+
 
 _COLOUR: dict[Condition, str] = {
     "named": "bold yellow",

@@ -16,6 +16,7 @@ from analysis.measures.pooled import Pooled, pairs_of, pooled
 from analysis.measures.results import Result, by_test
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.plain_console import whole
+from analysis.reporting.run_object import TruthComparison, all_agree, verdict
 from analysis.reporting.run_words import (
     eccentricities_in_words,
     lag_in_words,
@@ -23,7 +24,6 @@ from analysis.reporting.run_words import (
     warmth_in_words,
     what_u_is,
 )
-from analysis.reporting.truth import TruthComparison, all_agree, verdict
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from analysis.api import Diagnosis, diagnose, evaluate_runs
-from analysis.reporting.page.before_after import BeforeAfter
-from analysis.reporting.page.report import gather
+from analysis.reporting.page.report import BeforeAfter, gather
 from analysis.reporting.page.verdict import judge
 from analysis.reporting.page.write_page import write_page
 from analysis.session.answer import Driven, path_error
