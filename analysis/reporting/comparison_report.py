@@ -18,7 +18,7 @@ from analysis.reporting.diagnosis_picture import disagreement_picture
 from analysis.reporting.diagnosis_screen import places_table
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.model_charts import compared_chart
-from analysis.reporting.plain_console import whole
+from analysis.reporting.plain_console import right, whole
 from analysis.reporting.run_pictures import distinctly_named
 from analysis.reporting.sheet import Sheet, as_png
 from analysis.reporting.stairs import stairs_of_model, stairs_table
@@ -54,11 +54,9 @@ def as_tables(compared: Compared) -> RenderableType:
 
 
 def _table(comparison: Comparison) -> Table:
-    table = Table(
-        title=f"{comparison.result.title} · {comparison.result.name}", header_style="bold", title_style="bold"
-    )
-    for heading in ("", "measured", "simulated", "difference"):
-        table.add_column(heading, justify="right" if heading else "left")
+    title = f"{comparison.result.title} · {comparison.result.name}"
+    numbers = map(right, ("measured", "simulated", "difference"))
+    table = Table("", *numbers, title=title, header_style="bold", title_style="bold")
     for name in in_order(comparison.result.found.figures.keys() & comparison.simulated.figures.keys()):
         figure = comparison.result.found.figures[name]
         simulated = comparison.simulated.figures[name].value

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Group, RenderableType
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
+from analysis.reporting.plain_console import right
 from rigs.calibration import verdict_of
 from rigs.text import plain
 
@@ -24,11 +25,8 @@ if TYPE_CHECKING:
 
 def arms_table(arms: Sequence[Arm]) -> RenderableType:
     """Return a row for each arm: its name, what it is, and what is known of it."""
-    table = Table(header_style="bold")
-    table.add_column("name", no_wrap=True)
-    table.add_column("arm", overflow="fold")
-    table.add_column("repeatability", justify="right")
-    table.add_column("masses")
+    name, what = Column("name", no_wrap=True), Column("arm", overflow="fold")
+    table = Table(name, what, right("repeatability"), "masses", header_style="bold")
     for arm in arms:
         repeatability = f"{arm.repeatability_mm:g} mm" if arm.repeatability_mm else "unknown"
         masses = "known" if arm.sources.masses else "unknown"
@@ -75,9 +73,8 @@ def arms_apart_tables(apart: ArmsApart) -> RenderableType:
     worst = int(np.argmax(apart.distance_mm))
     place = ", ".join(f"{angle:.0f}" for angle in apart.q_deg[worst])
     where = Text(f"Farthest apart at joint angles {place} °.")
-    table = Table(header_style="bold", title=f"{second} less {first}", title_style="bold")
-    for heading in ("axis", "zero °", "a mm", "d mm", "alpha °", "beta °", f"play {first} °", f"play {second} °"):
-        table.add_column(heading, justify="right")
+    headings = ("axis", "zero °", "a mm", "d mm", "alpha °", "beta °", f"play {first} °", f"play {second} °")
+    table = Table(*map(right, headings), header_style="bold", title=f"{second} less {first}", title_style="bold")
     for axis, constants in enumerate(apart.constants, start=1):
         differences = [f"{value:+.4f}" if abs(value) > _SHOWN else "" for value in constants.values()]
         plays = [f"{width[axis]:.4f}" if axis in width else "" for width in apart.play_deg]
@@ -90,11 +87,14 @@ _STYLE = {"confirmed": "green", "weak": "yellow", "unconfirmed": "red"}
 
 def interfaces_table(interfaces: Sequence[Interface]) -> RenderableType:
     """A table, and under it how many are how sure."""
-    table = Table(header_style="bold", show_lines=True)
-    table.add_column("interface, line", no_wrap=True)
-    table.add_column("instruments", ratio=1, overflow="fold")
-    table.add_column("standing", no_wrap=True)
-    table.add_column("source; what is in doubt; time of a reading", ratio=2, overflow="fold")
+    table = Table(
+        Column("interface, line", no_wrap=True),
+        Column("instruments", ratio=1, overflow="fold"),
+        Column("standing", no_wrap=True),
+        Column("source; what is in doubt; time of a reading", ratio=2, overflow="fold"),
+        header_style="bold",
+        show_lines=True,
+    )
     for interface in interfaces:
         origin = interface.origin
         standing = Text(origin.standing, style=_STYLE[origin.standing])
@@ -112,24 +112,15 @@ def versions_table(versions: Sequence[Version]) -> RenderableType:
     """A line for each version, the newest first."""
     if not versions:
         return Text("No calibration of this robot is here: rig diagnose RUN… -o DIRECTORY makes one.")
-    table = Table(header_style="bold")
-    for heading, justify in (("", "left"), ("date", "left"), ("rig file", "left"), ("runs", "right")):
-        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
-    for heading in ("before µm", "calibrated µm", "left out µm", "to correct by"):
-        table.add_column(heading, justify="right")
+    numbers = map(right, ("runs", "before µm", "calibrated µm", "left out µm", "to correct by"))
+    table = Table("", "date", "rig file", *numbers, header_style="bold")
     for version in versions:
         model = version.calibrated
         left_out = "" if model.held_out_um is None else f"{model.held_out_um:.1f}"
         figures = (f"{model.before_um:.1f}", f"{model.calibrated_um:.1f}", left_out)
         verdict = "yes" if verdict_of(model) == "correct" else "no"
-        table.add_row(
-            "in use" if version.in_use else "",
-            f"{model.date}",
-            plain(str(version.path)),
-            f"{len(model.runs)}",
-            *figures,
-            verdict,
-        )
+        use, path = "in use" if version.in_use else "", plain(str(version.path))
+        table.add_row(use, f"{model.date}", path, f"{len(model.runs)}", *figures, verdict)
     return table
 
 
@@ -174,14 +165,12 @@ def run_row(run: RunInfo, now_s: float) -> dict[str, Any]:
 
 def runs_table(rows: Sequence[dict[str, Any]]) -> Table:
     """A line a run, and what all of them take."""
-    table = Table(box=None, padding=(0, 1), header_style="dim", show_footer=True, footer_style="dim")
-    table.add_column("run", f"{len(rows)} run{'s' * (len(rows) != 1)}")
-    table.add_column("test")
-    table.add_column("status")
-    table.add_column("size", _size(sum(listed_row["bytes"] for listed_row in rows)), justify="right")
-    table.add_column("age", justify="right")
-    table.add_column("exported")
-    table.add_column("kept")
+    runs = Column("run", f"{len(rows)} run{'s' * (len(rows) != 1)}")
+    size = right("size", footer=_size(sum(listed_row["bytes"] for listed_row in rows)))
+    table = Table(
+        runs, "test", "status", size, right("age"), "exported", "kept",
+        box=None, padding=(0, 1), header_style="dim", show_footer=True, footer_style="dim",
+    )  # fmt: skip
     for listed_row in rows:
         test = " ".join(filter(None, (listed_row["test"], listed_row["direction"]))) or "?"
         status = Text(listed_row["status"], "" if listed_row["status"] == "complete" else "yellow")
