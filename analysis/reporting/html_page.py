@@ -40,8 +40,11 @@ def environment() -> Environment:
     already."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 - slow, needed here only
 
+    def plain(value: object) -> object:
+        return plain_lines(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
     return Environment(
-        loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined, finalize=_plain,
+        loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined, finalize=plain,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
 
@@ -55,10 +58,6 @@ def write_html(html: str, file: Path) -> None:
         durable.replace(file.resolve(), html.encode())
     except OSError as error:
         raise FileError(str(file), error.strerror or str(error), "give another --output") from None
-
-
-def _plain(value: object) -> object:
-    return value if isinstance(value, Markup) or not isinstance(value, str) else plain_lines(value)
 
 
 _PANGO = "install Pango, on Debian: apt install libpangoft2-1.0-0"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -197,7 +197,17 @@ def as_object(plan: Plan) -> dict[str, Any]:
         "runs": plan.runs,
         "noise": {"source": "assumed", "um": assumed_um(plan.tests), "joint_deg": ASSUMED_JOINT_DEG},
         "alike_below_sigma": SEPARABLE,
-        "effects": [_effect(sight) for sight in plan.detectabilities],
+        "effects": [
+            {
+                "name": sight.name,
+                "unit": sight.effect.unit(size_field(sight.effect)),
+                "healthy": healthy_size(sight.effect),
+                "sd": sight.sd if np.isfinite(sight.sd) else None,
+                "limit": None if sight.hidden else sight.limit,
+                **({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {}),
+            }
+            for sight in plan.detectabilities
+        ],
         "groups": [list(group) for group in plan.groups],
         "pairs": [
             {"names": list(pair.names), "sigma": pair.sigma, "others": pair.others, "further": _partings(pair.further)}
@@ -208,17 +218,6 @@ def as_object(plan: Plan) -> dict[str, Any]:
         ],
         "not_possible": [{"test": test, "reason": reason} for test, reason in plan.impossible],
     }
-
-
-def _effect(sight: Detectability) -> dict[str, Any]:
-    text: Mapping[str, Any] = {
-        "name": sight.name,
-        "unit": sight.effect.unit(size_field(sight.effect)),
-        "healthy": healthy_size(sight.effect),
-        "sd": sight.sd if np.isfinite(sight.sd) else None,
-        "limit": None if sight.hidden else sight.limit,
-    }
-    return dict(text) | ({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {})
 
 
 def _partings(partings: Sequence[SeparatingTest]) -> list[dict[str, Any]]:

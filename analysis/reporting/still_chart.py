@@ -59,12 +59,12 @@ def still(picture: Picture) -> str:
     # The SVG with places to a tenth of a point, 0.04 mm on paper, and without what no reader needs
     svg = written.getvalue()
     svg = _HEAD.sub("", svg)
-    svg = _TAG.sub(lambda tag: _DECIMALS.sub(_tenths, tag[0]), svg)
+
+    def tenths(number: re.Match[str]) -> str:
+        return f"{float(number[0]):.1f}".removesuffix(".0")
+
+    svg = _TAG.sub(lambda tag: _DECIMALS.sub(tenths, tag[0]), svg)
     return _FONTS.sub("font-family: sans-serif", _SPACE.sub(" ", svg))
-
-
-def _tenths(number: re.Match[str]) -> str:
-    return f"{float(number[0]):.1f}".removesuffix(".0")
 
 
 def part_of(picture: Picture, note: str = "") -> Part:

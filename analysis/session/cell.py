@@ -297,7 +297,11 @@ class _Drive:
                 if self.watch.share > 0 or self.watch.stood_s < _MOVES_S:
                     until_s = now_s + wait_s
                 if now_s > until_s:
-                    raise self._never()
+                    if silent := self.rigd.silent():
+                        remedy = "see rig doctor; then the same command goes on"
+                        raise CellError(", ".join(silent), "sends no readings", remedy)
+                    where = "stands at its start and was not started" if self.recording else "was not started"
+                    raise CellError(self.asked.program, where, "start it; the same command goes on")
                 if now_s > look_s:
                     look_s = now_s + _STATUS_S
                     for name in self.rigd.silent():
@@ -378,13 +382,6 @@ class _Drive:
         if line not in self.lines:
             self.lines.add(line)
             self.screen.say(line)
-
-    def _never(self) -> CellError:
-        silent = self.rigd.silent()
-        if silent:
-            return CellError(", ".join(silent), "sends no readings", "see rig doctor; then the same command goes on")
-        where = "stands at its start and was not started" if self.recording else "was not started"
-        return CellError(self.asked.program, where, "start it; the same command goes on")
 
 
 # ----------------------------------------------------------------------------------------------------------------------

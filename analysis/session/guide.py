@@ -7,7 +7,7 @@ that a session goes on wherever it was cut off; the rest of the state is what go
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -169,18 +169,10 @@ class Guide:
     def step(self, state: State, event: Event) -> Outcome:
         """Return the next state, which is kept before anything is done, and what is to be done: the last action brings
         the next event, where one comes."""
-        changed, actions = self._taken(state, event)
-        if isinstance(event, Present) or changed.driving is not None:
-            return changed, actions
-        following, further = self._following(changed)
-        return following, (*actions, *further)
-
-    def _taken(self, state: State, event: Event) -> Outcome:
-        """Return what an event makes of the state, and what is to be done about it."""
         changed, actions = state, tuple[Action, ...]()
         match event:
             case Present(run, program):
-                changed, actions = _adopted(state, run, program)
+                return _adopted(state, run, program)
             case "begun":
                 actions = (Say(tuple(words.plan_lines(state.session, self.pace, self.directory))),)
             case Recorded(run, minutes):
@@ -196,7 +188,10 @@ class Guide:
                 changed = state.keeping(correction=correction.model_copy(update={"entered": True}))
             case Reported(verified, page):
                 changed = state.keeping(verified=verified, report=page)
-        return changed, actions
+        if changed.driving is not None:
+            return changed, actions
+        following, further = self._following(changed)
+        return following, (*actions, *further)
 
     def _following(self, state: State) -> Outcome:
         """Return what comes next: nothing is driven, and no inference is waited for."""
@@ -342,7 +337,9 @@ def _shows_more(state: State) -> bool:
 
 def _begun(state: State, *, joins: bool) -> Outcome:
     """Begin to understand what there is. joins: whether the runs of the place that has judged are used as well."""
-    find, judge = (_names(state.session.runs_for(purpose)) for purpose in ("find", "judge"))
+    find, judge = (
+        tuple(step.run for step in state.session.runs_for(purpose) if step.run) for purpose in ("find", "judge")
+    )
     every = Runs((*find, *judge))
     if joins:
         actions = () if state.ahead == every else (Begin(every),)
@@ -385,10 +382,6 @@ def _corrected(state: State, correction: Correction, programs: Mapping[str, str]
     return replace(kept, stage=state.stage if correction.way == "entries" else ""), (
         Say((f"correction: {correction.sentence}",)),
     )
-
-
-def _names(steps: Sequence[Step]) -> tuple[str, ...]:
-    return tuple(step.run for step in steps if step.run)
 
 
 def _of(value: _T | None) -> _T:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
-from analysis.api import Diagnosis, diagnose, evaluate_runs
+from analysis.api import diagnose, evaluate_runs
 from analysis.reporting.page.report import BeforeAfter, gather
 from analysis.reporting.page.verdict import judge
 from analysis.reporting.page.write_page import write_page
@@ -12,7 +13,7 @@ from analysis.session.answer import Driven, path_error
 from analysis.session.correct import CORRECTIONS, reading_deg
 from analysis.session.plan import ELSEWHERE
 from analysis.session.state import Place, Session, Verified, own_programs
-from analysis.traces.loading import Measured, load_measured
+from analysis.traces.loading import load_measured
 from rigs.errors import RigError
 from rigs.load import load
 from rigs.rig import Rig
@@ -49,22 +50,17 @@ def write_report(session: Session, rig: Rig, place: Place) -> Path:
     )
     model = find[0].rig.modelled_as(rig)
     joined = judge if session.answer and session.answer.joined else []
+    diagnosis = None
+    with suppress(RigError):  # the page says why for those that find errors
+        diagnosis = diagnose([*find, *joined], rig=model) if joined else None
     report = gather(
         evaluate_runs(find),
         model,
-        diagnosis=_diagnosed([*find, *joined], model) if joined else None,
+        diagnosis=diagnosis,
         after=_before_after(session, place, model),
-        progress=_silent,
+        progress=lambda _: None,
     )
     return write_page(report, place.directory / PAGE)
-
-
-def _diagnosed(runs: list[Measured], model: Rig) -> Diagnosis | None:
-    """The diagnosis of all runs; None where there is none, and the page says why for those that find errors."""
-    try:
-        return diagnose(runs, rig=model)
-    except RigError:
-        return None
 
 
 def _before_after(session: Session, place: Place, model: Rig) -> BeforeAfter | None:
@@ -84,7 +80,3 @@ def _before_after(session: Session, place: Place, model: Rig) -> BeforeAfter | N
         own_programs=own_programs(session, place.directory),
         verdict=judge(evaluate_runs(driven), model.limits) if driven else None,
     )
-
-
-def _silent(doing: str) -> None:
-    """Nothing is shown."""

@@ -37,7 +37,7 @@ _MOST_MINUTES = 10_000.0
 MOST_TRIES = 3
 """So often a step is driven again by itself before a person is asked to look at the cell."""
 
-MAIN: DrivenTest = "yaw"
+MAIN: DrivenTest = CIRCLES[0]
 """The test by which a session finds errors and shows that they are gone."""
 Aim = Literal["faults", "accuracy", "check"]
 """What a session is for: what is worn, loose or shifted; how accurate the arm can be made; or whether all is well."""

@@ -83,23 +83,22 @@ class Instrument:
 
 def runs_of(results: Sequence[Result]) -> list[RunTrace]:
     """The runs of a report, in its order."""
-    return [_run(result) for result in results]
-
-
-def _run(result: Result) -> RunTrace:
-    manifest = result.measured.run.manifest
-    return RunTrace(
-        name=result.name,
-        title=result.title,
-        path=str(result.measured.path),
-        started=manifest.started,
-        operator=manifest.operator,
-        host=manifest.host,
-        software=", ".join(f"{name} {version}" for name, version in manifest.software.items()),
-        source=manifest.table.file if manifest.table else "",
-        rig_sha256=manifest.rig_sha256,
-        files=tuple((chunk.file, chunk.sha256) for chunk in manifest.chunks),
-    )
+    return [
+        RunTrace(
+            name=result.name,
+            title=result.title,
+            path=str(result.measured.path),
+            started=manifest.started,
+            operator=manifest.operator,
+            host=manifest.host,
+            software=", ".join(f"{name} {version}" for name, version in manifest.software.items()),
+            source=manifest.table.file if manifest.table else "",
+            rig_sha256=manifest.rig_sha256,
+            files=tuple((chunk.file, chunk.sha256) for chunk in manifest.chunks),
+        )
+        for result in results
+        for manifest in [result.measured.run.manifest]
+    ]
 
 
 def instruments_of(rig: Rig) -> list[Instrument]:
