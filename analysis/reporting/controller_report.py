@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from analysis.correction.controller_entries import ControllerEntries
@@ -95,7 +95,12 @@ def _entries(entries: ControllerEntries) -> Table:
     )
     lengths = any(entry.now is not None for entry in entries.entries)
     numbers = (*["now"] * lengths, "value", "± u")
-    columns = ("add to", *map(right, numbers), "unit", *map(right, ("reading", "worth", "leaves")))
+    columns: tuple[str | Column, ...] = (
+        "add to",
+        *map(right, numbers),
+        "unit",
+        *map(right, ("reading", "worth", "leaves")),
+    )
     table = Table(*columns, title=title, title_style="bold", title_justify="left", header_style="bold")
     for entry in entries.entries:
         reading = f"{entry.reading_deg:+.4f}°" if entry.reading_deg else "same"

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 def arms_table(arms: Sequence[Arm]) -> RenderableType:
     """Return a row for each arm: its name, what it is, and what is known of it."""
-    name, what = Column("name", no_wrap=True), Column("arm", overflow="fold")
-    table = Table(name, what, right("repeatability"), "masses", header_style="bold")
+    name, model = Column("name", no_wrap=True), Column("arm", overflow="fold")
+    table = Table(name, model, right("repeatability"), "masses", header_style="bold")
     for arm in arms:
         repeatability = f"{arm.repeatability_mm:g} mm" if arm.repeatability_mm else "unknown"
         masses = "known" if arm.sources.masses else "unknown"

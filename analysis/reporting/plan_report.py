@@ -161,8 +161,8 @@ def _separated(pair: Pair) -> Text:
 def _hidden(plan: Plan) -> RenderableType:
     if not plan.hidden:
         return Text("every effect is detected", style="green")
-    why, shown_by = Column("why", ratio=1), Column("shown by", ratio=1)
-    table = Table("names", why, shown_by, title=f"not seen at {LARGEST_FAULT:g} healthy sizes", **_TITLE)
+    columns = ("names", Column("why", ratio=1), Column("shown by", ratio=1))
+    table = Table(*columns, title=f"not seen at {LARGEST_FAULT:g} healthy sizes", **_TITLE)
     together: dict[tuple[str, str], list[Detectability]] = {}
     for sight in plan.hidden:
         helps = [parting.test for parting in sight.further if parting.sigma and is_detectable(1 / parting.sigma)]

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -97,12 +98,13 @@ def draw_hemisphere(
         axes.plot(ring * np.cos(turn), ring * np.sin(turn), color="#d8d8d8", lw=0.6, zorder=0)
     axes.set_aspect("equal")
     axes.set_axis_off()
-    note = {"transform": axes.transAxes, "fontsize": 7.5, "color": _GREY, "ha": "center", "va": "top"}
+    note: dict[str, Any] = {"transform": axes.transAxes, "fontsize": 7.5, "color": _GREY, "ha": "center", "va": "top"}
     axes.text(0.5, 0.0, "seen along the axis: a ring each 30° of polar angle, azimuth 0° to the right", **note)
     x, y = polar_deg * np.cos(azimuth) + aside[0], polar_deg * np.sin(azimuth) + aside[1]
     largest = max(float(np.abs(values).max()), 1e-9)
-    style = {"cmap": "coolwarm", "vmin": -largest, "vmax": largest, "s": 26, "edgecolors": "#555555", "linewidths": 0.3}
-    return axes.scatter(x, y, c=values, **style)
+    return axes.scatter(
+        x, y, c=values, cmap="coolwarm", vmin=-largest, vmax=largest, s=26, edgecolors="#555555", linewidths=0.3
+    )
 
 
 def raw_figure(results: Sequence[Result]) -> Figure:

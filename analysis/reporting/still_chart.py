@@ -98,7 +98,7 @@ def _drawn(sheet: FigureBase, picture: Picture) -> None:
     else:
         axes: Axes = sheet.subplots()
         _lay_out(axes, picture)
-        _legend(sheet, picture)
+        _legend(sheet, axes, picture)
 
 
 def _panels(sheet: FigureBase, chart: Chart) -> None:
@@ -114,13 +114,17 @@ def _panels(sheet: FigureBase, chart: Chart) -> None:
     for axes in panels[-2:]:
         axes.set_xlabel(chart.x_label)
     sheet.supylabel(chart.y_label, fontsize=8)
-    _legend(sheet, chart)
+    _legend(sheet, panels[0], chart)
 
 
-def _legend(sheet: FigureBase, chart: Chart) -> None:
+def _legend(sheet: FigureBase, axes: Axes, chart: Chart) -> None:
     wide = sum(len(line.name) for line in chart.lines) > _WIDEST
-    drawn = sheet.axes[0].get_legend_handles_labels()
-    sheet.legend(*drawn, loc="outside lower center", ncols=3 if wide else len(chart.lines), frameon=False)
+    sheet.legend(
+        *axes.get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=3 if wide else len(chart.lines),
+        frameon=False,
+    )
 
 
 def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:

@@ -488,7 +488,7 @@ class EmulatedHands:
         """Take in what the cell has told since the last time; return what kinds of events these are. Raises CellError
         for an error of it, and where it has ended."""
         assert self._child is not None  # noqa: S101 - a stage was set up
-        heard = []
+        heard: list[str] = []
         with suppress(queue.Empty):
             while True:
                 event = self._events.get_nowait()

@@ -357,7 +357,7 @@ def _answered(state: State, answer: Answer) -> Outcome:
     if judges and answer.runs > len(session.runs_for("find")):
         answer = answer.model_copy(update={"joined": judges})
     changed = state.keeping(answer=answer, judged=answer if answer.judges else session.judged)
-    actions = (Say(tuple(words.answer_lines(answer, session.answer))),)
+    actions: tuple[Action, ...] = (Say(tuple(words.answer_lines(answer, session.answer))),)
     if session.aim == "faults" and not session.answered and is_answered(changed.session, answer):
         early = changed.skipping("find", "the question is answered")
         if count := len(session.open_steps) - len(early.session.open_steps):

@@ -269,10 +269,10 @@ class Session(Part):
     def sides(self) -> tuple[Side, ...]:
         """The error on the robot at each place that was driven before the correction."""
         verified, correction = self.verified or Verified(), self.correction
-        same, elsewhere = (correction.same, correction.elsewhere) if correction else (None, None)
+        at_place, elsewhere = (correction.same, correction.elsewhere) if correction else (None, None)
         sides = []
         if verified.same_before:
-            sides.append(Side("same", verified.same_before, verified.same_after, same))
+            sides.append(Side("same", verified.same_before, verified.same_after, at_place))
         if verified.elsewhere_before:
             sides.append(Side("elsewhere", verified.elsewhere_before, verified.elsewhere_after, elsewhere))
         return tuple(sides)

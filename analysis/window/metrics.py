@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from analysis.window.shelf import Shown
-from daq.service.exposition import Metric, render
+from daq.service.exposition import Labels, Metric, render
 from rigs.schema.limits import Standing
 
 _STANDINGS: tuple[Standing, ...] = ("pass", "watch", "fail")
@@ -44,7 +44,7 @@ def metrics_of(runs: Iterable[Shown], *, daemon_is_up: bool) -> str:
         if figure.standing
         for name in _STANDINGS
     )
-    metrics = (
+    metrics: tuple[tuple[str, str, tuple[tuple[Labels, float], ...]], ...] = (
         ("rig_up", "1 where rigd answers, 0 where it does not.", (({}, float(daemon_is_up)),)),
         ("rig_figure", "Figure of the newest run of each test, in the unit of its name.", values),
         ("rig_figure_uncertainty", "Its standard uncertainty.", u),
