@@ -305,8 +305,8 @@ def load_manifest(run: Path) -> Manifest:
 
 def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError | None:
     """Return the error of a manifest whose test is all that is wrong with it, None for any other."""
-    (first, *more) = error.errors(include_url=False, include_context=False)
-    if more or first["loc"] != ("test",) or not isinstance(first["input"], str):
+    (first, *others) = error.errors(include_url=False, include_context=False)
+    if others or first["loc"] != ("test",) or not isinstance(first["input"], str):
         return None
     problem = f"is of the test {first['input'][:60]!r}, which neither rig nor a package beside it has"
     return UnknownTestError(str(path), problem, "install that package where rig runs, or use the run where it was made")
