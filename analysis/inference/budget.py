@@ -127,17 +127,12 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         change = result.contributions[k] + T[:, departures] @ means[departures]
         columns, um = measure.of(T[:, parameters]), measure.um(change)
         u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(parameters, parameters)] * columns), 0.0)))
-        usual = measure.um(
-            result.linear.columns([_usual(result.linear, effect, effect.usual_times(result.built))])[:, 0]
-        )
+        # As an arm without a fault shows it, so many times its healthy size.
+        shapes = {shape.field: shape.expected for shape in effect.free(result.linear.payload_kg)}
+        as_usual = scaled(healthy(effect), effect.usual_times(result.built), **shapes)
+        usual = measure.um(result.linear.columns([as_usual])[:, 0])
         changes.append(EffectChange(change, um, u_um, um / usual if usual > 0 else float("inf")))
     return changes
-
-
-def _usual(linear: Linearisation, effect: Effect, times: float) -> Effect:
-    """Return the effect as an arm without a fault shows it, so many times its healthy size."""
-    expected = {shape.field: shape.expected for shape in effect.free(linear.payload_kg)}
-    return scaled(healthy(effect), times, **expected)
 
 
 def budget_of(
@@ -188,11 +183,19 @@ class _Budget:
 
     def parts(self, named: Sequence[Named], changes: Sequence[EffectChange]) -> list[BudgetPart]:
         effects = self.result.state.refined.effects
-        drawn = [
-            self._effect(named_effect, place, changes[effects.index(named_effect.effect)])
-            for place, named_effect in enumerate(named)
-            if named_effect.effect in effects
-        ]
+        drawn = []
+        for place, name in enumerate(named):
+            if name.effect in effects:
+                change = changes[effects.index(name.effect)]
+                is_unsure = name.doubt != "usual" or change.um < _DOUBTED_SIGMA * change.u_um
+                rank: Rank = "unusual" if name.stands else "undecided" if is_unsure else "usual"
+                vector = self.measure.of(change.change)
+                part = BudgetPart(
+                    "effect", change.um, change.u_um, self.share(vector), axis=getattr(name.effect, "axis", None),
+                    name=label_of(name.effect), times_usual=change.times_usual, rank=rank, odds=name.posterior,
+                    held_out_gain=name.held_out_gain, doubt=name.doubt, index=place,
+                )  # fmt: skip
+                drawn.append(_Drawn(part, vector))
         parts = [line.part for line in self._without_cancelling([*drawn, *self._groups()])]
         unexplained = self._unexplained()
         scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(part.share for part in [*parts, unexplained]))
@@ -202,15 +205,12 @@ class _Budget:
                 whole = named_effect.worth_um**2 / self.whole_um2
                 of_scatter = min(whole, max(scatter.share, 0.0))
                 repeats = min(whole - of_scatter, max(unexplained.share, 0.0))
-                swing = BudgetPart(
-                    "effect",
-                    named_effect.worth_um,
-                    named_effect.u_um,
-                    of_scatter + repeats,
-                    name=label_of(named_effect.effect),
-                    odds=named_effect.posterior,
-                )
-                parts.append(replace(swing, rank="unusual", index=place))
+                parts.append(
+                    BudgetPart(
+                        "effect", named_effect.worth_um, named_effect.u_um, of_scatter + repeats, rank="unusual",
+                        name=label_of(named_effect.effect), odds=named_effect.posterior, index=place,
+                    )
+                )  # fmt: skip
                 scatter = replace(scatter, share=scatter.share - of_scatter)
                 kept = float(np.sqrt(1 - repeats / unexplained.share)) if repeats > 0 else 1.0
                 unexplained = replace(unexplained, share=unexplained.share - repeats, um=kept * unexplained.um)
@@ -231,16 +231,6 @@ class _Budget:
             )  # fmt: skip
             kept = [_Drawn(both, vector) if line is partner else line for line in others]
         return kept
-
-    def _effect(self, named: Named, place: int, change: EffectChange) -> _Drawn:
-        vector = self.measure.of(change.change)
-        part = BudgetPart("effect", change.um, change.u_um, self.share(vector))
-        ranked = replace(
-            part, axis=getattr(named.effect, "axis", None), name=label_of(named.effect), times_usual=change.times_usual,
-            rank=_rank(named, change), odds=named.posterior, held_out_gain=named.held_out_gain, doubt=named.doubt,
-            index=place,
-        )  # fmt: skip
-        return _Drawn(ranked, vector)
 
     def _groups(self) -> list[_Drawn]:
         """Return what the many small terms of each kind make together."""
@@ -280,17 +270,13 @@ class _Budget:
         odds = np.exp(evidence - evidence.max())
         odds /= odds.sum()
         kept = [forms[k] for k in best.values()]
-        members = [
-            Member(combined_effect(form.effects, result.posterior.size(form)), self._um_of(form), float(likely))
-            for form, likely in zip(kept, odds[1:], strict=True)
-        ]
+        members = []
+        for form, likely in zip(kept, odds[1:], strict=True):
+            indices = list(form.columns)
+            # What it does at the size that it has among the small terms.
+            um = self.measure.um(result.selection.columns.X[:, indices] @ result.posterior.mean[indices])
+            members.append(Member(combined_effect(form.effects, result.posterior.size(form)), um, float(likely)))
         return tuple(sorted(members, key=lambda member: -member.odds)[:_MOST_MEMBERS])
-
-    def _um_of(self, form: Form) -> float:
-        """Return what a form does in µm, at the size that it has among the small terms."""
-        indices = list(form.columns)
-        columns = self.result.selection.columns.X[:, indices]
-        return self.measure.um(columns @ self.result.posterior.mean[indices])
 
     def _unexplained(self) -> BudgetPart:
         """Return what remains beyond the noise, with the free forms that stand for an effect without a name."""
@@ -310,14 +296,6 @@ class _Budget:
         moved = result.selection.columns.X[:, forms:] @ result.posterior.mean[forms:]
         inside = self.measure.um(within * result.posterior.residual + moved)
         return float(np.sqrt(inside**2 + self._apart_um2))
-
-
-def _rank(named: Named, change: EffectChange) -> Rank:
-    if named.stands:
-        return "unusual"
-    if named.doubt != "usual" or change.um < _DOUBTED_SIGMA * change.u_um:
-        return "undecided"
-    return "usual"
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -78,16 +78,11 @@ def _scope(blocks: Sequence[Block]) -> Scope:
     twist_deg = np.degrees(blocks[0].model.arm.alpha)
     arm = blocks[0].model.arm
     rail = arm.rail is not None and any(np.ptp(rail_mm(arm, table.q)) > 0 for table in tables)
-    turned, payload_kg = tuple(_turned(blocks)[: arm.axes].tolist()), blocks[0].model.load.payload_kg
-    return Scope(timed, gauges, tuple(twist_deg.tolist()), turned, rail, payload_kg)
-
-
-def _turned(blocks: Sequence[Block]) -> Array:
-    """Return the range (6,) of each joint in turns, on circles if there are any, where joints move while they
-    are read."""
-    swept = [block for block in blocks if block.one.table.kind.swept] or blocks
-    turned: Array = np.max([np.ptp(block.one.table.q, axis=0) for block in swept], axis=0) / (2 * np.pi)
-    return turned
+    # On circles, if there are any, joints move while they are read.
+    moving = [table for table in tables if table.kind.swept] or tables
+    turned = np.max([np.ptp(table.q, axis=0) for table in moving], axis=0) / (2 * np.pi)
+    payload_kg = blocks[0].model.load.payload_kg
+    return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(turned[: arm.axes].tolist()), rail, payload_kg)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -119,7 +114,11 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
     parts += [_stick_columns(linear, *departures.stick)] if departures.stick else []
     # What is left at a block of targets of an effect that fades may be anything between nothing and twice as much.
     parts += [_apart(linear, linear.columns([effect]), sampling=False)] if departures.fades else []
-    parts += [_late_columns(linear, effect)] if effect.STAGE == "joint" else []
+    # What late stamps do among the columns of a healthy arm is what they do without the effect. A play that was crossed
+    # 2 ms later came out 1.2 % too narrow, with an uncertainty of 0.06 %. A wave of 5 Hz that is read at instants which
+    # scatter by 4 ms is 0.8 % smaller on average.
+    if effect.STAGE == "joint":
+        parts.append(_that_change(np.concatenate([linear.late(effect), linear.scattered(effect)], axis=1)))
     return np.concatenate(parts, axis=1)
 
 
@@ -156,20 +155,15 @@ def _initial_play(linear: Linearisation, axis: int, half_deg: float, parts: int)
     parts, each with a column for each circle; a position anywhere in the play is equally likely.
     """
     edges, half = np.linspace(-1, 1, parts + 1), np.radians(half_deg)
+    # The rms of the share of each part that lies between its middle and a position anywhere in the play.
+    reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
+    usual = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
 
     def off(block: Block) -> Array:
         x = block.one.path.q[:, axis - 1]
-        return np.diff([play(x, half, float(edge)) for edge in edges], axis=0).T * _usual_shares(edges)
+        return np.asarray(np.diff([play(x, half, float(edge)) for edge in edges], axis=0).T * usual, dtype=float)
 
     return _apart(linear, linear.by_joint(axis, off), sampling=True)
-
-
-def _usual_shares(edges: Array) -> Array:
-    """Return the root mean square (n,) of the share of each part of a play, between its edges (n + 1,), that lies
-    between its middle and a position that may be anywhere between -1 and 1."""
-    reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
-    shares: Array = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
-    return shares
 
 
 def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
@@ -220,17 +214,6 @@ def _stick_columns(linear: Linearisation, gauge: str, off_mm: float) -> Array:
     columns = np.zeros((len(off), len(targets)))
     columns[targets, np.arange(len(targets))] = off[targets]
     return columns
-
-
-def _late_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return columns (N, c), c ≤ 3, for an effect that comes as much later as the stamps of healthy clocks have it, and
-    for how much smaller stamps that scatter make it.
-
-    What late stamps do among the columns of a healthy arm is what they do without the effect. A play that was crossed
-    2 ms later came out 1.2 % too narrow, with an uncertainty of 0.06 %. A wave of 5 Hz that is read at instants which
-    scatter by 4 ms is 0.8 % smaller on average.
-    """
-    return _that_change(np.concatenate([linear.late(effect), linear.scattered(effect)], axis=1))
 
 
 def _that_change(columns: Array) -> Array:
@@ -461,8 +444,10 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
     every = in_each_shape(candidates)
     sizes = np.repeat([candidate.size for candidate in every], [len(candidate.effects) for candidate in every])
     columns = linear.columns([effect for candidate in every for effect in candidate.effects]) / sizes
-    not_seen, kept, columns = _detectable(every, columns)
-    forms = forms_of(kept)
+    widths, sigma = [len(candidate.effects) for candidate in every], LARGEST_FAULT * np.linalg.norm(columns, axis=0)
+    shows = [bool(sigmas.max() > _DETECTABLE_SIGMA) for sigmas in np.split(sigma, np.cumsum(widths)[:-1])]
+    forms = forms_of([candidate for candidate, is_shown in zip(every, shows, strict=True) if is_shown])
+    seen, columns = {form.name for form in forms}, columns[:, np.repeat(shows, widths)]
     # Every joint of a healthy arm has some play, and its position in the play at the start of a run is unknown.
     plays = [healthy(candidate.effect) for candidate in candidates if is_play(candidate.effect)]
     begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
@@ -479,21 +464,9 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
         np.concatenate([share, np.zeros(set_ups + scattered)]),
         np.concatenate([np.zeros(len(share)), placed_mm**2, np.ones(scattered)]),
         np.concatenate([healthy_means(forms, present), np.zeros(set_ups + scattered)]),
-        not_seen,
+        tuple(dict.fromkeys(candidate.name for candidate in every if candidate.name not in seen)),
         constants_apart([block.one for block in linear.blocks]),
     )
-
-
-def _detectable(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, ...], list[Candidate], Array]:
-    """Return the names that no fault size makes visible, the forms that are visible, and the columns (N, p) of these
-    forms."""
-    widths = [len(candidate.effects) for candidate in every]
-    sigma = LARGEST_FAULT * np.linalg.norm(columns, axis=0)
-    shows = [bool(sigmas.max() > _DETECTABLE_SIGMA) for sigmas in np.split(sigma, np.cumsum(widths)[:-1])]
-    kept = [candidate for candidate, is_shown in zip(every, shows, strict=True) if is_shown]
-    names = {candidate.name for candidate in kept}
-    hidden = tuple(dict.fromkeys(candidate.name for candidate in every if candidate.name not in names))
-    return hidden, kept, columns[:, np.repeat(shows, widths)]
 
 
 def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:

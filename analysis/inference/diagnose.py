@@ -239,9 +239,8 @@ def _temperature(used: Sequence[Measured]) -> Array | None:
 def _before(used: Sequence[Measured]) -> tuple[Act, ...]:
     """Return what comes first where joints were read early: whether a table holds the commanded ones decides it."""
     tables = [run.run.table for run in used if run.table.kind.of_tracker]
-    return (
-        EARLY_COMMANDED if any(table is not None and COMMANDED[0] in table.column_names for table in tables) else EARLY,
-    )
+    commanded = any(table is not None and COMMANDED[0] in table.column_names for table in tables)
+    return (EARLY_COMMANDED if commanded else EARLY,)
 
 
 def _gaps(judged: Sequence[tuple[Sequence[ObservedRun], Sequence[str]]], stages: Stages, result: SearchResult) -> Gaps:
@@ -298,7 +297,11 @@ def _diagnosis_of(
         unseen=gaps.unseen,
         left=bands_above_noise(linear.blocks, result.posterior.residual),
         setups=linear.setups,
-        groups=tuple(_group(name) for name in ambiguous_names(named) if name.rivals),
+        groups=tuple(
+            (name_of(name.effect), *(name_of(rival.effect) for rival in name.rivals))
+            for name in ambiguous_names(named)
+            if name.rivals
+        ),
         not_testable=result.selection.not_testable(result.state, result.posterior),
         next_test=None,
         repeated=all(block.measured for block in linear.blocks),
@@ -341,7 +344,3 @@ def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest 
         ]
     test, sigma = best
     return NextTest(test.test, test.why, float(sigma)), []
-
-
-def _group(name: Named) -> tuple[str, ...]:
-    return (name_of(name.effect), *(name_of(rival.effect) for rival in name.rivals))

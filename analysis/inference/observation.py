@@ -20,10 +20,7 @@ from analysis.model.predict import Model, Path, SetUp, moved, nominal_setup, pat
 from analysis.model.scene import Scene
 from analysis.noise.readings import is_wild, step_of
 from analysis.traces.laps import laps_of
-from analysis.traces.tables import (
-    CircleTable,
-    Table,
-)
+from analysis.traces.tables import CircleTable, Table
 from rigs.effects import Effect
 
 if TYPE_CHECKING:
@@ -187,28 +184,21 @@ def smooth_path(observation: Observation) -> Observation:
     if not observation.table.kind.swept:
         return observation
     # A parabola overshoots where the robot starts and stops, and would create reversals, so only laps are smoothed.
-    laps = observation.samples
-    q = observation.path.q.copy()
-    q[laps] = _parabolas(observation.path.t_s, observation.path.q)[laps]
-    return replace(observation, path=replace(observation.path, motion=Motion(observation.path.t_s, q)))
-
-
-def _parabolas(t_s: Array, q: Array) -> Array:
-    """Return the values (n, 6) of local parabolas with weights of Epanechnikov's kernel."""
-    step = float(np.median(np.diff(t_s)))
-    reach = max(2, int(np.ceil(_HALF_S / step)))
+    laps, t_s, q = observation.samples, observation.path.t_s, observation.path.q
+    reach = max(2, int(np.ceil(_HALF_S / float(np.median(np.diff(t_s))))))
     index = np.arange(len(t_s))[:, None] + np.arange(-reach, reach + 1)
     inside = (index >= 0) & (index < len(t_s))
     index = np.clip(index, 0, len(t_s) - 1)
     x = (t_s[index] - t_s[:, None]) / _HALF_S
-    weight = np.where(inside & (np.abs(x) < 1), 1 - x**2, 0.0)
+    weight = np.where(inside & (np.abs(x) < 1), 1 - x**2, 0.0)  # Epanechnikov's kernel
     powers = np.stack([np.ones_like(x), x, x**2], axis=2)
     normal = np.einsum("nw,nwi,nwj->nij", weight, powers, powers) + 1e-12 * np.eye(3)
     # Only the value at the centre is needed, so one row of the inverse gives the weights of the samples.
     row = np.linalg.solve(normal, np.broadcast_to(np.eye(3)[:, :1], (len(t_s), 3, 1)))[:, :, 0]
     share = weight * np.einsum("ni,nwi->nw", row, powers)
-    value: Array = np.einsum("nw,nwj->nj", share, q[index] - q[:, None]) + q
-    return value
+    smooth = q.copy()
+    smooth[laps] = (np.einsum("nw,nwj->nj", share, q[index] - q[:, None]) + q)[laps]
+    return replace(observation, path=replace(observation.path, motion=Motion(t_s, smooth)))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -441,10 +431,16 @@ def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     sound = without_wild(table)
     wild = int(np.count_nonzero(sound.g_mm != table.g_mm))
     step_mm = max(step_of(gauge) for gauge in table.g_mm.T)
-    table = averaged(sound, _rows_a_lap(table, model, where) // _ROWS)
+    laps = laps_of(table, model.rig, where)
+    table = averaged(sound, len(laps.phi) // laps.count // _ROWS)
     lap = observe(model, table, where)
     smoothed = smooth_path(lap)
-    sampling, rows = _sampled(table, model, smoothed, where)
+    phi, stands = laps_of(table, model.rig, where).phi, _stands(smoothed)
+    begins = len(lap.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
+    places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
+    per_step = len(lap.rows) / (GRID * _laps(phi))
+    sampling = sampling_of(phi, places, np.array([len(rows) / per_step for rows in stands]))
+    rows = np.concatenate([lap.rows, *stands]).astype(np.intp)
     raw, smooth = replace(lap, rows=rows), replace(smoothed, rows=rows)
     # Servo ripple is real motion, so the readings are corrected by the predicted effect of its removal from the path.
     setup = nominal_setup(model.rig, table)
@@ -476,21 +472,6 @@ def averaged(table: CircleTable, count: int) -> CircleTable:
     return replace(table, t_s=means(table.t_s), q=means(table.q), g_mm=means(table.g_mm), u_t_s=None)
 
 
-def _rows_a_lap(table: CircleTable, model: Model, where: str) -> int:
-    laps = laps_of(table, model.rig, where)
-    return len(laps.phi) // laps.count
-
-
-def _sampled(table: CircleTable, model: Model, observation: Observation, where: str) -> tuple[Sampling, Integers]:
-    phi = laps_of(table, model.rig, where).phi
-    stands = _stands(observation)
-    begins = len(observation.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
-    places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
-    per_step = len(observation.rows) / (GRID * _laps(phi))
-    shares = np.array([len(rows) / per_step for rows in stands])
-    return sampling_of(phi, places, shares), np.concatenate([observation.rows, *stands]).astype(np.intp)
-
-
 def _laps(phi: Array) -> int:
     """Return the number of laps that circle angles (n,) rad, in order of time, cover."""
     return max(1, round(float(np.ptp(phi)) / (2 * np.pi)))
@@ -498,39 +479,27 @@ def _laps(phi: Array) -> int:
 
 def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
     """Return the sampling of the circle angles (n,) rad of some laps, in order of time."""
-    laps = _laps(phi)
-    number = _number(phi, laps)
-    sides = [_beside(np.flatnonzero(number == lap), phi) for lap in range(laps)]
-    before, after, share = (np.array(side) for side in zip(*sides, strict=True))
-    return Sampling(before, after, share, phi, stands, stand_share, _trend_of(laps))
-
-
-def _trend_of(laps: int) -> Array:
-    """Return the weights of laps (L,) whose sum grows with what each lap adds to the one before, of length one; an
-    empty array for a single lap."""
-    if laps < 2:
-        return np.empty(0)
+    laps, grid = _laps(phi), np.arange(GRID) * 2 * np.pi / GRID
+    number, turned = _number(phi, laps), phi % (2 * np.pi)
+    before, after, share = np.empty((3, laps, GRID))
+    for lap in range(laps):
+        rows = np.flatnonzero(number == lap)
+        order = rows[np.argsort(turned[rows])]
+        angle = turned[order]
+        later = np.searchsorted(angle, grid) % len(angle)
+        step = (angle[later] - angle[later - 1]) % (2 * np.pi)
+        part = ((grid - angle[later - 1]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
+        before[lap], after[lap], share[lap] = order[later - 1], order[later], np.clip(part, 0, 1)
+    # The trend is what each lap adds to the one before, of length one.
     weights = np.arange(laps) - (laps - 1) / 2
-    trend: Array = weights / np.linalg.norm(weights)
-    return trend
+    trend = weights / np.linalg.norm(weights) if laps > 1 else np.empty(0)
+    return Sampling(before.astype(np.intp), after.astype(np.intp), share, phi, stands, stand_share, trend)
 
 
 def _number(phi: Array, laps: int) -> Array:
     """Return the number (n,) of the lap, from 0 on, to which each circle angle (n,) rad belongs."""
     number: Array = np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1)
     return number
-
-
-def _beside(rows: Integers, phi: Array) -> tuple[Integers, Integers, Array]:
-    """Return the rows of one lap before and after each grid angle, (GRID,) each, and the weight of the latter."""
-    order = rows[np.argsort(phi[rows] % (2 * np.pi))]
-    angle = phi[order] % (2 * np.pi)
-    grid = np.arange(GRID) * 2 * np.pi / GRID
-    after = np.searchsorted(angle, grid) % len(angle)
-    before = after - 1
-    step = (angle[after] - angle[before]) % (2 * np.pi)
-    share = ((grid - angle[before]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
-    return order[before], order[after], np.clip(share, 0, 1)
 
 
 def _stands(observation: Observation) -> list[Integers]:

@@ -99,7 +99,12 @@ def split_by_target(
         for k, observation in zip(members[setup], settled[name], strict=True):
             split_up[k] = observation
     named = {split_up[places[0]].setup: [names[k] for k in places] for places in members.values()}
-    return split_up, _of_targets(named) if any(map(target_of, named)) else _of_placements(named)
+    if any(map(target_of, named)):
+        return split_up, _of_targets(named)
+    frames: dict[str, list[list[str]]] = {}
+    for setup, of_setup in sorted(named.items()):
+        frames.setdefault(setup.partition(FRAME)[0], []).append(of_setup)
+    return split_up, [_of_frames(setup, members) for setup, members in frames.items() if len(members) > 1]
 
 
 def _settled(model: Model, settled: dict[str, list[Observation]], setup: str, runs: Sequence[Observation]) -> str:
@@ -108,7 +113,6 @@ def _settled(model: Model, settled: dict[str, list[Observation]], setup: str, ru
     if not settled:
         return setup
     targets = list(dict.fromkeys(map(target_of, settled)))
-    another = targeted(setup, str(len(targets) + 1))
     trials = {
         targeted(setup, target): [observation for observation in settled if target_of(observation) == target]
         for target in targets
@@ -124,7 +128,7 @@ def _settled(model: Model, settled: dict[str, list[Observation]], setup: str, ru
             together_mm = _beside(model, settled[homes[0]], runs, name)
             if together_mm is not None:
                 fits.append((together_mm, name))
-    return min(fits)[1] if fits else another
+    return min(fits)[1] if fits else targeted(setup, str(len(targets) + 1))
 
 
 def _beside(model: Model, home: Sequence[Observation], runs: Sequence[Observation], name: str) -> float | None:
@@ -135,14 +139,6 @@ def _beside(model: Model, home: Sequence[Observation], runs: Sequence[Observatio
         return moved_mm if target_of(name) == target_of(home[0].setup) else None
     apart_mm = max(rms(_left(model, home)), rms(_left(model, runs)))
     return moved_mm if moved_mm < max(_APART * apart_mm, apart_mm + _APART_MM) else None
-
-
-def _of_placements(named: Mapping[str, list[str]]) -> list[str]:
-    """Return a message for each placement of poses, of runs named by set-up, that shows several frames."""
-    frames: dict[str, list[list[str]]] = {}
-    for setup, names in sorted(named.items()):
-        frames.setdefault(setup.partition(FRAME)[0], []).append(names)
-    return [_of_frames(setup, members) for setup, members in frames.items() if len(members) > 1]
 
 
 def _of_targets(named: Mapping[str, list[str]]) -> list[str]:
@@ -166,7 +162,7 @@ def with_enough_readings(observations: Sequence[Observation]) -> tuple[list[int]
     tool_known = {
         (observation.table.test, target_of(observation.setup))
         for observation in observations
-        if _spare(observations, observation.setup) > 0
+        if _readings(observations, observation.setup) > observation.table.kind.setup_terms
     }
     reasons: dict[str, str] = {}
     for observation in observations:
@@ -199,11 +195,6 @@ def _readings(observations: Sequence[Observation], setup: str) -> int:
     return sum(observation.values.size for observation in observations if observation.setup == setup)
 
 
-def _spare(observations: Sequence[Observation], setup: str) -> int:
-    table = next(observation.table for observation in observations if observation.setup == setup)
-    return _readings(observations, setup) - table.kind.setup_terms
-
-
 def _circle_frames(model: Model, observations: Sequence[Observation], places: Sequence[int]) -> list[list[int]]:
     """Return circles grouped by frame: first those of each direction, which are then matched."""
     few = {k: thinned(observations[k], _ENOUGH_ROWS) for k in places}
@@ -225,43 +216,36 @@ def _circle_frames(model: Model, observations: Sequence[Observation], places: Se
     most, *others = sorted(ways.values(), key=len, reverse=True)
     for frames in others:
         apart = np.array([[moved_mm(home[0], frame[0]) for home in most] for frame in frames])
-        for row, column in _nearest(apart):
+        pairs = [(0, 0)]
+        if apart.shape != (1, 1):  # each frame has one home, and their distances the least sum
+            from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - slow to import, needed here only
+
+            pairs = list(zip(*(side.tolist() for side in linear_sum_assignment(apart)), strict=True))
+        for row, column in pairs:
             most[column] = most[column] + frames[row]
     return most
-
-
-def _nearest(apart: Array) -> list[tuple[int, int]]:
-    """Return the pairs of rows and columns of a matrix (r, c) with the least sum; each row has one column."""
-    if apart.shape == (1, 1):
-        return [(0, 0)]
-    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - slow to import, needed here only
-
-    return list(zip(*(side.tolist() for side in linear_sum_assignment(apart)), strict=True))
 
 
 def _target_frames(model: Model, observations: Sequence[Observation], places: Sequence[int]) -> list[list[int]]:
     """Return runs at targets, or of poses, grouped by frame."""
     frames: list[list[int]] = []
+
+    def is_home(frame: Sequence[int], k: int) -> bool:
+        others, last = [observations[j] for j in frame], observations[k]
+        together, alone_mm = _left(model, [*others, last]), rms(_left(model, others))
+        if last.values.size >= last.table.kind.setup_terms + TO_SPARE:
+            alone_mm = max(alone_mm, rms(_left(model, [last])))
+        apart = max(rms(together[:-1]), rms(together[-1:]))
+        return apart < _APART * alone_mm or apart < alone_mm + _APART_MM
+
     # Runs with most readings come first, because a run of few readings can only join a frame.
     for k in sorted(places, key=lambda k: -observations[k].values.size):
-        home = next((frame for frame in frames if _one_frame(model, [observations[j] for j in (*frame, k)])), None)
+        home = next((frame for frame in frames if is_home(frame, k)), None)
         if home is None:
             frames.append([k])
         else:
             home.append(k)
     return frames
-
-
-def _one_frame(model: Model, runs: Sequence[Observation]) -> bool:
-    """Return whether the last run can be in the frame of the others."""
-    *others, last = runs
-    together = _left(model, runs)
-    if last.values.size < last.table.kind.setup_terms + TO_SPARE:
-        apart_mm = rms(_left(model, others))
-    else:
-        apart_mm = max(rms(_left(model, others)), rms(_left(model, [last])))
-    apart = max(rms(together[:-1]), rms(together[-1:]))
-    return apart < _APART * apart_mm or apart < apart_mm + _APART_MM
 
 
 def _left(model: Model, runs: Sequence[Observation]) -> list[Array]:

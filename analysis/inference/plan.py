@@ -214,16 +214,12 @@ def possible_tests(
                 continue
             expected = ExpectedPosterior(beside(shared, without_bands(added), places), level)
             set_ups = len({block.one.setup for block in added})
-            possible.append(PossibleTest(words, further.why, expected, _minutes(added), len(added), set_ups))
+            minutes = sum(block.count * float(np.ptp(block.one.path.t_s)) for block in added) / 60
+            possible.append(PossibleTest(words, further.why, expected, minutes, len(added), set_ups))
             break
         else:
             impossible.append((further.choices[0][0], refused))
     return possible, impossible
-
-
-def _minutes(blocks: Sequence[Block]) -> float:
-    """Return how many minutes the robot drives for planned blocks, with all of their repeats."""
-    return sum(block.count * float(np.ptp(block.one.path.t_s)) for block in blocks) / 60
 
 
 def best_first(tests: Sequence[SeparatingTest]) -> tuple[SeparatingTest, ...]:
@@ -271,7 +267,8 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
     forms: dict[str, list[Candidate]] = {}
     for candidate in expected.candidates:
         forms.setdefault(label_of(candidate.effect), []).append(candidate)
-    zeros = _sigma(expected.linear, [turned(axis, _NUDGE_DEG) for axis in range(1, expected.linear.axes + 1)])
+    nudges = [turned(axis, _NUDGE_DEG) for axis in range(1, expected.linear.axes + 1)]
+    zeros: Array = np.linalg.norm(expected.linear.columns(nudges), axis=0)
     chosen, detectabilities = [], []
     for label, candidates in forms.items():
         candidate = sorted(candidates, key=lambda form: form.size)[len(candidates) // 2]
@@ -288,7 +285,8 @@ def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
     column = linear.columns([effect])[:, 0]
     whole, remaining = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
     if whole > _NOTHING and remaining < _OWN_SHARE * whole:
-        return f"the set-up absorbs it: {_set_up_of(linear)}, which are always fitted"
+        terms = sorted({block.one.table.kind.setup_words for block in linear.blocks})
+        return f"the set-up absorbs it: {'; '.join(terms)}, which are always fitted"
     axis = getattr(effect, "axis", None)
     if axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
         return f"the ball lies on axis {axis}"
@@ -297,16 +295,6 @@ def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
     if LARGEST_FAULT * remaining < DETECTABLE:
         return f"too small: even {LARGEST_FAULT:g} times its healthy size stays below {DETECTABLE:g} sigma"
     return "the other effects of a healthy arm hide it"
-
-
-def _set_up_of(linear: Linearisation) -> str:
-    """Return what is fitted of the set-ups, in words."""
-    return "; ".join(sorted({block.one.table.kind.setup_words for block in linear.blocks}))
-
-
-def _sigma(linear: Linearisation, effects: Sequence[Effect]) -> Array:
-    sigma: Array = np.linalg.norm(linear.columns(effects), axis=0)
-    return sigma
 
 
 def by_name(detectabilities: Sequence[Detectability]) -> dict[str, tuple[Detectability, ...]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,6 @@ from analysis.conventions.finding import Finding
 from analysis.conventions.gauge_order import ORDER, SIGN
 from analysis.conventions.lost_poses import left_out
 from analysis.inference.observation import (
-    Observation,
     ObservedRun,
     by_socket,
     observe_run,
@@ -53,7 +52,8 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     use_of = [number for number, use in enumerate(uses) for _ in use]
     found_wrong = findings_of(runs)
     wrong = _contradicted(runs, found_wrong)
-    _hold_some(uses[0], runs, wrong)
+    if uses[0] and all(k in wrong for k in range(len(uses[0]))):
+        raise FileError(str(runs[0].path), wrong[0].what, wrong[0].remedy)
     seen = _about_one_rig(rig, runs)
     kept = [k for k in range(len(runs)) if k not in wrong]
     seen, far = _without_far(seen, names, set(kept))
@@ -85,19 +85,12 @@ def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Mea
 
 def _contradicted(runs: Sequence[Measured], findings: Sequence[Finding]) -> dict[int, Finding]:
     """Return the runs that are no measurement as they are labelled, each with what shows it."""
-    certain = [finding for finding in findings if finding.strength != "likely"]
-    shown = {
-        k: next((finding for finding in certain if run.run.manifest.name in finding.runs), None)
-        for k, run in enumerate(runs)
-    }
-    return {k: finding for k, finding in shown.items() if finding is not None}
-
-
-def _hold_some(used: Sequence[Measured], runs: Sequence[Measured], wrong: Mapping[int, Finding]) -> None:
-    """Raise FileError where no run is left to find effects from."""
-    first = [k for k in range(len(runs)) if k < len(used)]
-    if first and all(k in wrong for k in first):
-        raise FileError(str(runs[0].path), wrong[0].what, wrong[0].remedy)
+    shown: dict[str, Finding] = {}
+    for finding in findings:
+        if finding.strength != "likely":
+            shown = dict.fromkeys(finding.runs, finding) | shown
+    names = [run.run.manifest.name for run in runs]
+    return {k: shown[name] for k, name in enumerate(names) if name in shown}
 
 
 def _likely(findings: Sequence[Finding]) -> list[str]:
@@ -135,19 +128,18 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
         # A circle with the ball beside axis 6 has another tool on the same arm; a tool that no run has is a mistake.
         robot = run.rig.robot.model_copy(update={"tool": rig.robot.tool}) if of_rig else run.rig.robot
         if robot != rig.robot:
-            raise FileError(
-                str(run.path),
-                f"is of another robot than {rig.name} ({_differing(run.rig, rig)})",
-                "diagnose the runs of one robot at a time, or give the --rig that they were made with",
-            )
+            theirs, ours = vars(run.rig.robot), vars(rig.robot)
+            fields = [name for name in type(rig.robot).model_fields if theirs[name] != ours[name]]
+            differing = f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"
+            remedy = "diagnose the runs of one robot at a time, or give the --rig that they were made with"
+            raise FileError(str(run.path), f"is of another robot than {rig.name} ({differing})", remedy)
         cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
         if cell not in cells:
             cells.append(cell)
         observed = observe_run(model_of(cell), run.table, str(run.path))
         placed = with_placement(observed.one, run.run.manifest.placement)
-        place = cells.index(cell)
         # Another circle or other gauges need another set-up.
-        setup = placed.setup + f" {place + 1}" * (place > 0)
+        setup = placed.setup + f" {cells.index(cell) + 1}" * (cell != cells[0])
         seen.append(replace(observed, one=replace(placed, setup=setup)))
     return seen
 
@@ -185,13 +177,6 @@ def _without_far(
     return found, doubts
 
 
-def _differing(rig: Rig, other_rig: Rig) -> str:
-    fields = [
-        name for name in type(rig.robot).model_fields if getattr(rig.robot, name) != getattr(other_rig.robot, name)
-    ]
-    return f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"
-
-
 # ----------------------------------------------------------------------------------------------------------------------
 # Wild readings at targets and poses, which no effect explains: they are counted, and judge no model.
 #
@@ -213,21 +198,36 @@ def without_wild(
     `effects`, those that have others, and a message for each set-up with wild ones; `use` says in it what the runs are
     for."""
     targets = [k for k, run in enumerate(runs) if not run.one.table.kind.swept]
-    sound, far_mm, shared = list(runs), dict[str, float](), list[str]()
+    sound, far_mm, doubts = list(runs), dict[str, float](), list[str]()
     away = _away(with_effects([runs[k] for k in targets], effects)) if targets else []
     far = [spreads > runs[k].one.table.kind.wild_spreads for k, (_, spreads) in zip(targets, away, strict=True)]
     kept = _no_accidents([runs[k] for k in targets], far)
     for k, (distance_mm, _), wild in zip(targets, away, far, strict=True):
         observation = runs[k].one
-        if observation.setup in kept:
+        if observation.setup not in kept:
+            sound[k] = replace(runs[k], one=part(observation, ~wild))
             if wild.any():
-                shared.append(_shared(observation, int(wild.sum()), float(distance_mm.max())))
-            continue
-        sound[k] = replace(runs[k], one=part(observation, ~wild))
-        if wild.any():
-            far_mm[observation.setup] = max(far_mm.get(observation.setup, 0.0), float(distance_mm.max()))
-    doubts = [_message(runs, sound, setup, most_mm, use) for setup, most_mm in far_mm.items()]
-    return [run for run in sound if len(run.one.rows)], [*shared, *doubts]
+                far_mm[observation.setup] = max(far_mm.get(observation.setup, 0.0), float(distance_mm.max()))
+        elif wild.any():
+            doubts.append(
+                f"{wild.sum()} of {len(observation.rows)} readings of {observation.setup} lie far from all others, up "
+                f"to {distance_mm.max():.1f} mm, and are not left out: so many, or all in one range of a joint, are no "
+                "lost points; check the signs, order and zeros of the joints, and whether instrument or base moved"
+            )
+    for setup, most_mm in far_mm.items():
+        members = [k for k, run in enumerate(runs) if run.one.setup == setup]
+        count = sum(len(runs[k].one.rows) for k in members)
+        wild_count = count - sum(len(sound[k].one.rows) for k in members)
+        kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
+        if not runs[members[0]].one.table.kind.of_places:
+            kind = f"readings at the targets of {setup}"
+            check = "check that the robot stands while it is read, that the clocks agree, and that the plunger touches"
+        are = "is wild" if wild_count == 1 else "are wild"
+        doubts.append(
+            f"{wild_count} of {count} {kind} {are}, up to {most_mm:.1f} mm off, and not counted in the rms of {use}: "
+            f"{check}"
+        )
+    return [run for run in sound if len(run.one.rows)], doubts
 
 
 def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]:
@@ -259,26 +259,3 @@ def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
         distances_found = [(mm, mm / sd_mm[run.one.setup]) for run, mm in zip(runs, distances, strict=True)]
         near = [spreads <= _NEAR for _, spreads in distances_found]
     return distances_found
-
-
-def _shared(observation: Observation, far: int, most_mm: float) -> str:
-    """Return what a person should know of readings that are far off and no accident."""
-    return (
-        f"{far} of {len(observation.rows)} readings of {observation.setup} lie far from all others, up to "
-        f"{most_mm:.1f} mm, and are not left out: so many, or all in one range of a joint, are no lost points; check "
-        "the signs, order and zeros of the joints, and whether instrument or base moved"
-    )
-
-
-def _message(runs: Sequence[ObservedRun], sound: Sequence[ObservedRun], setup: str, most_mm: float, use: str) -> str:
-    """Return what a person should know of the wild readings of a set-up."""
-    members = [k for k, run in enumerate(runs) if run.one.setup == setup]
-    count = sum(len(runs[k].one.rows) for k in members)
-    wild = count - sum(len(sound[k].one.rows) for k in members)
-    if runs[members[0]].one.table.kind.of_places:
-        kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
-    else:
-        kind = f"readings at the targets of {setup}"
-        check = "check that the robot stands while it is read, that the clocks agree, and that the plunger touches"
-    are = "is wild" if wild == 1 else "are wild"
-    return f"{wild} of {count} {kind} {are}, up to {most_mm:.1f} mm off, and not counted in the rms of {use}: {check}"

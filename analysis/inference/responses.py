@@ -51,7 +51,7 @@ class NearResponses:
         """Return the response of one kind of the latest effect whose parameters differ by at most `steps`, in their
         units, or compute its whitened columns (N, k). Parameters without a step do not differ."""
         kept = self._kept.setdefault((kind, name_of(effect)), [])
-        near = next((kept_one for kept_one in kept if _is_near(kept_one[0], effect, steps)), None)
+        near = next((response for response in kept if _is_near(response[0], effect, steps)), None)
         if near is None:
             near = (effect, Response(compute()))
         else:
@@ -62,19 +62,18 @@ class NearResponses:
 
 
 def _is_near(first: Effect, second: Effect, steps: Mapping[str, float]) -> bool:
-    """Return whether two effects of one name differ by at most `steps` in each parameter."""
-    before, after = (dict[str, Any](effect) for effect in (first, second))
-    return all(
-        value == after[name] or (name in steps and _apart(name, value, after[name]) <= steps[name])
-        for name, value in before.items()
-        if name != "found"
-    )
-
-
-def _apart(name: str, value: float, other_value: float) -> float:
-    """Return the difference of two values of a parameter, of phases the smaller way round."""
-    apart = abs(value - other_value)
-    return min(apart % 360, -apart % 360) if name == PHASE else apart
+    """Return whether two effects of one name differ by at most `steps` in each parameter, phases the smaller way
+    round."""
+    after = dict[str, Any](second)
+    for name, value in dict[str, Any](first).items():
+        if name == "found" or value == after[name]:
+            continue
+        if name not in steps:
+            return False
+        apart = abs(value - after[name])
+        if (min(apart % 360, -apart % 360) if name == PHASE else apart) > steps[name]:
+            return False
+    return True
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -269,21 +268,20 @@ class Linearisation:
         if np.abs(starts[0]).max() > _FAR_MM:
             # After a collision, and where runs are simulated, the ball stands where it stood.
             starts.append(np.zeros_like(starts[0]))
-        fits = [self._fitted_from(start, effects, scenes) for start in starts]
+        fits = []
+        for start in starts:
+            moves = start
+            residual = self._left(effects, scenes, self.setups_moved_by(moves))
+            for _ in range(_STEPS):
+                step = self._best_moves @ residual
+                if np.abs(step).max() < _NEAR_MM:
+                    break
+                nearer = self._left(effects, scenes, self.setups_moved_by(moves + step))
+                if nearer @ nearer >= residual @ residual:
+                    break
+                moves, residual = moves + step, nearer
+            fits.append((residual, moves))
         return min(fits, key=lambda fit: float(np.sum(self.without_set_up(fit[0]) ** 2)))
-
-    def _fitted_from(self, moves: Array, effects: Sequence[Effect], scenes: Sequence[Scene]) -> tuple[Array, Array]:
-        """Return the same, fitted in steps from given terms (s,) mm as long as the residual falls."""
-        residual = self._left(effects, scenes, self.setups_moved_by(moves))
-        for _ in range(_STEPS):
-            step = self._best_moves @ residual
-            if np.abs(step).max() < _NEAR_MM:
-                break
-            nearer = self._left(effects, scenes, self.setups_moved_by(moves + step))
-            if nearer @ nearer >= residual @ residual:
-                break
-            moves, residual = moves + step, nearer
-        return residual, moves
 
     def _scenes(self, effects: Sequence[Effect]) -> list[Scene]:
         """Return the scene of each block up to the tool with `effects` in place of the known ones."""
@@ -441,7 +439,7 @@ def limits_um(
     if tolerance_um is not None:
         return np.full(len(linear.blocks), tolerance_um)
     of_name = np.array([own_um.get(block.one.setup, 0.0) for block in linear.blocks])
-    squares, relative = _scatter_squares(linear, _steady)
+    squares, relative = _scatter_squares(linear, [block.steady_mm for block in linear.blocks])
     least = np.maximum((squares - of_name**2) * (1 - relative), LEAST_MATERIAL_UM**2)
     return np.asarray(np.sqrt(least), dtype=float)
 
@@ -452,49 +450,36 @@ def scatter_um(linear: Linearisation) -> Array:
 
     Repeated circles show it themselves, together in all directions of a set-up; elsewhere it is that of the noise.
     """
-    return np.asarray(np.sqrt(_scatter_squares(linear, _steady)[0]), dtype=float)
+    return np.asarray(np.sqrt(_scatter_squares(linear, [block.steady_mm for block in linear.blocks])[0]), dtype=float)
 
 
 def noise_um(linear: Linearisation) -> Array:
     """Return the same rms difference (b,) µm with what stamps added to repeated circles."""
-    return np.asarray(np.sqrt(_scatter_squares(linear, lambda block: block.apart_mm)[0]), dtype=float)
+    return np.asarray(np.sqrt(_scatter_squares(linear, [block.apart_mm for block in linear.blocks])[0]), dtype=float)
 
 
-def _steady(block: Block) -> Array:
-    """Return the deviations (n, N) mm of repeated runs without those that stamps make."""
-    return block.steady_mm
-
-
-def _scatter_squares(linear: Linearisation, deviations: Callable[[Block], Array]) -> tuple[Array, Array]:
+def _scatter_squares(linear: Linearisation, deviations: Sequence[Array]) -> tuple[Array, Array]:
     """Return the mean square (b,) µm² of the difference of one run from the mean of many, and its relative standard
-    uncertainty (b,), which is zero where repeats do not show it."""
-    squares, relative = _expected_scatter_um(linear) ** 2, np.zeros(len(linear.blocks))
-    repeated = [k for k, block in enumerate(linear.blocks) if block.sampling and deviations(block).any()]
+    uncertainty (b,), which is zero where repeats do not show it. `deviations` (n, N) mm of repeated runs are those of
+    each block."""
+    # What noise and scatter make, with the set-up fitted to it.
+    whole = linear.in_mm(np.sqrt(1 + (linear.without_set_up(linear.Z) ** 2).sum(axis=1)))
+    squares, relative = np.empty(len(linear.blocks)), np.zeros(len(linear.blocks))
+    for k, (block, entries) in enumerate(zip(linear.blocks, whole, strict=True)):
+        usual = entries if block.sampling else np.full(len(entries), np.median(entries))
+        squares[k] = rms_um(block, np.sqrt(block.count) * usual)
+    squares **= 2
+    repeated = [k for k, block in enumerate(linear.blocks) if block.sampling and deviations[k].any()]
     for setup in {linear.blocks[k].one.setup for k in repeated}:
-        members = [k for k in repeated if linear.blocks[k].one.setup == setup]
-        shown = np.concatenate([_shown_squares(linear.blocks[k], deviations(linear.blocks[k])) for k in members])
-        squares[members] = shown.mean()
+        members, shown = [k for k in repeated if linear.blocks[k].one.setup == setup], list[float]()
+        for k in members:
+            # The independent differences of the runs, one fewer than these.
+            contrasts = np.linalg.svd(np.ones((1, len(deviations[k]))))[2][1:]
+            shown += [rms_um(linear.blocks[k], contrast) ** 2 for contrast in contrasts @ deviations[k]]
+        squares[members] = np.mean(shown)
         if len(shown) > 1:
-            relative[members] = min(1.0, float(shown.std(ddof=1)) / np.sqrt(len(shown)) / float(shown.mean()))
+            relative[members] = min(1.0, float(np.std(shown, ddof=1)) / np.sqrt(len(shown)) / float(np.mean(shown)))
     return squares, relative
-
-
-def _shown_squares(block: Block, apart_mm: Array) -> Array:
-    """Return the mean squares (n - 1,) µm² of the independent differences of n repeated runs, given their deviations
-    (n, N) mm from their mean."""
-    contrasts = np.linalg.svd(np.ones((1, len(apart_mm))))[2][1:]
-    return np.array([rms_um(block, contrast) ** 2 for contrast in contrasts @ apart_mm])
-
-
-def _expected_scatter_um(linear: Linearisation) -> Array:
-    """Return the rms difference (b,) µm of a run from the mean of many that noise and scatter make, with the set-up
-    fitted to it."""
-    moved = linear.without_set_up(linear.Z)
-    whole = linear.in_mm(np.sqrt(1 + (moved**2).sum(axis=1)))
-    return np.array([
-        rms_um(block, np.sqrt(block.count) * (entries if block.sampling else np.full(len(entries), np.median(entries))))
-        for block, entries in zip(linear.blocks, whole, strict=True)
-    ])  # fmt: skip
 
 
 def rms_um(block: Block, entries_mm: Array) -> float:

@@ -158,7 +158,8 @@ def _starting_setups(
     A target moves along with what the arm's constants do to the last link. Beside the nominal arm that of a UR10 was
     fitted 73 mm from where it is beside the calibrated one, too far for columns that are computed once.
     """
-    setups = fit_run_setups(_first_of_each(runs))[0]
+    # The first run of each kind is sufficient as a starting point.
+    setups = fit_run_setups(list({run.name: run for run in reversed(runs)}.values()))[0]
     poses, begun = [run for run in runs if run.one.table.kind.of_places], None
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
@@ -171,11 +172,6 @@ def _starting_setups(
         if linear.is_straight(moves):
             break
     return setups, begun
-
-
-def _first_of_each(runs: Sequence[ObservedRun]) -> list[ObservedRun]:
-    """Return the first run of each kind, which is sufficient as a starting point."""
-    return list({run.name: run for run in reversed(runs)}.values())
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -217,7 +213,11 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         freed: Array = values - taken @ (taken.T @ values)
         return freed
 
-    kinds = [(_way, "by {:.4f} ± {:.4f}°", 1.0), (_move, "by {:.3f} ± {:.3f} % of each move", 100.0)]
+    # One degree in the direction in which a joint came, or the way that it came itself, in rad.
+    kinds = [
+        (lambda came: np.radians(np.sign(came)), "by {:.4f} ± {:.4f}°", 1.0),
+        (lambda came: came, "by {:.3f} ± {:.3f} % of each move", 100.0),
+    ]
     fits = []
     for off, words, unit in kinds:
         whole = np.concatenate([linear.by_joint(axis, _of_joint(off, axis - 1)) for axis in joints], axis=1)
@@ -232,9 +232,9 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         share = 1 - energy / max(float(np.sum(y[rows] ** 2)), 1e-300)
         fits.append((share, ahead, sd, A, words, unit))
     share, ahead, sd, A, words, unit = max(fits, key=lambda fit: fit[0])
-    early = (ahead > _SURE * sd) & np.array(
-        [_um(result, A[:, [k]] @ ahead[[k]]) > LEAST_MATERIAL_UM for k in range(len(joints))]
-    )
+    poses = [block.one.table.kind.of_tracker for block in linear.blocks]
+    um = np.array([plain_worth(linear, A[:, [k]] @ ahead[[k]]).um[poses].max() for k in range(len(joints))])
+    early = (ahead > _SURE * sd) & (um > LEAST_MATERIAL_UM)
     if share < _LEAST_SHARE or not early.any():
         return ()
     axes = ", ".join(f"axis {k + 1} {words.format(unit * ahead[k], unit * sd[k])}" for k in np.flatnonzero(early))
@@ -285,21 +285,3 @@ def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Ar
         return columns
 
     return samples
-
-
-def _way(came: Array) -> Array:
-    """Return one degree (n,) rad in the direction of the joint motion `came` (n,) rad."""
-    ahead: Array = np.radians(np.sign(came))
-    return ahead
-
-
-def _move(came: Array) -> Array:
-    """Return the joint motion itself, (n,) rad."""
-    return came
-
-
-def _um(result: SearchResult, change: Array) -> float:
-    """Return the largest root mean square in µm that a change (N,) of the whitened readings has in any block
-    of poses."""
-    poses = [block.one.table.kind.of_tracker for block in result.linear.blocks]
-    return float(plain_worth(result.linear, change).um[poses].max())

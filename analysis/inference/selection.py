@@ -33,7 +33,6 @@ from analysis.inference.state import (
     beginnings,
     is_alike,
     is_one,
-    is_same,
     is_twice,
     series_among,
     settled,
@@ -170,23 +169,24 @@ class Selection:
         An effect whose readings are not in proportion to it, such as a play, begins where it explains most beside those
         before it, the one that explains most first. Fitted from a small width, a play of 0.03° ended at 0.
         """
+        forms = self.columns.forms
         waiting = [effect for effect in effects if effect.FREE or (effect.STRETCHED and not is_wave(effect))]
         state = self.initial_state([effect for effect in effects if effect not in waiting], before)
         while waiting:
             posterior = self.posterior(state)
             gain = np.maximum(*self.gains(state, posterior))
-            best = {effect: self._best_form(effect, gain) for effect in waiting}
+            best: dict[Effect, int | None] = {}
+            for effect in waiting:
+                alike = [
+                    k for k, form in enumerate(forms) if is_alike(form.effects[0], effect) and np.isfinite(gain[k])
+                ]
+                best[effect] = max(alike, key=lambda k: gain[k], default=None)
             effect = max(waiting, key=lambda candidate: -np.inf if best[candidate] is None else gain[best[candidate]])
             waiting.remove(effect)
             k = best[effect]
             added = self._with_effect(state, effect, -1) if k is None else self.with_form(state, posterior, k)
             state = self.settled(*beginnings(added)) if added.is_fault(-1) else self._renewed(added)
         return state
-
-    def _best_form(self, effect: Effect, gain: Array) -> int | None:
-        """Return the form of an effect's name with the largest gain, of (n,), or None where it has none."""
-        forms_of_it = [k for k, form in enumerate(self.columns.forms) if is_same(form, effect) and np.isfinite(gain[k])]
-        return max(forms_of_it, key=lambda k: gain[k], default=None)
 
     def _with_likeliest_curves(self, state: SelectionState, limits: Array) -> SelectionState:
         """Return the state with the likeliest sizes of the curves of joints, and the likeliest strengths of the noise
@@ -213,23 +213,20 @@ class Selection:
         """
         place = 0
         for effect in state.refined.effects:
-            was = any(is_one(earlier, effect) for earlier in before)
-            tried = self._begun_again(state, place) if state.is_fault(place) and not was else None
-            if tried is not None and self.evidence(tried) > self.evidence(state):
+            tried = None
+            if state.is_fault(place) and not any(is_one(earlier, effect) for earlier in before):
+                without = self.without(state, place)
+                posterior = self.posterior(without)
+                gain = np.maximum(*self.gains(without, posterior))
+                of_name = [k for k, form in enumerate(self.columns.forms) if form.name == name_of(effect)]
+                best = max((k for k in of_name if np.isfinite(gain[k])), key=lambda k: gain[k], default=None)
+                tried = None if best is None else self.with_form(without, posterior, best)
+            is_other_wave = tried is not None and is_twice(tried.refined.effects)
+            if tried is not None and not is_other_wave and self.evidence(tried) > self.evidence(state):
                 state = tried  # it is the last now, and the next one is in its place
             else:
                 place += 1
         return state
-
-    def _begun_again(self, state: SelectionState, place: int) -> SelectionState | None:
-        """Return the state with one effect fitted again from the best form of its name, if it has one and the fit does
-        not become another wave of that name."""
-        without = self.without(state, place)
-        posterior, name = self.posterior(without), name_of(state.refined.effects[place])
-        gain = np.maximum(*self.gains(without, posterior))
-        of_name = [k for k, form in enumerate(self.columns.forms) if form.name == name and np.isfinite(gain[k])]
-        tried = self.with_form(without, posterior, max(of_name, key=lambda k: gain[k])) if of_name else None
-        return None if tried is None or is_twice(tried.refined.effects) else tried
 
     def select(self, state: SelectionState, *, stops: bool = False) -> SelectionState:
         """Return the state with all effects that cover their price and without those that do not. Where a free form
@@ -278,23 +275,6 @@ class Selection:
         """Return whether an effect is a wave of a joint's curve, unless it is a fault."""
         return self._shows_curves and is_of_curve(effect)
 
-    def _waves_driven(self, effect: Effect) -> float:
-        """Return how many of its waves an effect's joint was driven over; infinite for what is no wave of a joint."""
-        if not is_of_curve(effect):
-            return np.inf
-        return order_of(effect) * float(self._turned[getattr(effect, "axis", 1) - 1])
-
-    @cached_property
-    def _turned(self) -> Array:
-        """The range (6,) of each joint in turns, of the runs in which it turns furthest."""
-        ranges = [np.ptp(block.one.table.q, axis=0) for block in self.linear.blocks]
-        turned: Array = np.max(ranges, axis=0) / (2 * np.pi)
-        return turned
-
-    def _is_new(self, effect: Effect) -> bool:
-        """Return whether an effect is not among those beside which the columns were computed."""
-        return not any(is_alike(known_effect, effect) for known_effect in self.linear.known)
-
     def _stepwise(
         self, state: SelectionState, *, accept_free_forms: bool, stops: bool = False
     ) -> tuple[SelectionState, SelectionState | None]:
@@ -319,8 +299,9 @@ class Selection:
                     if accept_free_forms and unnamed:
                         changed = unnamed
                     elif changed is not None and changed.is_fault(-1):
-                        may_stop = stops and with_free_form is None and self._is_new(changed.refined.effects[-1])
-                        if may_stop and not self.holds_for(changed):
+                        newest, known = changed.refined.effects[-1], self.linear.known
+                        is_new = not any(is_alike(known_effect, newest) for known_effect in known)
+                        if stops and with_free_form is None and is_new and not self.holds_for(changed):
                             return changed, None
                         changed = self.settled(*beginnings(changed))
                 changed = changed or self._backward_step(state, posterior, _SURE) or self._without_free_form(state)
@@ -375,7 +356,7 @@ class Selection:
 
     def refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
         """Return the state in which all forms of an effect, and the one it came from, are refused."""
-        of_effect = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {origin}
+        of_effect = {k for k, form in enumerate(self.columns.forms) if is_alike(form.effects[0], effect)} | {origin}
         return replace(state, refused=state.refused | of_effect)
 
     def _without_free_form(self, state: SelectionState) -> SelectionState | None:
@@ -402,24 +383,20 @@ class Selection:
         values = np.array([max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * healthy**2])
         seen = np.array([((refined.values[row] + posterior.known[row]) / variance * healthy) ** 2])
         among = self.columns.among[name_of(effect)] or 1
-        share = cavity_evidence(values, seen, self._share(state, effect))
+        # The variance that an arm of this state has in the form nearest to the effect.
+        forms, usual = self.columns.forms, state.level**2
+        if of_name := [k for k, form in enumerate(forms) if form.name == name_of(effect)]:
+            apart = np.nan_to_num([abs(order_of(forms[k].effects[0]) - order_of(effect)) for k in of_name])
+            nearest = of_name[int(np.argmin(apart))]
+            usual *= self.columns.likelihoods[nearest]
+            if state.curves is not None and self._is_of_curve(effect):
+                usual = self.columns.variance(1.0, state.curves)[list(forms[nearest].columns)].sum()
+        share = cavity_evidence(values, seen, float(usual))
         fault = fault_evidence(values, seen, state.level) - share + self._fault_price
         healthy_one = cavity_evidence(values, seen, state.level**2) - share - _HEALTHY_PRICE
         if self._is_of_curve(effect):
             return float(fault) - float(np.log(among))
         return float(max(fault, healthy_one)) - float(np.log(among))
-
-    def _share(self, state: SelectionState, effect: Effect) -> float:
-        """Return the variance, in healthy sizes squared, that an arm of this state has in the form nearest to an
-        effect."""
-        of_name = [k for k, form in enumerate(self.columns.forms) if form.name == name_of(effect)]
-        if not of_name:
-            return state.level**2
-        apart = np.nan_to_num([abs(order_of(self.columns.forms[k].effects[0]) - order_of(effect)) for k in of_name])
-        nearest = of_name[int(np.argmin(apart))]
-        if state.curves is not None and self._is_of_curve(effect):
-            return float(self.columns.variance(1.0, state.curves)[list(self.columns.forms[nearest].columns)].sum())
-        return float(state.level**2 * self.columns.likelihoods[nearest])
 
     def price(self, effect: Effect, level: float) -> float:
         """Return the prior log odds of an effect of its size and form over those of the wide prior of the fit."""
@@ -462,13 +439,24 @@ class Selection:
         """Return the log odds (n,) of each form as a fault, and as the healthy effect of its name, over an
         equal share."""
         fault, single, _, size = posterior.gains(self.columns.forms, state.level)
-        curves = np.array([self._is_of_curve(form.effects[0]) for form in self.columns.forms], dtype=bool)
-        pieces = np.array([self._waves_driven(form.effects[0]) < DRIVEN_WAVES for form in self.columns.forms])
+        curves, pieces = self._waves_of_curves
         fault[curves & (pieces | (size < FAULT * max(state.level, 1.0)))] = single[curves] = -np.inf
         against = np.array([self._against_stated(form.effects[0]) for form in self.columns.forms])
         fault, single = fault - against, single - against
         fault[self._are_set_up] = single[self._are_set_up] = -np.inf
         return fault + self._fault_price - self._among, single - _HEALTHY_PRICE - self._among
+
+    @cached_property
+    def _waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which forms (n,) are waves of a joint's curve, and which of so low an order that the joint was driven over
+        few of them in any run."""
+        effects = [form.effects[0] for form in self.columns.forms]
+        turned = np.max([np.ptp(block.one.table.q, axis=0) for block in self.linear.blocks], axis=0) / (2 * np.pi)
+        driven = [
+            order_of(effect) * float(turned[getattr(effect, "axis", 1) - 1]) if is_of_curve(effect) else np.inf
+            for effect in effects
+        ]
+        return np.array([self._is_of_curve(effect) for effect in effects], dtype=bool), np.array(driven) < DRIVEN_WAVES
 
     @cached_property
     def _are_set_up(self) -> NDArray[np.bool_]:

@@ -9,20 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.geometry.pose_setup import best_rigid, moved_by
-from analysis.inference.observation import (
-    Observation,
-    ObservedRun,
-    predicted,
-    predicted_in_scene,
-    residuals_of,
-    rms,
-)
+from analysis.inference.observation import Observation, ObservedRun, predicted, predicted_in_scene, residuals_of, rms
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import Model, SetUp, moved, nominal_setup
 from analysis.model.scene import Scene
@@ -164,18 +156,15 @@ def fit_setups(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[
         if name not in poses:
             starts = [starting[name]] if name in starting else _starting_setups(members)
             fits = [_placed(members, {name: start})[name] for start in starts]
-            fitted[name] = min(fits, key=partial(_energy, members)) if len(fits) > 1 else fits[0]
+            left = [
+                sum(float(np.sum((seen.values - predicted(model, seen, setup)) ** 2)) for model, seen in members)
+                for setup in (fits if len(fits) > 1 else ())
+            ]
+            fitted[name] = fits[int(np.argmin(left))] if left else fits[0]
     if poses:
         together = [part for name in poses for part in named[name]]
         fitted |= _placed(together, {name: starting[name] for name in poses})
     return {name: fitted[name] for name in named}
-
-
-def _energy(parts: Parts, setup: SetUp) -> float:
-    """Return the sum of squares in mm² of what a set-up leaves of its observations."""
-    return sum(
-        float(np.sum((observation.values - predicted(model, observation, setup)) ** 2)) for model, observation in parts
-    )
 
 
 def _starting_pose_setups(named: Mapping[str, Parts], starting: Mapping[str, SetUp]) -> dict[str, SetUp]:

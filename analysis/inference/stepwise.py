@@ -16,7 +16,7 @@ from analysis.inference.budget import Measure, group_of
 from analysis.inference.observation import ObservedRun, rms, thinned
 from analysis.inference.residuals import curves_of, maps_of
 from analysis.inference.responses import Linearisation
-from analysis.inference.result import BudgetPart, Diagnosis, Gap
+from analysis.inference.result import BudgetPart, Diagnosis
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups, with_effects
 from analysis.inference.staircase import Left, Staircase, Step
@@ -55,20 +55,25 @@ def staircase_of(
         return None
     gaps = (diagnosis.train, diagnosis.held_out, diagnosis.unseen)
     left_um = [[gap.before_um if gap else None for gap in gaps]]
-    left_um += left_um_of([rung.effects for rung in rungs[1:-1]], [list(map(_thinned, runs)) for runs in places])
+    thin = [
+        [
+            replace(run, one=thinned(run.on_lap, _ROWS), sampling=None) if run.one.table.kind.swept else run
+            for run in runs
+        ]
+        for runs in places
+    ]
+    left_um += left_um_of([rung.effects for rung in rungs[1:-1]], thin)
     left_um.append([gap.calibrated_um if gap else None for gap in gaps])
-    steps = [Step(rung.parts, *_lefts(gaps, row)) for rung, row in zip(rungs, left_um, strict=True)]
+    steps = []
+    for rung, row in zip(rungs, left_um, strict=True):
+        # The uncertainty is that of the acts.
+        used, held_out, unseen = (
+            Left(um, gap.left_u_um) if gap is not None and um is not None else None
+            for gap, um in zip(gaps, row, strict=True)
+        )
+        assert used is not None  # noqa: S101 - a diagnosis has runs that it used
+        steps.append(Step(rung.parts, used, held_out, unseen))
     return Staircase(tuple(steps), *drawn(result.linear, [rung.effects for rung in rungs]))
-
-
-def _lefts(gaps: Sequence[Gap | None], left_um: Sequence[float | None]) -> tuple[Left, Left | None, Left | None]:
-    """Return what is left at each place with its uncertainty, which is that of the acts."""
-    used, held_out, unseen = (
-        Left(um, gap.left_u_um) if gap is not None and um is not None else None
-        for gap, um in zip(gaps, left_um, strict=True)
-    )
-    assert used is not None  # noqa: S101 - a diagnosis has runs that it used
-    return used, held_out, unseen
 
 
 def _rungs(diagnosis: Diagnosis, result: SearchResult, stages: Stages) -> Iterator[_Rung]:
@@ -127,12 +132,6 @@ def left_um_of(
     each = [steps.left(runs) if runs else [None] * len(models) for runs in places]
     for row in zip(*each, strict=True):
         yield [None if residual is None else 1e3 * rms(residual) for residual in row]
-
-
-def _thinned(run: ObservedRun) -> ObservedRun:
-    if not run.one.table.kind.swept:
-        return run
-    return replace(run, one=thinned(run.on_lap, _ROWS), sampling=None)
 
 
 def drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:

@@ -21,20 +21,10 @@ from analysis.inference.state import background_effects, background_terms
 from analysis.kinematics.arm import Array, Integers, rail_mm
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
-from rigs.calibration import (
-    TIMES,
-    CalibratedModel,
-    CalibratedRun,
-    Judged,
-    Parameter,
-    PlacedSetUp,
-    Term,
-    packed_factor,
-)
+from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Parameter, PlacedSetUp, Term, packed_factor
 from rigs.distribution import version
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.vocabulary import TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Validation: what a frozen model leaves of the runs used, of held-out runs, and of runs at another place.
@@ -94,27 +84,17 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names
     """Return the gap of runs without what was found, with the names, and calibrated; residuals are (m, k) mm."""
     residuals = stages.left(runs)
     before, after, calibrated = (1e3 * rms(of_stage) for of_stage in residuals)
-    tests = tuple(
-        _of_test(test, runs, residuals[0], residuals[-1]) for test in dict.fromkeys(r.one.table.test for r in runs)
-    )
+    tests = []
+    for test in dict.fromkeys(run.one.table.test for run in runs):
+        um = []
+        for of_stage in (residuals[0], residuals[-1]):
+            of_test = [left for run, left in zip(runs, of_stage, strict=True) if run.one.table.test == test]
+            sizes = [np.linalg.norm(left, axis=1) if left.shape[1] == 3 else np.abs(left) for left in of_test]
+            um += [1e3 * rms(of_test), 1e3 * max(float(size.max()) for size in sizes)]
+        tests.append(TestGap(test, *um))
     keeps = all(run.one.setup in stages.calibrated for run in runs)
     floor = _floor(result, runs)
-    return Gap(tuple(names), before, after, floor, calibrated, tests, keeps)
-
-
-def _of_test(
-    test: TestName, runs: Sequence[ObservedRun], before: Sequence[Array], calibrated: Sequence[Array]
-) -> TestGap:
-    indices = [k for k, run in enumerate(runs) if run.one.table.test == test]
-    both = [[of_stage[k] for k in indices] for of_stage in (before, calibrated)]
-    (was, is_now) = ((1e3 * rms(of_stage), 1e3 * max(map(_largest, of_stage))) for of_stage in both)
-    return TestGap(test, *was, *is_now)
-
-
-def _largest(residual: Array) -> float:
-    """Return the largest residual in mm of (m, k) mm: of a gauge, or the distance of a position."""
-    size = np.linalg.norm(residual, axis=1) if residual.shape[1] == 3 else np.abs(residual)
-    return float(size.max())
+    return Gap(tuple(names), before, after, floor, calibrated, tuple(tests), keeps)
 
 
 @dataclass(frozen=True)
@@ -453,18 +433,15 @@ def _floor(result: SearchResult, runs: Sequence[ObservedRun]) -> float:
 
 
 def _noise_shown(result: SearchResult) -> Array:
-    """Return which share of the variance of its noise the readings of each block (b,) show, at the most all."""
+    """Return which share of the variance of its noise the readings of each block (b,) show, at the most all; readings
+    that were not repeated show their own if they are touches, or many poses."""
     linear, strength = result.linear, result.state.strength[result.selection.columns.band]
-    return np.array([
-        min(float(strength[rows].mean()), 1.0) if _shows_noise(block) else 1.0
-        for block, rows in zip(linear.blocks, linear.rows, strict=True)
-    ])  # fmt: skip
-
-
-def _shows_noise(block: Block) -> bool:
-    """Return whether readings that were not repeated show their own noise: touches, and poses where there are many."""
-    kind = block.one.table.kind
-    return kind.of_places and (kind.constants_apart or len(block.one.rows) >= FEWEST_PLACES)
+    shares = np.ones(len(linear.blocks))
+    for k, (block, rows) in enumerate(zip(linear.blocks, linear.rows, strict=True)):
+        kind = block.one.table.kind
+        if kind.of_places and (kind.constants_apart or len(block.one.rows) >= FEWEST_PLACES):
+            shares[k] = min(float(strength[rows].mean()), 1.0)
+    return shares
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -515,17 +492,16 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     root = wider.factor * _root(covariance_of(result.calibrated_posterior, unknowns))
     arm, q = runs[0].model.arm, np.concatenate([run.one.table.q[run.one.rows] for run in runs])
     angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
+    of_poses = {run.one.setup for run in runs if run.one.table.kind.of_places}
     calibrated = CalibratedModel.model_construct(
         format=1,
         rig=rig.name,
         date=dt.datetime.now(dt.UTC).date(),
         version=version(),
-        runs=tuple(
-            CalibratedRun(name=measured.run.manifest.name, sha256=measured.run.readings_sha256) for measured in used
-        ),
+        runs=tuple(CalibratedRun(name=run.run.manifest.name, sha256=run.run.readings_sha256) for run in used),
         joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
         rail_mm=(float(rail.min()), float(rail.max())) if arm.rail is not None else None,
-        setups={name: _placed(setup, poses=_is_poses(name, runs)) for name, setup in stages.calibrated.items()},
+        setups={name: _placed(setup, poses=name in of_poses) for name, setup in stages.calibrated.items()},
         before_um=train.before_um,
         calibrated_um=train.calibrated_um,
         held_out_um=elsewhere.calibrated_um if elsewhere else None,
@@ -583,10 +559,6 @@ def _root(covariance: Array) -> Array:
     correlation = covariance / unit[:, None] / unit
     correlation[np.diag_indices_from(correlation)] += _LEAST
     return np.asarray(unit[:, None] * np.linalg.cholesky(correlation), dtype=float)
-
-
-def _is_poses(setup: str, runs: Sequence[ObservedRun]) -> bool:
-    return any(run.one.setup == setup and run.one.table.kind.of_places for run in runs)
 
 
 def _placed(setup: SetUp, *, poses: bool) -> PlacedSetUp:

@@ -41,7 +41,6 @@ from analysis.measures.results import Result, borrowers, by_test, evaluated_agai
 from analysis.traces.kind import kind_named
 from analysis.traces.loading import Measured
 from rigs.calibration import Judged
-from rigs.effects import Effect
 from rigs.errors import RigError
 from rigs.rig import Rig
 from rigs.schema.effect import is_wave, label_of, name_of, size_of
@@ -102,25 +101,20 @@ def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Li
     """Return the worst standing of the figures of runs that have a limit, and where that comes from; None and None
     where none of them has one. Runs that cannot be evaluated have no figures, and limits are of the arm as it drives,
     not of what a calibrated model leaves of it."""
-    limited = [run for run in runs if rig.limits.judge(run.run.manifest.test)]
-    judged = judged_figures(_evaluable(limited), rig.limits)
+    results = []
+    for run in runs:
+        if rig.limits.judge(run.run.manifest.test):
+            try:
+                results.append(result_of(run))
+            except RigError:
+                continue
+    for borrower in borrowers(results):  # a single lap has the noise of another run of its test
+        place, result = evaluated_again(borrower)
+        results[place] = result
+    judged = judged_figures(results, rig.limits)
     if not judged:
         return None, None
     return judged[0].standing, "data_sheet" if judged[0].of_data_sheet else "rig_file"
-
-
-def _evaluable(runs: Sequence[Measured]) -> list[Result]:
-    """Return the results of the runs that have any, one of a single lap with the noise of another run of its test."""
-    results = []
-    for run in runs:
-        try:
-            results.append(result_of(run))
-        except RigError:
-            continue
-    for borrower in borrowers(results):
-        place, result = evaluated_again(borrower)
-        results[place] = result
-    return results
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -182,6 +176,27 @@ class Gaps:
         gap."""
         return self.judged is not self.train and self.judged.after_um < _NO_WORSE * self.judged.calibrated_um
 
+    @property
+    def gains_elsewhere(self) -> bool:
+        """Whether the calibrated model was shown to remove much of the gap where it had no part in it."""
+        judged = self.judged
+        if judged is self.train or judged.before_um <= _FAR * judged.noise_floor_um:
+            return False
+        return (judged.calibrated_um / judged.before_um) ** 2 < 1 - _LEAST_GAIN
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether another place contradicts the model: with everything that was found it is no better there than with
+        the names alone, or hardly better than without them, where the runs used were explained."""
+        unseen = self.unseen
+        if unseen is None or unseen.before_um <= _FAR * unseen.noise_floor_um:
+            return False
+        floor = unseen.noise_floor_um**2
+        gained = 1 - max(unseen.calibrated_um**2 - floor, 0.0) / max(unseen.before_um**2 - floor, 1e-12)
+        explained = 1 - (self.train.calibrated_um / max(self.train.before_um, 1e-12)) ** 2
+        least_um = max(_WORSE * unseen.after_um, _FAR * unseen.noise_floor_um)
+        return unseen.calibrated_um > least_um or (gained < _LEAST_GAIN and explained > 1 - _LEAST_GAIN)
+
 
 def ambiguous_names(named: Sequence[Named]) -> list[Named]:
     """Return the names that stand and whose rivals cannot be dismissed."""
@@ -215,7 +230,12 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
 
 def _named(result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float) -> Named:
     """Return one effect with what it does, and why the diagnosis does not stand by it, if it does not."""
-    effects, own_odds = result.state.refined.effects, result.rival_odds[k]
+    effect, own_odds = result.state.refined.effects[k], result.rival_odds[k]
+    axis = int(getattr(effect, "axis", 1))
+    # A wave of which the joint did not drive two is no gear, and its cause was not shown.
+    turned = max(float(np.ptp(block.one.table.q[:, axis - 1])) for block in result.linear.blocks) / (2 * np.pi)
+    shown = not is_wave(effect) or effect.STAGE != "joint" or order_of(effect) * turned >= DRIVEN_WAVES
+    model = f"use the calibrated model, which holds the angle error of axis {axis} over its angle"
     sizes = sizes_by_setup(result, k, result.scatter_limits_um)
     ratio = sizes.birge_ratio()
     sd = {field: ratio * sigma for field, sigma in result.state.refined.sd(k).items()}
@@ -223,11 +243,11 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
     odds = own_odds.odds + sum(twin.posterior for twin in twins)
     doubt = _doubt(result, k, change, odds, gain)
     # Effects that depend on more than the posture may differ from run to run, or from day to day.
-    by_posture = effects[k].compensation().use != "none"
+    by_posture = effect.compensation().use != "none"
     named = Named(
-        effects[k], sd, odds, rivals, gap_without_um, _remedy(result, effects[k]), change.um, gain, doubt,
+        effect, sd, odds, rivals, gap_without_um, effect.remedy() if shown else model, change.um, gain, doubt,
         sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
-        twins=tuple(twin.effect for twin in twins), shown=_is_shown(result, effects[k]),
+        twins=tuple(twin.effect for twin in twins), shown=shown,
     )  # fmt: skip
     return replace(named, doubt="contradicted") if named.contradicted else named
 
@@ -254,25 +274,6 @@ def shows_time(blocks: Sequence[Block]) -> bool:
     """Return whether runs show what changes with time: repeats of a run, laps of a circle, visits of a target."""
     laps = any(block.sampling is not None and len(block.sampling.trend) > 0 for block in blocks)
     return laps or any(block.count > 1 or (block.sampling is None and block.measured) for block in blocks)
-
-
-def _is_shown(result: SearchResult, effect: Effect) -> bool:
-    """Return whether the cause of an effect was shown. A wave of which the joint did not drive two is no gear."""
-    if not is_wave(effect) or effect.STAGE != "joint":
-        return True
-    turned = max(float(np.ptp(b.one.table.q[:, _axis(effect) - 1])) for b in result.linear.blocks) / (2 * np.pi)
-    return order_of(effect) * turned >= DRIVEN_WAVES
-
-
-def _remedy(result: SearchResult, effect: Effect) -> str:
-    """Return what to do about an effect."""
-    if not _is_shown(result, effect):
-        return f"use the calibrated model, which holds the angle error of axis {_axis(effect)} over its angle"
-    return effect.remedy()
-
-
-def _axis(effect: Effect) -> int:
-    return int(getattr(effect, "axis", 1))
 
 
 def _rivals(result: SearchResult, k: int, own_odds: RivalOdds) -> tuple[tuple[Rival, ...], tuple[Rival, ...]]:
@@ -319,7 +320,9 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, tr
     share = min(1.0, (remainder.whole_um / gap_um) ** 2) if gap_um else 0.0
     healthy = worth(linear, posterior.healthy_share)
     is_material = remainder.is_material(np.maximum(limits, LEAST_MATERIAL_UM))
-    um, single_um = min(remainder.whole_um, train.before_um), _left_of_runs_um(train)
+    um, single_um = min(remainder.whole_um, train.before_um), 0.0
+    if train.calibrated_um > _FAR * train.noise_floor_um:  # the scatter between runs is known roughly
+        single_um = float(np.sqrt(min(train.calibrated_um, train.before_um) ** 2 - train.noise_floor_um**2))
     if single_um > max(um, LEAST_MATERIAL_UM):
         um, share, is_material = single_um, (single_um / train.before_um) ** 2, True
     words = (
@@ -328,32 +331,19 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, tr
     return Remainder(um, share, words, healthy.whole_um), is_material
 
 
-def _left_of_runs_um(train: Gap) -> float:
-    """Return what the calibrated model leaves of single runs beyond the noise, in µm; nothing where that is no more
-    than a few times the noise, of which the scatter between runs is known roughly."""
-    if train.calibrated_um <= _FAR * train.noise_floor_um:
-        return 0.0
-    return float(np.sqrt(min(train.calibrated_um, train.before_um) ** 2 - train.noise_floor_um**2))
-
-
 def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     first = bands_above_noise(result.linear.blocks, result.posterior.residual)[:1]
     where = [f"{band.test}{f' {band.direction}' * bool(band.direction)}, {band.part}: {band.words}" for band in first]
     forms = [*result.state.free_forms, best_free_form(tuple(free_forms_of(result.linear)), result.posterior)]
     seen = [f"it looks like {fitted.form.words}" for fitted in forms if fitted.gain > 0]
-    alike = [
-        f"{label_of(named.effect)} resembles it, but {_shares_in_words(named)}"
-        for named in imitating
-        if not named.is_term
-    ]
+    alike = []
+    for named in imitating:
+        if not named.is_term:
+            shown = " and ".join(f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares)
+            alike.append(f"{label_of(named.effect)} resembles it, but the readings show {shown}")
     series = Counter(name_of(named.effect) for named in imitating if named.is_term)
     alike += [f"{count} waves of {name} together resemble it, as they do any error" for name, count in series.items()]
     return "; ".join([*where, seen[0] if seen else "it has no simple form", *alike])
-
-
-def _shares_in_words(named: Named) -> str:
-    shown = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares]
-    return f"the readings show {' and '.join(shown)}"
 
 
 def condition_of(
@@ -363,48 +353,36 @@ def condition_of(
     `early` whether poses were read before the joints came to rest."""
     if not _is_testable(result, early=early):
         return "not_testable_here"
-    if (is_material and _is_much(result, remainder, gaps)) or _is_foreign(gaps):
+    # An arm's error is what an earlier calibration in the rig file explains as well.
+    calibrated = result.linear.blocks[0].model.rig.calibrated
+    whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0, 1e-12)
+    is_much = remainder.share * (gaps.train.before_um / whole_um) ** 2 > _CRUMBS
+    if (is_material and is_much) or gaps.is_foreign:
         return "outside_library"
     if any(name.stands for name in named):
         open_ones = ambiguous_names(named)
         sure = [name for name in named if name.stands and name not in open_ones]
         # The condition is that of most of what stands: a small name with a rival labels no others.
-        return "named" if _energy(sure) > _energy(open_ones) else "ambiguous"
+        sure_um2, open_um2 = (sum(name.worth_um**2 for name in names) for names in (sure, open_ones))
+        return "named" if sure_um2 > open_um2 else "ambiguous"
     if is_undecided(named):
         return "undecided"
-    return "uncalibrated" if _gains_elsewhere(gaps) else "nothing_unusual"
-
-
-def _energy(names: Sequence[Named]) -> float:
-    """Return the mean square in µm² that names make."""
-    return sum(name.worth_um**2 for name in names)
-
-
-def _is_much(result: SearchResult, remainder: Remainder, gaps: Gaps) -> bool:
-    """Return whether what remains is more than crumbs of the arm's error, to which what an earlier calibration in the
-    rig file explains belongs."""
-    calibrated = result.linear.blocks[0].model.rig.calibrated
-    whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0)
-    return remainder.share * (gaps.train.before_um / max(whole_um, 1e-12)) ** 2 > _CRUMBS
+    return "uncalibrated" if gaps.gains_elsewhere else "nothing_unusual"
 
 
 def _is_testable(result: SearchResult, *, early: bool) -> bool:
-    """Return whether the runs can show effects at all: they have readings enough, and joints that had come to rest."""
-    if _readings_apart(result) < _ENOUGH * result.linear.U.shape[1] or not result.selection.columns.forms:
+    """Return whether the runs can show effects at all: they have readings enough, and joints that had come to rest. A
+    posture of poses counts three, also where it was visited again: the cube of ISO 9283 has 450 numbers, of which 15
+    differ."""
+    readings = sum(
+        3 * int(groups(block.one.table.q, SAME_RAD).max() + 1) if block.one.table.kind.of_places else len(block.y_mm)
+        for block in result.linear.blocks
+    )
+    if readings < _ENOUGH * result.linear.U.shape[1] or not result.selection.columns.forms:
         return False
     poses_alone = all(block.one.table.kind.of_places for block in result.linear.blocks)
     shows = worth(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
     return not (early and poses_alone and shows)
-
-
-def _readings_apart(result: SearchResult) -> int:
-    """Return the number of readings of the runs, in which a posture of poses counts three, also where it was visited
-    again: the cube of ISO 9283 has 450 numbers, of which 15 differ."""
-    readings = 0
-    for block in result.linear.blocks:
-        table = block.one.table
-        readings += 3 * int(groups(table.q, SAME_RAD).max() + 1) if table.kind.of_places else len(block.y_mm)
-    return readings
 
 
 def is_undecided(named: Sequence[Named]) -> bool:
@@ -419,30 +397,6 @@ def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
     sigmas = [name.worth_um / name.u_um for name in named if not name.stands and name.u_um > 0 and name.worth_um > 0]
     factor = max((CERTAIN_SIGMA / min(max(sigmas), CERTAIN_SIGMA)) ** 2, 1.0) if sigmas else 1.0
     return int(min(max(2, most + 1, np.ceil(most * factor)), _MOST_RUNS))
-
-
-def _is_foreign(gaps: Gaps) -> bool:
-    """Return whether another place contradicts the model: with everything that was found it is no better there than
-    with the names alone, or hardly better than without them, where the runs used were explained."""
-    elsewhere = gaps.unseen
-    if elsewhere is None or elsewhere.before_um <= _FAR * elsewhere.noise_floor_um:
-        return False
-    floor = elsewhere.noise_floor_um**2
-    gained = 1 - max(elsewhere.calibrated_um**2 - floor, 0.0) / max(elsewhere.before_um**2 - floor, 1e-12)
-    explained = 1 - (gaps.train.calibrated_um / max(gaps.train.before_um, 1e-12)) ** 2
-    worse = (
-        elsewhere.calibrated_um > _WORSE * elsewhere.after_um
-        and elsewhere.calibrated_um > _FAR * elsewhere.noise_floor_um
-    )
-    return bool(worse or (gained < _LEAST_GAIN and explained > 1 - _LEAST_GAIN))
-
-
-def _gains_elsewhere(gaps: Gaps) -> bool:
-    """Return whether the calibrated model was shown to remove much of the gap where it had no part in it."""
-    judged = gaps.unseen or gaps.held_out
-    if judged is None or judged.before_um <= _FAR * judged.noise_floor_um:
-        return False
-    return (judged.calibrated_um / judged.before_um) ** 2 < 1 - _LEAST_GAIN
 
 
 def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> Judged:
