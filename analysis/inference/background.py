@@ -520,12 +520,12 @@ class _Motion:
     @cached_property
     def _low(self) -> Array:
         """The smallest angles (axes,) rad."""
-        return np.asarray(np.min([block.one.path.q.min(axis=0) for block in self.blocks], axis=0), dtype=float)
+        return np.asarray(np.min([block.path.q.min(axis=0) for block in self.blocks], axis=0), dtype=float)
 
     @cached_property
     def span(self) -> Array:
         """The range (axes,) rad of the joints."""
-        highest: Array = np.max([block.one.path.q.max(axis=0) for block in self.blocks], axis=0)
+        highest: Array = np.max([block.path.q.max(axis=0) for block in self.blocks], axis=0)
         return highest - self._low
 
     @cached_property
@@ -535,7 +535,7 @@ class _Motion:
 
     def angle(self, joint: int, block: Block) -> Array:
         """Return functions (n, c) rad of the angle of a joint at the samples of a block."""
-        share = (block.one.path.q[:, joint] - self._low[joint]) / self.span[joint]
+        share = (block.path.q[:, joint] - self._low[joint]) / self.span[joint]
         return _waves(share, _UNIT_RAD)
 
     def speed(self, joint: int, block: Block) -> Array:
@@ -551,13 +551,13 @@ class _Motion:
 
 def _time(block: Block) -> Array:
     """Return functions (n, c) mm of the time of the samples of a block."""
-    t = block.one.path.t_s
+    t = block.path.t_s
     return _waves((t - t[0]) / (t[-1] - t[0]), _UNIT_MM) if block.sampling else np.zeros((len(t), _WAVES))
 
 
 def _around(block: Block) -> Array:
     """Return functions (n, c) mm of the circle angle of the samples of a block."""
-    q = block.one.path.q
+    q = block.path.q
     if not block.sampling:
         return np.zeros((len(q), 2 * _WAVES))
     tool = forward(block.model.arm, q)[:, :3, 3]
@@ -576,7 +576,7 @@ def _waves(share: Array, unit: float) -> Array:
 
 def _rates(block: Block) -> Array:
     """Return the joint speeds (n, 6) rad/s; at targets they are zero."""
-    path = block.one.path
+    path = block.path
     rates: Array = np.gradient(path.q, path.t_s, axis=0) if block.sampling else np.zeros_like(path.q)
     return rates
 

@@ -26,12 +26,11 @@ from analysis.inference.observation import (
     ORDERS,
     STAMP_SCATTER,
     TREND_ORDERS,
-    Observation,
     ObservedRun,
     Sampling,
     bridging,
     predicted_in_scene,
-    residuals_of,
+    residual_of,
 )
 from analysis.inference.setups import moved_setup, with_effects, without_origin
 from analysis.kinematics.arm import Array, Integers
@@ -74,23 +73,17 @@ _BORROWED = 2.0
 """Degrees of freedom with which each order of a trend counts what is expected of it beside what few repeats show."""
 
 
-@dataclass(frozen=True)
-class Block:
-    """Repeated runs of one test and direction.
+@dataclass(frozen=True, kw_only=True)
+class Block(ObservedRun):
+    """Repeated runs of one test and direction as one run: the first of them, whose feedback represents all.
 
-    `model` comes from their rig file; `one` is the first run, whose feedback represents all of them. `y_mm` (N,) is
-    their weighted mean residual and `sd_mm` (N,) its standard deviation without scatter between runs; `scatter_mm` (N,
-    c) is what one standard deviation of the scatter of joints and ball adds, and `stamps_mm` (N, s) what one of the
-    scatter of stamps adds at a few angles. `apart_mm` (n, N) are the deviations of the n runs from their mean, and
-    `steady_mm` (n, N) the same without what stamps are expected to have added. `band` (N,) numbers the entries that
-    share a strength. `measured` states whether the noise comes from repeats, and `targets_key` is equal for runs that
-    repeat the same targets.
+    `y_mm` (N,) is their weighted mean residual and `sd_mm` (N,) its standard deviation without scatter between runs;
+    `scatter_mm` (N, c) is what one standard deviation of the scatter of joints and ball adds, and `stamps_mm` (N, s)
+    what one of the scatter of stamps adds at a few angles. `apart_mm` (n, N) are the deviations of the n runs from
+    their mean, and `steady_mm` (n, N) the same without what stamps are expected to have added. `band` (N,) numbers the
+    entries that share a strength, `count` the runs. `measured` states whether the noise comes from repeats.
     """
 
-    name: str
-    model: Model
-    one: Observation
-    sampling: Sampling | None
     y_mm: Array
     sd_mm: Array
     scatter_mm: Array
@@ -100,7 +93,6 @@ class Block:
     band: Integers
     count: int
     measured: bool
-    targets_key: bytes
 
     def whitened(self, values: Array) -> Array:
         """Return readings (m, k, …) mm as entries (N, …) in standard deviations of the noise."""
@@ -121,17 +113,14 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
     residuals (N,) do not contain them."""
     groups: dict[tuple[str, bytes], list[ObservedRun]] = {}
     for run in runs:
-        groups.setdefault((run.name, targets_key(run)), []).append(run)
+        groups.setdefault((run.name, run.targets_key), []).append(run)
     grouped = [_repeated(members, setups, effects) for members in groups.values()]
     circles = [(first.sampling, raw) for first, raw in grouped if first.sampling]
     averaged = float(np.mean([sampling.averaged for sampling, _ in circles])) if circles else 1.0
     noise = circle_noise([raw.of_laps() for _, raw in circles], averaged)
     sds = iter(noise.sd_mm)
     # Each set-up has a strength of the residual of its own; all sockets together have one, since one ball is seated.
-    kinds = [
-        first.one.setup if first.one.table.kind.parts(first.one.table) is None else first.one.table.test
-        for first, _ in grouped
-    ]
+    kinds = [first.setup if first.table.kind.parts(first.table) is None else first.table.test for first, _ in grouped]
     numbers = {name: k for k, name in enumerate(dict.fromkeys(kinds))}
     return [
         _circle_block(first, raw, next(sds), noise, numbers[kind])
@@ -139,14 +128,6 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
         else _target_block(first, raw, noise, numbers[kind])
         for (first, raw), kind in zip(grouped, kinds, strict=True)
     ]
-
-
-def targets_key(run: ObservedRun) -> bytes:
-    """Return bytes that are equal for runs that repeat each other reading by reading. The key of circles (…) is empty,
-    because their name identifies them."""
-    if run.sampling:
-        return b""
-    return _visit_keys(run.one).tobytes()
 
 
 def _repeated(
@@ -163,25 +144,25 @@ def _repeated(
     if samplings := [run.sampling for run in members if run.sampling]:
         samplings = bridging(samplings)
         members = [replace(run, sampling=sampling) for run, sampling in zip(members, samplings, strict=True)]
-    residuals = [residuals_of(run.model, [run.one], setups)[0] for run in with_effects(members, effects)]
+    residuals = [residual_of(run, setups) for run in with_effects(members, effects)]
     vectors = [entries(residual, run.sampling) for residual, run in zip(residuals, members, strict=True)]
     first = members[0]
     stamps = np.empty((len(vectors[0]), 0))
     if samplings:
-        predicted = [run.one.values - residual for run, residual in zip(members, residuals, strict=True)]
-        stamps = stamp_noise(samplings, [run.one.t_s for run in members], predicted)
-    response = scatter_response(first.model, first.one, setups[first.one.setup])
+        predicted = [run.values - residual for run, residual in zip(members, residuals, strict=True)]
+        stamps = stamp_noise(samplings, [run.t_s for run in members], predicted)
+    response = scatter_response(first, setups[first.setup])
     waves = np.empty((0, len(response)))
     if first.sampling:
-        t_s = first.one.path.t_s
-        waves = drift_waves((first.one.t_s - t_s[0]) / (t_s[-1] - t_s[0]))
+        t_s = first.path.t_s
+        waves = drift_waves((first.t_s - t_s[0]) / (t_s[-1] - t_s[0]))
     drifting = [entries(wave[:, None, None] * response, first.sampling) for wave in waves]
     constant = entries(response, first.sampling)
     # Averaging needs repeats of the same targets.
     alike = [vector for vector in vectors if len(vector) == len(vectors[0])]
     drifts = np.reshape(drifting, (len(drifting), *constant.shape))
     laps = len(first.sampling.share) if first.sampling else 1
-    return first, Repeated(first.one.setup, np.array(alike), constant, drifts, laps, stamps)
+    return first, Repeated(first.setup, np.array(alike), constant, drifts, laps, stamps)
 
 
 def _circle_block(first: ObservedRun, raw: Repeated, sd_mm: Array, noise: CircleNoise, number: int) -> Block:
@@ -206,40 +187,36 @@ def _circle_block(first: ObservedRun, raw: Repeated, sd_mm: Array, noise: Circle
     columns = few * scatter_columns(raw.response, repeats.drifting, scatter)
     band = np.searchsorted(BAND_EDGES, ORDER_OF, side="right") - 1
     band = np.concatenate([band, np.zeros(len(sd) - len(band), dtype=np.int64)])
+    steady, numbers = repeats.without_stamps(scatter, sd / few), band + number * len(BAND_EDGES)
     return Block(
-        first.name, first.model, first.one, sampling, weight @ raw.rows, sd, without_unseen(columns, sd),
-        few * raw.stamps, repeats.apart, repeats.without_stamps(scatter, sd / few), band + number * len(BAND_EDGES),
-        len(raw.rows), noise.measured, targets_key(first),
+        **vars(first), y_mm=weight @ raw.rows, sd_mm=sd, scatter_mm=without_unseen(columns, sd),
+        stamps_mm=few * raw.stamps, apart_mm=raw.apart, steady_mm=steady, band=numbers, count=len(raw.rows),
+        measured=noise.measured,
     )  # fmt: skip
 
 
 def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number: int) -> Block:
     """Return the block of repeated runs at targets; `number` is that of their set-up."""
-    table, count = first.one.table, len(raw.rows)
-    sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(first.one))
+    table, count = first.table, len(raw.rows)
+    sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(first))
     if table.kind.of_places and not measured:
         sd = np.full(len(sd), table.kind.assumed_sd_mm)
     scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.setup)) / np.sqrt(count)
     band = np.full(len(sd), number * len(BAND_EDGES))
     return Block(
-        first.name, first.model, first.one, None, raw.rows.mean(axis=0), sd / np.sqrt(count), scatter, raw.stamps,
-        raw.apart, raw.apart, band, count, measured, targets_key(first),
+        **vars(first), y_mm=raw.rows.mean(axis=0), sd_mm=sd / np.sqrt(count), scatter_mm=scatter, stamps_mm=raw.stamps,
+        apart_mm=raw.apart, steady_mm=raw.apart, band=band, count=count, measured=measured,
     )  # fmt: skip
 
 
-def _visit_numbers(observation: Observation) -> Integers:
+def _visit_numbers(run: ObservedRun) -> Integers:
     """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
-    table, keys = observation.table, _visit_keys(observation)
+    table, keys = run.table, run.visits
     if table.kind.of_places:
-        visit, sides = visits(table.q[observation.rows], SAME_RAD), table.kind.sides(table)
-        reached = visit[:, None] if sides is None else np.column_stack([visit, sides[observation.rows]])
+        visit, sides = visits(table.q[run.rows], SAME_RAD), table.kind.sides(table)
+        reached = visit[:, None] if sides is None else np.column_stack([visit, sides[run.rows]])
         keys = np.column_stack([np.repeat(reached, 3, axis=0), np.tile(np.arange(3), len(visit))])
     return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
-
-
-def _visit_keys(observation: Observation) -> Integers:
-    """Return integers (m, k) that describe where and how each reading was taken."""
-    return observation.table.kind.visits(observation.table)[observation.rows]
 
 
 def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNoise) -> Array:
@@ -324,8 +301,8 @@ class SimulatedBlock:
     @cached_property
     def by_setup(self) -> Array:
         """The change (N, t) of the whitened readings for a mm of each term of the set-up."""
-        steps = _STEP_MM * np.eye(self.block.one.table.kind.setup_terms)
-        setups = [moved_setup(self.setup, self.block.one.table, step) for step in steps]
+        steps = _STEP_MM * np.eye(self.block.table.kind.setup_terms)
+        setups = [moved_setup(self.setup, self.block.table, step) for step in steps]
         changed = np.stack([self.read(self.known, self.scene, setup) - self.base for setup in setups], axis=2)
         return self.whitened(changed) / _STEP_MM
 
@@ -335,13 +312,13 @@ class SimulatedBlock:
         early = _early(model.effects)
         errors = [self._error(early, effect) for effect in model.effects if effect.STAGE == "joint"]
         joints = self._joints(early)
-        return posed(model, self.block.one.path, replace(joints, link_q=sum(errors, start=joints.link_q)))
+        return posed(model, self.block.path, replace(joints, link_q=sum(errors, start=joints.link_q)))
 
     def _joints(self, early: tuple[Effect, ...]) -> Scene:
         """Return the scene before joints have errors, given the effects of earlier stages."""
 
         def compute() -> Scene:
-            return driven(replace(self.block.model, effects=early), self.block.one.path)
+            return driven(replace(self.block.model, effects=early), self.block.path)
 
         return recent(self._scenes, early, compute, _SCENES)
 
@@ -358,11 +335,11 @@ class SimulatedBlock:
 
     def read(self, effects: Sequence[Effect], scene: Scene, setup: SetUp) -> Array:
         """Return the readings (m, k) mm of a scene up to the tool."""
-        return predicted_in_scene(_with(self.block.model, *effects), self.block.one, scene, setup)
+        return predicted_in_scene(_with(self.block.model, *effects), self.block, scene, setup)
 
     def at_readings(self, values: Array) -> Array:
         """Return values (n, …) at the samples of the path, in any unit, at the readings, (m, …)."""
-        at_rows: Array = values[self.block.one.samples]
+        at_rows: Array = values[self.block.samples]
         return at_rows
 
     def entries(self, readings: Array) -> Array:
@@ -397,7 +374,7 @@ class SimulatedBlock:
 
         def moment_apart() -> tuple[Scene, Scene]:
             joints = self._joints(early)
-            moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self.block.one.samples])))
+            moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self.block.samples])))
             return joints.taken_at(joints.t_s - moment_s), joints.taken_at(joints.t_s + moment_s)
 
         moved = recent(self._moved, early, moment_apart, _SCENES)

@@ -57,7 +57,7 @@ class Measure:
     def _root(self) -> Array:
         """The factor (N,) of each entry by which the sum of squares becomes a mean square in µm²."""
         blocks = self.linear.blocks
-        counts = [len(block.sampling.phi if block.sampling else block.one.rows) * block.count for block in blocks]
+        counts = [len(block.sampling.phi if block.sampling else block.rows) * block.count for block in blocks]
         readings = np.array(counts, dtype=float)
         parts = []
         for block, share in zip(blocks, readings / readings.sum(), strict=True):
@@ -65,7 +65,7 @@ class Measure:
             if block.sampling:
                 factor[: len(ORDER_OF)] = 1 / (2 * GRID)
             else:
-                factor[:] = (3 if block.one.table.kind.of_places else 1) / len(factor)
+                factor[:] = (3 if block.table.kind.of_places else 1) / len(factor)
             parts.append(1e3 * block.sd_mm * np.sqrt(share * factor))
         return self.linear.at_entries(parts)
 
@@ -78,8 +78,8 @@ class Measure:
         kept = whole - basis_of(U) @ (basis_of(U).T @ whole)
         precision = np.zeros(U.shape[1])
         for block, rows in zip(self.linear.blocks, self.linear.rows, strict=True):
-            if not block.one.table.kind.of_places:
-                precision[self.linear.terms[block.one.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
+            if not block.table.kind.of_places:
+                precision[self.linear.terms[block.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
         return U, np.linalg.pinv(U.T @ U + np.diag(precision), rcond=_NO_FREEDOM, hermitian=True) @ U.T
 
     def of(self, changes: Array) -> Array:
@@ -347,7 +347,7 @@ class SizesBySetUp:
 def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
     """Return the sizes of name k in the set-ups in which it changes readings by more than the limits (b,) µm."""
     linear, change = result.linear, result.contributions[k]
-    setups = np.array([block.one.setup for block in linear.blocks])
+    setups = np.array([block.setup for block in linear.blocks])
     shown = list(dict.fromkeys(setups[worth(linear, change).um > limits].tolist()))
     if len(shown) < 2:
         return SizesBySetUp((), np.empty(0), np.empty((0, 0)))

@@ -72,7 +72,7 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
 
 def _scope(blocks: Sequence[Block]) -> Scope:
     """Return what the runs of the blocks can show. A circle has two gauges, a target has one."""
-    tables = [block.one.table for block in blocks]
+    tables = [block.table for block in blocks]
     timed = any(table.kind.swept for table in tables)
     gauges = max((table.kind.gauges for table in tables), key=len)
     twist_deg = np.degrees(blocks[0].model.arm.alpha)
@@ -160,7 +160,7 @@ def _initial_play(linear: Linearisation, axis: int, half_deg: float, parts: int)
     usual = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
 
     def off(block: Block) -> Array:
-        x = block.one.path.q[:, axis - 1]
+        x = block.path.q[:, axis - 1]
         return np.asarray(np.diff([play(x, half, float(edge)) for edge in edges], axis=0).T * usual, dtype=float)
 
     return _apart(linear, linear.by_joint(axis, off), sampling=True)
@@ -174,7 +174,7 @@ def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s:
     for k, block in enumerate(linear.blocks):
         if not block.sampling:
             continue
-        path = block.one.path
+        path = block.path
         for when, _ in path.motion.reversals(axis):
             after = int(np.searchsorted(path.t_s, when))
             columns += [
@@ -193,7 +193,7 @@ def _faded(linear: Linearisation, axis: int, size_deg: float, fades_s: float) ->
     for simulated, rows in zip(linear.simulated, linear.rows, strict=True):
         if not simulated.block.sampling:
             continue
-        path = simulated.block.one.path
+        path = simulated.block.path
         turns = [when for when, _ in path.motion.reversals(axis)]
         if not turns:
             continue
@@ -465,7 +465,7 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
         np.concatenate([np.zeros(len(share)), placed_mm**2, np.ones(scattered)]),
         np.concatenate([healthy_means(forms, present), np.zeros(set_ups + scattered)]),
         tuple(dict.fromkeys(candidate.name for candidate in every if candidate.name not in seen)),
-        constants_apart([block.one for block in linear.blocks]),
+        constants_apart(linear.blocks),
     )
 
 

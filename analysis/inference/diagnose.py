@@ -81,17 +81,17 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
             f"{', '.join(driven_once)} was driven once: its noise is assumed equal to that of the other circles"
         )
     unrepeated = [block for block in blocks if not block.sampling and not block.measured]
-    once = dict.fromkeys(block.name for block in unrepeated if not block.one.table.kind.never_twice)
-    doubts += [words for block in unrepeated if (words := block.one.table.kind.never_twice)]
+    once = dict.fromkeys(block.name for block in unrepeated if not block.table.kind.never_twice)
+    doubts += [words for block in unrepeated if (words := block.table.kind.never_twice)]
     if once:
         doubts.append(f"no target of {', '.join(once)} was visited twice: its scatter is assumed; visit targets again")
     ways: dict[str, set[str]] = {}
     for block in blocks:
-        table = block.one.table
+        table = block.table
         doubts += table.kind.doubts(table, block.model, block.name)
         if direction := table.kind.direction(table):
             ways.setdefault(table.test, set()).add(direction)
-    rails = [rail_mm(block.model.arm, block.one.table.q) for block in blocks if block.model.arm.rail is not None]
+    rails = [rail_mm(block.model.arm, block.table.q) for block in blocks if block.model.arm.rail is not None]
     if rails and np.ptp(stands := np.concatenate(rails)) == 0:
         doubts.append(f"the rail stood at {stands[0]:g} mm all along: nothing of it shows; measure along it")
     for test, seen in ways.items():
@@ -100,7 +100,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
                 f"{test} was driven {next(iter(seen))} only: effects that change with the direction cannot be detected"
             )
     if not circles:
-        sides = any(block.one.table.kind.sides(block.one.table) is not None for block in blocks)
+        sides = any(block.table.kind.sides(block.table) is not None for block in blocks)
         back = "" if sides else ", or on how a joint turns back,"
         doubts.append(f"the robot stood at every reading: effects that depend on the speed{back} hardly show")
     return tuple(dict.fromkeys(doubts))  # each socket of a run is a block of its own
@@ -315,8 +315,8 @@ def _diagnosis_of(
 
 def _hold_enough(runs: Sequence[ObservedRun]) -> None:
     """Raise FileError where there are fewer readings than terms of the set-ups."""
-    terms = sum({run.one.setup: run.one.table.kind.setup_terms for run in runs}.values())
-    if (count := sum(run.one.values.size for run in runs)) < terms:
+    terms = sum({run.setup: run.table.kind.setup_terms for run in runs}.values())
+    if (count := sum(run.values.size for run in runs)) < terms:
         raise FileError("RUN…", f"{count} readings are fewer than the {terms} terms of the set-up", "give more runs")
 
 

@@ -218,16 +218,15 @@ def planned_blocks(
     `place` distinguishes these set-ups from those of other runs. Raises FileError where the arm cannot drive a test."""
     model = model_of(rig)
     driven = [observe_run(model, table, rig.name) for table in _tables(rig, tests)]
-    driven = [replace(run, one=replace(run.one, setup=run.one.setup + place)) for run in driven]
-    seen = [replace(run, one=observation) for run in driven for observation in by_socket(run.one)]
-    setups = {run.one.setup: nominal_setup(rig, run.one.table) for run in seen}
+    seen = [part for run in driven for part in by_socket(replace(run, setup=run.setup + place))]
+    setups = {run.setup: nominal_setup(rig, run.table) for run in seen}
     off_mm = np.array(_SET_BY_HAND_MM)
     if rig.tests.circle and any(rig.tests.circle.eccentricity_mm):
         off_mm = np.array(rig.tests.circle.eccentricity_mm)
     for run in seen:
         if run.sampling and rig.tests.circle:
-            setups[run.one.setup] = replace(nominal := nominal_setup(rig, run.one.table), ball=nominal.ball + off_mm)
-    setups |= fit_setups([(run.model, run.one) for run in seen if run.one.table.kind.of_places])
+            setups[run.setup] = replace(nominal := nominal_setup(rig, run.table), ball=nominal.ball + off_mm)
+    setups |= fit_setups([run for run in seen if run.table.kind.of_places])
     blocks, few = [], 1 / np.sqrt(runs)
     for block in blocks_of(seen, setups):
         # The noise is assumed, because visits simulated without noise do not determine it.

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from analysis.inference.observation import GRID, STAMP_SCATTER, ObservedRun, Sampling, residuals_of
+from analysis.inference.observation import GRID, STAMP_SCATTER, ObservedRun, Sampling, residual_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
 from rigs.effects import Effect
@@ -213,7 +213,7 @@ def _repeated(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> list[
     for group in groups.values():
         if len(group) < 2:
             continue
-        residuals = [residuals_of(run.model, [run.one], setups)[0].mean(axis=1) for run in group]
+        residuals = [residual_of(run, setups).mean(axis=1) for run in group]
         mean = np.mean(
             [run.sampling.gridded(residual) for run, residual in zip(group, residuals, strict=True) if run.sampling],
             axis=0,
@@ -221,11 +221,11 @@ def _repeated(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> list[
         apart, wholes = [], []
         for run, residual in zip(group, residuals, strict=True):
             assert run.sampling is not None  # noqa: S101 - circles only
-            rows = run.one.rows[: len(run.sampling.phi)]
+            rows = run.rows[: len(run.sampling.phi)]
             deviation = residual[: len(rows)] - _at_rows(run.sampling, mean[:, None])[:, 0]
-            apart.append(_Deviation(run.one.path.t_s[rows], deviation, run.sampling))
+            apart.append(_Deviation(run.path.t_s[rows], deviation, run.sampling))
             wholes.append(replace(apart[-1], left_mm=residual[: len(rows)]))
-        repeated.append(_Repeated(group[0].one.setup, tuple(apart), tuple(wholes)))
+        repeated.append(_Repeated(group[0].setup, tuple(apart), tuple(wholes)))
     return repeated
 
 

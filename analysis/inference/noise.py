@@ -15,14 +15,14 @@ from analysis.inference.observation import (
     ORDER_OF,
     ORDER_OF_TREND,
     STAMP_SCATTER,
-    Observation,
+    ObservedRun,
     Sampling,
     by_orders,
     predicted,
     predicted_in_scene,
 )
 from analysis.kinematics.arm import Array, Integers
-from analysis.model.predict import Model, SetUp, moved
+from analysis.model.predict import SetUp, moved
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from rigs.effects import turned
 from rigs.schema.vocabulary import MOST_AXES
@@ -95,21 +95,17 @@ def average_scatter(every: Sequence[RunScatter]) -> RunScatter:
     return RunScatter(*np.sqrt(np.mean(np.array([astuple(scatter) for scatter in every]) ** 2, axis=0)).tolist())
 
 
-def scatter_response(model: Model, observation: Observation, setup: SetUp) -> Array:
+def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
     """Return the response of the readings, (m, k, axes + 3) mm, to a unit scatter of each joint and of the ball; for
     poses, whose instrument frame is always fitted, of the joints alone, (m, 3, axes)."""
-    scene = moved(model, observation.path)
-    base = predicted_in_scene(model, observation, scene, setup)
-    columns = []
+    model, scene = run.model, moved(run.model, run.path)
+    base, columns = predicted_in_scene(model, run, scene, setup), []
     for axis in range(1, model.arm.axes + 1):
         off = replace(model, effects=(*model.effects, turned(axis, SCATTER_DEG)))
-        columns.append(predicted(off, observation, setup) - base)
-    if not observation.table.kind.of_places:
-        steps = SCATTER_MM * np.eye(3)
-        columns += [
-            predicted_in_scene(model, observation, scene, replace(setup, ball=setup.ball + step)) - base
-            for step in steps
-        ]
+        columns.append(predicted(replace(run, model=off), setup) - base)
+    if not run.table.kind.of_places:
+        places = [replace(setup, ball=setup.ball + step) for step in SCATTER_MM * np.eye(3)]
+        columns += [predicted_in_scene(model, run, scene, place) - base for place in places]
     return np.stack(columns, axis=2)
 
 

@@ -1,8 +1,7 @@
 """Runs as a fit sees them: the readings to explain, the path that was driven, laps, stands and joint ranges.
 
-An observation is a table with the readings that count; an observed run adds a smooth path, its lap and its stands, so
+A run is a table with the readings that count; as a diagnosis uses it, it has a smooth path, its lap and its stands, so
 that it can be compared with its repeats. The joint angles that runs covered say where a model may be used.
-
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.kinematics.arm import Array, Integers
+from analysis.kinematics.arm import Array, Integers, Mask
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, SetUp, moved, nominal_setup, path_of, read
 from analysis.model.scene import Scene
@@ -27,46 +26,79 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Observations: tables in the form that a fit uses, with the readings to explain and the residuals of a model.
+# Runs in the form that a fit uses: the readings to explain about the model of their rig file, and what it leaves.
 
 
 @dataclass(frozen=True)
-class Observation:
-    """One table to explain. `rows` (m,) are those of the readings used, `values` (m, k) mm the readings. Observations
-    with equal names of their set-up share it."""
+class ObservedRun:
+    """One run to explain about the model of its rig file: `rows` (m,) of its table are those of the readings used,
+    `values` (m, k) mm the readings. Runs with equal names of their set-up share it.
 
+    Of a circle as a diagnosis uses it the path is smooth, and the rows of standing follow those of the lap, which
+    `sampling` has as orders; `wild` counts the readings that were replaced by interpolation between their neighbours,
+    and `step_mm` is the step to which its coarser gauge is rounded.
+    """
+
+    model: Model
     table: Table
     path: Path
     rows: Integers
     values: Array
     setup: str
+    sampling: Sampling | None = None
+    wild: int = 0
+    step_mm: float = 0.0
 
     @property
     def samples(self) -> Integers:
         """The samples (m,) of the path at which the readings were taken."""
-        samples: Integers = self.path.rows[self.rows]
-        return samples
+        return np.asarray(self.path.rows[self.rows], dtype=np.intp)
 
     @property
     def t_s(self) -> Array:
         """The times (m,) s of the readings."""
-        times: Array = self.path.t_s[self.samples]
-        return times
+        return np.asarray(self.path.t_s[self.samples], dtype=float)
+
+    @property
+    def name(self) -> str:
+        """The name that repeated runs share: `yaw cw`, `radial`."""
+        direction = self.table.kind.direction(self.table)
+        return f"{self.setup} {direction}" if direction else self.setup
+
+    @property
+    def visits(self) -> Integers:
+        """Integers (m, k) that describe where and how each reading was taken."""
+        return np.asarray(self.table.kind.visits(self.table)[self.rows], dtype=np.int64)
+
+    @property
+    def targets_key(self) -> bytes:
+        """Bytes that are equal for runs that repeat each other reading by reading; empty for circles, because their
+        name identifies them."""
+        return b"" if self.sampling else self.visits.tobytes()
+
+    @property
+    def on_lap(self) -> ObservedRun:
+        """The run of (m, k) mm by which errors are stated: of a circle the lap alone, since a robot that stands before
+        and after it would count one place hundreds of times."""
+        if self.sampling is None:
+            return self
+        lap = slice(len(self.sampling.phi))
+        return replace(self, rows=self.rows[lap], values=self.values[lap], sampling=None)
 
 
-def observe(model: Model, table: Table, where: str) -> Observation:
-    """Return a table with its path and, for a circle, its lap; values are (m, k) mm. Raises FileError for a table that
-    is not a circle of the rig, or has no joint angles."""
+def observe(model: Model, table: Table, where: str) -> ObservedRun:
+    """Return a table with its path and, for a circle, the readings of its laps; values are (m, k) mm. Raises FileError
+    for a table that is not a circle of the rig, or has no joint angles."""
     if table.kind.without_joints:
         raise table.kind.refused(where)
     rows = table.kind.rows_used(table, model.rig, where)
-    return Observation(table, path_of(model, table), rows, table.kind.readings(table)[rows], table.test)
+    return ObservedRun(model, table, path_of(model, table), rows, table.kind.readings(table)[rows], table.test)
 
 
-def with_placement(observation: Observation, placement: str) -> Observation:
-    """Return the observation with the set-up of a placement that the user named; without a name, that of the test
-    alone."""
-    return replace(observation, setup=f"{observation.setup} at {placement}") if placement else observation
+def with_placement(run: ObservedRun, placement: str) -> ObservedRun:
+    """Return the run, of (m, k) mm, with the set-up of a placement that the user named; without a name, that of the
+    test alone."""
+    return replace(run, setup=f"{run.setup} at {placement}") if placement else run
 
 
 _SOCKET = ", socket "
@@ -78,49 +110,46 @@ def without_socket(setup: str) -> str:
     return setup.partition(_SOCKET)[0]
 
 
-def by_socket(observation: Observation) -> list[Observation]:
-    """Return touches as an observation for each socket, of (m, 3) mm, along the path of all; another observation alone.
-    The place of each socket is a set-up of its own."""
-    parts = observation.table.kind.parts(observation.table)
+def by_socket(run: ObservedRun) -> list[ObservedRun]:
+    """Return touches as a run for each socket, of (m, 3) mm, along the path of all; another run alone. The place of
+    each socket is a set-up of its own."""
+    parts = run.table.kind.parts(run.table)
     if parts is None:
-        return [observation]
-    socket = parts[observation.rows]
-    return [
-        replace(
-            observation,
-            rows=observation.rows[touched],
-            values=observation.values[touched],
-            setup=f"{observation.setup}{_SOCKET}{name}",
-        )
-        for name, touched in ((name, socket == name) for name in np.unique(socket).tolist())
-    ]
+        return [run]
+    socket = parts[run.rows]
+    names = np.unique(socket).tolist()
+    return [replace(part(run, socket == name), setup=f"{run.setup}{_SOCKET}{name}") for name in names]
 
 
-def thinned(observation: Observation, most: int) -> Observation:
+def part(run: ObservedRun, keep: Mask) -> ObservedRun:
+    """Return a run with the readings (m, k) of the mask `keep` (m,); the path, and with it the approach to each pose,
+    stays complete."""
+    return replace(run, rows=run.rows[keep], values=run.values[keep])
+
+
+def thinned(run: ObservedRun, most: int) -> ObservedRun:
     """Return a circle with at most `most` (m,) of its readings, evenly spaced, which alone are simulated."""
-    kept = np.argsort(observation.rows)[:: -(-len(observation.rows) // most)]
-    path = replace(observation.path, rows=observation.samples[kept], alone=True)
-    return replace(observation, path=path, rows=np.arange(len(kept)), values=observation.values[kept])
+    kept = np.argsort(run.rows)[:: -(-len(run.rows) // most)]
+    path = replace(run.path, rows=run.samples[kept], alone=True)
+    return replace(run, path=path, rows=np.arange(len(kept)), values=run.values[kept])
 
 
-def predicted(model: Model, observation: Observation, setup: SetUp) -> Array:
-    """Return the readings (m, k) mm that a model predicts; for poses the positions."""
-    return predicted_in_scene(model, observation, moved(model, observation.path), setup)
+def predicted(run: ObservedRun, setup: SetUp) -> Array:
+    """Return the readings (m, k) mm that the model of a run predicts; for poses the positions."""
+    return predicted_in_scene(run.model, run, moved(run.model, run.path), setup)
 
 
-def predicted_in_scene(model: Model, observation: Observation, scene: Scene, setup: SetUp) -> Array:
-    """Return the predicted readings (m, k) mm from an existing scene, which is the same for all set-ups."""
-    values = read(model, observation.table, observation.path, scene, setup)
-    if observation.table.kind.of_places:
+def predicted_in_scene(model: Model, run: ObservedRun, scene: Scene, setup: SetUp) -> Array:
+    """Return the readings (m, k) mm that a model predicts from an existing scene, which is the same for all set-ups."""
+    values = read(model, run.table, run.path, scene, setup)
+    if run.table.kind.of_places:
         values = values[:, [3, 7, 11]]
-    return values[observation.rows]
+    return values[run.rows]
 
 
-def residuals_of(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> list[Array]:
-    """Return measured minus predicted readings, (m, k) mm for each observation."""
-    return [
-        observation.values - predicted(model, observation, setups[observation.setup]) for observation in observations
-    ]
+def residual_of(run: ObservedRun, setups: Mapping[str, SetUp]) -> Array:
+    """Return measured minus predicted readings (m, k) mm of a run in its set-up."""
+    return run.values - predicted(run, setups[run.setup])
 
 
 def rms(residuals: Sequence[Array]) -> float:
@@ -179,12 +208,12 @@ _HALF_S = 0.2
 reversal of a joint."""
 
 
-def smooth_path(observation: Observation) -> Observation:
-    """Return a circle with its path (n, 6) rad smoothed, and any other observation unchanged."""
-    if not observation.table.kind.swept:
-        return observation
+def smooth_path(run: ObservedRun) -> ObservedRun:
+    """Return a circle with its path (n, 6) rad smoothed, and any other run unchanged."""
+    if not run.table.kind.swept:
+        return run
     # A parabola overshoots where the robot starts and stops, and would create reversals, so only laps are smoothed.
-    laps, t_s, q = observation.samples, observation.path.t_s, observation.path.q
+    laps, t_s, q = run.samples, run.path.t_s, run.path.q
     reach = max(2, int(np.ceil(_HALF_S / float(np.median(np.diff(t_s))))))
     index = np.arange(len(t_s))[:, None] + np.arange(-reach, reach + 1)
     inside = (index >= 0) & (index < len(t_s))
@@ -198,7 +227,7 @@ def smooth_path(observation: Observation) -> Observation:
     share = weight * np.einsum("ni,nwi->nw", row, powers)
     smooth = q.copy()
     smooth[laps] = (np.einsum("nw,nwj->nj", share, q[index] - q[:, None]) + q)[laps]
-    return replace(observation, path=replace(observation.path, motion=Motion(t_s, smooth)))
+    return replace(run, path=replace(run.path, motion=Motion(t_s, smooth)))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -395,39 +424,11 @@ def _difference(values: Array) -> Array:
     return apart
 
 
-@dataclass(frozen=True)
-class ObservedRun:
-    """One run about the model of its own rig file. `one` is its observation with a smooth path, in which the rows of
-    standing follow those of the lap. `wild` counts the readings of a circle that were replaced by interpolation between
-    their neighbours, and `step_mm` is the step to which its coarser gauge is rounded."""
-
-    model: Model
-    one: Observation
-    sampling: Sampling | None
-    wild: int = 0
-    step_mm: float = 0.0
-
-    @property
-    def name(self) -> str:
-        """The name that repeated runs share: `yaw cw`, `radial`."""
-        direction = self.one.table.kind.direction(self.one.table)
-        return f"{self.one.setup} {direction}" if direction else self.one.setup
-
-    @property
-    def on_lap(self) -> Observation:
-        """The observation of (m, k) mm by which errors are stated: of a circle the lap alone, since a robot that stands
-        before and after it would count one place hundreds of times."""
-        if self.sampling is None:
-            return self.one
-        count = len(self.sampling.phi)
-        return replace(self.one, rows=self.one.rows[:count], values=self.one.values[:count])
-
-
 def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     """Return a run's table as an observed run, with readings (m, k) mm. Raises FileError for a table that is not a
     circle of the rig."""
     if not isinstance(table, CircleTable):
-        return ObservedRun(model, observe(model, table, where), None)
+        return observe(model, table, where)
     sound = without_wild(table)
     wild = int(np.count_nonzero(sound.g_mm != table.g_mm))
     step_mm = max(step_of(gauge) for gauge in table.g_mm.T)
@@ -444,8 +445,8 @@ def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     raw, smooth = replace(lap, rows=rows), replace(smoothed, rows=rows)
     # Servo ripple is real motion, so the readings are corrected by the predicted effect of its removal from the path.
     setup = nominal_setup(model.rig, table)
-    ripple = predicted(model, raw, setup) - predicted(model, smooth, setup)
-    return ObservedRun(model, replace(smooth, values=table.g_mm[rows] - ripple), sampling, wild, step_mm)
+    values = table.g_mm[rows] - (predicted(raw, setup) - predicted(smooth, setup))
+    return replace(smooth, values=values, sampling=sampling, wild=wild, step_mm=step_mm)
 
 
 def without_wild(table: CircleTable) -> CircleTable:
@@ -502,11 +503,11 @@ def _number(phi: Array, laps: int) -> Array:
     return number
 
 
-def _stands(observation: Observation) -> list[Integers]:
+def _stands(run: ObservedRun) -> list[Integers]:
     """Return the rows of standing before and after the lap, or an empty list unless both exist."""
-    t, q = observation.path.t_s, observation.path.q
+    t, q = run.path.t_s, run.path.q
     speed = np.linalg.norm(np.gradient(q, t, axis=0), axis=1)
-    still = speed < _STANDS * np.median(speed[observation.rows])
-    first, last = int(observation.rows[0]), int(observation.rows[-1])
+    still = speed < _STANDS * np.median(speed[run.rows])
+    first, last = int(run.rows[0]), int(run.rows[-1])
     periods = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
     return periods if min(map(len, periods)) >= _LEAST_STAND else []

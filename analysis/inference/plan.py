@@ -203,7 +203,7 @@ def possible_tests(
     """Return each further test that the arm can drive, beside the existing blocks, and those that it cannot drive, with
     the reason."""
     possible, impossible = [], []
-    shared = [SharedBlock(block, (), setups[block.one.setup]) for block in without_bands(blocks)]
+    shared = [SharedBlock(block, (), setups[block.setup]) for block in without_bands(blocks)]
     for further in further_tests(rig, tests):
         refused = ""
         for words, moved in further.choices:
@@ -213,8 +213,8 @@ def possible_tests(
                 refused = refused or error.what
                 continue
             expected = ExpectedPosterior(beside(shared, without_bands(added), places), level)
-            set_ups = len({block.one.setup for block in added})
-            minutes = sum(block.count * float(np.ptp(block.one.path.t_s)) for block in added) / 60
+            set_ups = len({block.setup for block in added})
+            minutes = sum(block.count * float(np.ptp(block.path.t_s)) for block in added) / 60
             possible.append(PossibleTest(words, further.why, expected, minutes, len(added), set_ups))
             break
         else:
@@ -285,7 +285,7 @@ def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
     column = linear.columns([effect])[:, 0]
     whole, remaining = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
     if whole > _NOTHING and remaining < _OWN_SHARE * whole:
-        terms = sorted({block.one.table.kind.setup_words for block in linear.blocks})
+        terms = sorted({block.table.kind.setup_words for block in linear.blocks})
         return f"the set-up absorbs it: {'; '.join(terms)}, which are always fitted"
     axis = getattr(effect, "axis", None)
     if axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():

@@ -169,7 +169,7 @@ def pool_of(rig: Rig, q: Array) -> Pool:
     """What is expected of poses q (n, 6) rad of the arm of a rig, seen by a tracker. Raises FileError."""
     table = PoseTable(q, forward(arm_of(rig.robot), q)[:, :3, 3], None)
     run = observe_run(model_of(rig), table, rig.name)
-    setups = {run.one.setup: nominal_setup(rig, table)}
+    setups = {run.setup: nominal_setup(rig, table)}
     (block,) = blocks = without_bands(blocks_of([run], setups))
     linear = linearise(blocks, setups)
     columns = columns_for(linear, [candidate for candidate in candidates_for(linear) if not is_play(candidate.effect)])

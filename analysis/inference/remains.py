@@ -56,11 +56,11 @@ Functions = Callable[[Block], Array]
 def _subjects(blocks: Sequence[Block], temperature: Array | None) -> Iterator[tuple[Subject, Functions | None]]:
     """Yield what places may go with, each as functions (n, c) rad at the samples of a block, None where the runs do not
     have it."""
-    yield "posture", _of_places(lambda block: np.concatenate([f(block.one.table.q) for f in (np.cos, np.sin)], axis=1))
+    yield "posture", _of_places(lambda block: np.concatenate([f(block.table.q) for f in (np.cos, np.sin)], axis=1))
     yield "approach", _of_places(_sides)
     half_waves, ends = np.pi * np.arange(1, _SLOW + 1), (0.0, 1.0)
-    yield "time", _of_places(lambda block: np.cos(half_waves * np.linspace(*ends, len(block.one.table.q))[:, None]))
-    one_table = len({id(block.one.table) for block in blocks if block.one.table.kind.of_places}) == 1
+    yield "time", _of_places(lambda block: np.cos(half_waves * np.linspace(*ends, len(block.table.q))[:, None]))
+    one_table = len({id(block.table) for block in blocks if block.table.kind.of_places}) == 1
     if temperature is not None and one_table and np.ptp(temperature) > 0:
         warmth = ((temperature - temperature.mean()) / np.ptp(temperature))[:, None]
         yield "temperature", _of_places(lambda _: warmth)
@@ -74,8 +74,8 @@ def _of_places(of_rows: Callable[[Block], Array]) -> Functions:
     rows (n, c); zero for circles."""
 
     def functions(block: Block) -> Array:
-        samples = len(block.one.path.q)
-        if not block.one.table.kind.of_places:
+        samples = len(block.path.q)
+        if not block.table.kind.of_places:
             return np.zeros((samples, of_rows(block).shape[1]))
         values = _UNIT_RAD * of_rows(block)
         return np.repeat(values, samples // len(values), axis=0)
@@ -85,7 +85,7 @@ def _of_places(of_rows: Callable[[Block], Array]) -> Functions:
 
 def _sides(block: Block) -> Array:
     """Return the way (n, axes) in which each joint came: as the rows say, or else from the row before."""
-    table = block.one.table
+    table = block.table
     sides = table.kind.sides(table)
     if sides is not None:
         return sides.astype(float)

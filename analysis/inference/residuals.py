@@ -47,7 +47,7 @@ def bands_above_noise(blocks: Sequence[Block], residual: Array) -> tuple[Residua
     clear: list[tuple[float, ResidualBand]] = []
     parity, begin = _parity(blocks, residual), 0
     for block in blocks:
-        of_block, table = residual[begin : begin + len(block.y_mm)], block.one.table
+        of_block, table = residual[begin : begin + len(block.y_mm)], block.table
         begin += len(of_block)
         bands: list[tuple[Part | Literal["targets"], tuple[int, int] | None, Integers]]
         bands = [("targets", None, np.arange(len(of_block)))]
@@ -82,7 +82,7 @@ def _parity(blocks: Sequence[Block], residual: Array) -> dict[tuple[TestName, st
     ways: dict[tuple[TestName, Direction], Array] = {}
     begin = 0
     for block in blocks:
-        table = block.one.table
+        table = block.table
         if direction := table.kind.direction(table):
             ways[table.test, direction] = residual[begin : begin + len(ORDER_OF)]
         begin += len(block.y_mm)
@@ -130,7 +130,7 @@ def places(blocks: Sequence[Block], left_mm: Sequence[Array]) -> tuple[Place, ..
 
 def reversals_of(block: Block) -> tuple[tuple[float, int], ...]:
     """Return the circle angles in degrees at which joints reverse, each with its joint."""
-    table = block.one.table
+    table = block.table
     if not isinstance(table, CircleTable):
         return ()
     lap = laps_of(table, block.model.rig, block.name)
@@ -138,7 +138,7 @@ def reversals_of(block: Block) -> tuple[tuple[float, int], ...]:
 
 
 def _on_circle(block: Block, residual: Array) -> list[Place]:
-    table = block.one.table
+    table = block.table
     direction = table.kind.direction(table)
     count = len(ORDER_OF)
     readings = curve(np.where(ORDER_OF <= _SMOOTH, residual[:count], 0.0))
@@ -228,13 +228,13 @@ def _why(joint: int | None, values: Array, begin_deg: float, end_deg: float) -> 
 
 
 def _at_targets(block: Block, residual: Array) -> list[Place]:
-    table = block.one.table
+    table = block.table
     if table.kind.of_places:
         size = np.sqrt((residual.reshape(-1, 3) ** 2).sum(axis=1))
         noise = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3)
     else:
         size, noise = np.abs(residual), block.sd_mm
-    number = table.kind.numbers_of(table)[block.one.rows]
+    number = table.kind.numbers_of(table)[block.rows]
     over = size > _SIGMA * noise
     if not over.any():
         return []
@@ -252,7 +252,7 @@ def curves_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[
     """Return the curves of the blocks of circles, given the residual (N,) mm of each block before and after."""
     curves, phi = [], np.arange(GRID) * 360 / GRID
     for block, was, now in zip(blocks, before, after, strict=True):
-        table = block.one.table
+        table = block.table
         if block.sampling and (direction := table.kind.direction(table)):
             gauges = 1e3 * curve(was), 1e3 * curve(now)
             curves.append(Curve(table.test, direction, phi, *gauges, reversals_of(block)))
@@ -263,7 +263,7 @@ def maps_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[Ar
     """Return the maps of the blocks of targets and poses, given the residual (N,) mm of each block before and after."""
     maps = []
     for block, *values in zip(blocks, before, after, strict=True):
-        table, rows = block.one.table, block.one.rows
+        table, rows = block.table, block.rows
         if not block.sampling:
             sizes = [1e3 * np.linalg.norm(value.reshape(len(rows), -1), axis=1) for value in values]
             polar, azimuth = (np.degrees(angles)[rows] for angles in table.kind.angles_of(table, block.model.rig))

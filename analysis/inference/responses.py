@@ -163,14 +163,14 @@ class Linearisation:
     @cached_property
     def terms(self) -> dict[str, list[int]]:
         """The columns of U that belong to each set-up."""
-        return columns_of({block.one.setup: block.one.table for block in self.blocks})
+        return columns_of({block.setup: block.table for block in self.blocks})
 
     @cached_property
     def U(self) -> Array:  # noqa: N802 - a matrix
         """The change (N, s) for a mm of each set-up term."""
         columns = np.zeros((len(self.y), 1 + max(map(max, self.terms.values()))))
         for simulated, rows in zip(self.simulated, self.rows, strict=True):
-            columns[rows, self.terms[simulated.block.one.setup]] = simulated.by_setup
+            columns[rows, self.terms[simulated.block.setup]] = simulated.by_setup
         columns[self.of_distances] = self.distances.by_setup(self.setups, self.terms, columns.shape[1])
         return columns
 
@@ -212,7 +212,7 @@ class Linearisation:
     @cached_property
     def terms_of_poses(self) -> set[int]:
         """The columns of U that belong to placements of poses."""
-        poses = [block.one.setup for block in self.blocks if block.one.table.kind.of_places]
+        poses = [block.setup for block in self.blocks if block.table.kind.of_places]
         return {term for name in poses for term in self.terms[name]}
 
     def is_straight(self, moves: Array) -> bool:
@@ -232,7 +232,7 @@ class Linearisation:
         moved, unmoved = (
             self._left((), scenes, self.setups_moved_by(terms)) for terms in (of_poses, np.zeros_like(of_poses))
         )
-        entries = sum(len(block.y_mm) for block in self.blocks if block.one.table.kind.of_places)
+        entries = sum(len(block.y_mm) for block in self.blocks if block.table.kind.of_places)
         return bool(np.linalg.norm(moved - unmoved + self.U @ of_poses) <= _BENT * np.sqrt(entries))
 
     @cached_property
@@ -289,9 +289,9 @@ class Linearisation:
 
     def _moves_with_tool(self, scenes: Sequence[Scene]) -> Array:
         """Return the terms of the set-ups (s,) mm with each ball moved as far as the tool is moved in new scenes."""
-        moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.one.setup for simulated in self.simulated)
+        moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.setup for simulated in self.simulated)
         for simulated, scene in zip(self.simulated, scenes, strict=True):
-            seen = simulated.block.one
+            seen = simulated.block
             if not seen.table.kind.of_places:
                 moves[self.terms[seen.setup][:3]] += tool_shift(seen, simulated.scene, scene) / count[seen.setup]
         return moves
@@ -308,7 +308,7 @@ class Linearisation:
         """Return what `effects` add to the entries (N,) mm of each block, given the scenes with them."""
         both = zip(self.simulated, scenes, strict=True)
         return [
-            simulated.entries(simulated.read(effects, scene, setups[simulated.block.one.setup]) - simulated.base)
+            simulated.entries(simulated.read(effects, scene, setups[simulated.block.setup]) - simulated.base)
             for simulated, scene in both
         ]
 
@@ -332,7 +332,7 @@ class Linearisation:
 
     def setups_moved_by(self, change: Array) -> dict[str, SetUp]:
         """Return the set-ups with their terms moved by (s,) mm."""
-        tables = {block.one.setup: block.one.table for block in self.blocks}
+        tables = {block.setup: block.table for block in self.blocks}
         return {name: moved_setup(self.setups[name], table, change[self.terms[name]]) for name, table in tables.items()}
 
     def in_mm(self, residual: Array) -> list[Array]:
@@ -366,7 +366,7 @@ class Linearisation:
     def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:
         """Return the change (N,) of the whitened readings for an error of one joint (1 … 6) at a single sample of one
         block's path."""
-        off = np.zeros((len(self.blocks[k].one.path.q), 1))
+        off = np.zeros((len(self.blocks[k].path.q), 1))
         off[sample] = np.radians(angle_deg)
         whole = np.zeros(len(self.y))
         whole[self.rows[k]] = self.simulated[k].by_joint(axis, off)[:, 0]
@@ -376,15 +376,15 @@ class Linearisation:
 def linearise(blocks: Sequence[Block], setups: Mapping[str, SetUp], effects: Sequence[Effect] = ()) -> Linearisation:
     """Return the linearisation of blocks about set-ups. `effects` are those found so far, which the model
     contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them."""
-    simulated = [SimulatedBlock(block, tuple(effects), setups[block.one.setup]) for block in blocks]
+    simulated = [SimulatedBlock(block, tuple(effects), setups[block.setup]) for block in blocks]
     return Linearisation(tuple(blocks), dict(setups), tuple(simulated))
 
 
 def beside(shared: Sequence[SharedBlock], blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Linearisation:
     """Return the linearisation of blocks that other linearisations share, and of more blocks after them, N entries in
     all, about set-ups."""
-    simulated = (*shared, *(SimulatedBlock(block, (), setups[block.one.setup]) for block in blocks))
-    placed = {simulated_block.block.one.setup: simulated_block.setup for simulated_block in simulated}
+    simulated = (*shared, *(SimulatedBlock(block, (), setups[block.setup]) for block in blocks))
+    placed = {simulated_block.block.setup: simulated_block.setup for simulated_block in simulated}
     return Linearisation(tuple(simulated_block.block for simulated_block in simulated), placed, simulated)
 
 
@@ -438,7 +438,7 @@ def limits_um(
     """
     if tolerance_um is not None:
         return np.full(len(linear.blocks), tolerance_um)
-    of_name = np.array([own_um.get(block.one.setup, 0.0) for block in linear.blocks])
+    of_name = np.array([own_um.get(block.setup, 0.0) for block in linear.blocks])
     squares, relative = _scatter_squares(linear, [block.steady_mm for block in linear.blocks])
     least = np.maximum((squares - of_name**2) * (1 - relative), LEAST_MATERIAL_UM**2)
     return np.asarray(np.sqrt(least), dtype=float)
@@ -470,8 +470,8 @@ def _scatter_squares(linear: Linearisation, deviations: Sequence[Array]) -> tupl
         squares[k] = rms_um(block, np.sqrt(block.count) * usual)
     squares **= 2
     repeated = [k for k, block in enumerate(linear.blocks) if block.sampling and deviations[k].any()]
-    for setup in {linear.blocks[k].one.setup for k in repeated}:
-        members, shown = [k for k in repeated if linear.blocks[k].one.setup == setup], list[float]()
+    for setup in {linear.blocks[k].setup for k in repeated}:
+        members, shown = [k for k in repeated if linear.blocks[k].setup == setup], list[float]()
         for k in members:
             # The independent differences of the runs, one fewer than these.
             contrasts = np.linalg.svd(np.ones((1, len(deviations[k]))))[2][1:]
@@ -489,5 +489,5 @@ def rms_um(block: Block, entries_mm: Array) -> float:
         energy, count = float((entries_mm[: len(ORDER_OF)] ** 2).sum()), 2 * GRID
     else:
         energy = float((entries_mm**2).sum())
-        count = len(entries_mm) // (3 if block.one.table.kind.of_places else 1)
+        count = len(entries_mm) // (3 if block.table.kind.of_places else 1)
     return 1e3 * float(np.sqrt(energy / count))

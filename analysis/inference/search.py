@@ -160,10 +160,10 @@ def _starting_setups(
     """
     # The first run of each kind is sufficient as a starting point.
     setups = fit_run_setups(list({run.name: run for run in reversed(runs)}.values()))[0]
-    poses, begun = [run for run in runs if run.one.table.kind.of_places], None
+    poses, begun = [run for run in runs if run.table.kind.of_places], None
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
-        of_poses = {run.one.setup: setups[run.one.setup] for run in poses}
+        of_poses = {run.setup: setups[run.setup] for run in poses}
         linear = linearise(blocks_of(poses, of_poses), of_poses)
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         begun = selection.initial_state(before=begun)
@@ -200,7 +200,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     """Return a message with the remedy if the joints of poses were read too early, and an empty tuple otherwise. The N
     entries of the search result are whitened; the fitted joint errors are (axes,) rad."""
     linear = result.linear
-    rows = linear.at_entries([np.full(len(block.y_mm), block.one.table.kind.of_tracker) for block in linear.blocks])
+    rows = linear.at_entries([np.full(len(block.y_mm), block.table.kind.of_tracker) for block in linear.blocks])
     if not rows.any():
         return ()
     taken = basis_of(np.concatenate([linear.U, *_by_angle(linear)], axis=1))
@@ -232,7 +232,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         share = 1 - energy / max(float(np.sum(y[rows] ** 2)), 1e-300)
         fits.append((share, ahead, sd, A, words, unit))
     share, ahead, sd, A, words, unit = max(fits, key=lambda fit: fit[0])
-    poses = [block.one.table.kind.of_tracker for block in linear.blocks]
+    poses = [block.table.kind.of_tracker for block in linear.blocks]
     um = np.array([plain_worth(linear, A[:, [k]] @ ahead[[k]]).um[poses].max() for k in range(len(joints))])
     early = (ahead > _SURE * sd) & (um > LEAST_MATERIAL_UM)
     if share < _LEAST_SHARE or not early.any():
@@ -246,9 +246,9 @@ def _by_angle(linear: Linearisation) -> list[Array]:
     """Return what errors that vary with each joint's angle change in pose readings, a list of (N, 1 + 2 o) arrays."""
 
     def waves(joint: int, block: Block) -> Array:
-        turned = block.one.path.q[:, [joint]] * np.array(_ORDERS)
+        turned = block.path.q[:, [joint]] * np.array(_ORDERS)
         parts = np.concatenate([np.ones((len(turned), 1)), np.sin(turned), np.cos(turned)], axis=1)
-        poses: Array = np.radians(parts) * block.one.table.kind.of_tracker
+        poses: Array = np.radians(parts) * block.table.kind.of_tracker
         return poses
 
     return [linear.by_joint(axis, partial(waves, axis - 1)) for axis in range(1, linear.axes + 1)]
@@ -277,9 +277,9 @@ def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Ar
     path, and zero for other tests."""
 
     def samples(block: Block) -> Array:
-        path = block.one.path
+        path = block.path
         columns = np.zeros((len(path.q), 1))
-        if block.one.table.kind.of_tracker:
+        if block.table.kind.of_tracker:
             came = np.diff(path.q[path.rows, joint], prepend=path.q[path.rows[0], joint])
             columns[path.rows, 0] = off(came)
         return columns

@@ -150,7 +150,7 @@ class Selection:
     @property
     def _of_tracker(self) -> bool:
         """Whether all readings are poses of a tracker."""
-        return all(block.one.table.kind.of_tracker for block in self.linear.blocks)
+        return all(block.table.kind.of_tracker for block in self.linear.blocks)
 
     def _with_curves(self, state: SelectionState) -> SelectionState:
         """Return the state with the likeliest curves and noise, and then the weights of wild readings beside them, in
@@ -451,7 +451,7 @@ class Selection:
         """Which forms (n,) are waves of a joint's curve, and which of so low an order that the joint was driven over
         few of them in any run."""
         effects = [form.effects[0] for form in self.columns.forms]
-        turned = np.max([np.ptp(block.one.table.q, axis=0) for block in self.linear.blocks], axis=0) / (2 * np.pi)
+        turned = np.max([np.ptp(block.table.q, axis=0) for block in self.linear.blocks], axis=0) / (2 * np.pi)
         driven = [
             order_of(effect) * float(turned[getattr(effect, "axis", 1) - 1]) if is_of_curve(effect) else np.inf
             for effect in effects

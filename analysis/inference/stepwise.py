@@ -8,7 +8,7 @@ circle, which takes a thirtieth of the time.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -55,13 +55,7 @@ def staircase_of(
         return None
     gaps = (diagnosis.train, diagnosis.held_out, diagnosis.unseen)
     left_um = [[gap.before_um if gap else None for gap in gaps]]
-    thin = [
-        [
-            replace(run, one=thinned(run.on_lap, _ROWS), sampling=None) if run.one.table.kind.swept else run
-            for run in runs
-        ]
-        for runs in places
-    ]
+    thin = [[thinned(run.on_lap, _ROWS) if run.table.kind.swept else run for run in runs] for runs in places]
     left_um += left_um_of([rung.effects for rung in rungs[1:-1]], thin)
     left_um.append([gap.calibrated_um if gap else None for gap in gaps])
     steps = []

@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from analysis.inference.background import Posterior
-from analysis.inference.blocks import Block, blocks_of, entries, targets_key
-from analysis.inference.observation import Observation, ObservedRun, residuals_of, rms, without_socket
+from analysis.inference.blocks import Block, blocks_of, entries
+from analysis.inference.observation import ObservedRun, residual_of, rms, without_socket
 from analysis.inference.refine import Unknown, slopes_of
 from analysis.inference.responses import basis_of, limits_um, linearise, noise_um, rms_um
 from analysis.inference.result import Gap, TestGap
@@ -64,9 +64,9 @@ class Stages:
 def _left_with(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> list[Array]:
     """Return the residuals (m, k) mm of each run with the set-ups that were placed, and with its own where it is in
     none of them."""
-    new = [run for run in runs if run.one.setup not in placed]
+    new = [run for run in runs if run.setup not in placed]
     every = {**placed, **(fit_run_setups(new)[0] if new else {})}
-    return [residuals_of(run.model, [run.on_lap], every)[0] for run in runs]
+    return [residual_of(run.on_lap, every) for run in runs]
 
 
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
@@ -85,14 +85,14 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names
     residuals = stages.left(runs)
     before, after, calibrated = (1e3 * rms(of_stage) for of_stage in residuals)
     tests = []
-    for test in dict.fromkeys(run.one.table.test for run in runs):
+    for test in dict.fromkeys(run.table.test for run in runs):
         um = []
         for of_stage in (residuals[0], residuals[-1]):
-            of_test = [left for run, left in zip(runs, of_stage, strict=True) if run.one.table.test == test]
+            of_test = [left for run, left in zip(runs, of_stage, strict=True) if run.table.test == test]
             sizes = [np.linalg.norm(left, axis=1) if left.shape[1] == 3 else np.abs(left) for left in of_test]
             um += [1e3 * rms(of_test), 1e3 * max(float(size.max()) for size in sizes)]
         tests.append(TestGap(test, *um))
-    keeps = all(run.one.setup in stages.calibrated for run in runs)
+    keeps = all(run.setup in stages.calibrated for run in runs)
     floor = _floor(result, runs)
     return Gap(tuple(names), before, after, floor, calibrated, tuple(tests), keeps)
 
@@ -177,7 +177,7 @@ def widening(
     """
     sets = [_missed_of(left_out.sums) if len(left_out.rows) else None, _missed_by_placement(result)]
     for runs in (judges, elsewhere):
-        places = [run for run in runs if run.one.table.kind.of_places]
+        places = [run for run in runs if run.table.kind.of_places]
         sets.append(_missed_by(places, stages, result) if places else None)
     judging = [missed for missed in sets if missed is not None and missed.stated.any()]
     return max(judging, key=lambda missed: missed.ratio).widening() if judging else Widening()
@@ -208,8 +208,8 @@ def places_left_out(result: SearchResult) -> LeftOut:
     """Return each neighbourhood of the poses used as all others predict it; empty where there are no poses."""
     linear, parts, first = result.linear, list[LeftOut](), 0
     for block, of_block in zip(linear.blocks, linear.rows, strict=True):
-        if block.one.table.kind.of_places:
-            group = _neighbourhoods(block.one)
+        if block.table.kind.of_places:
+            group = _neighbourhoods(block)
             for number in np.unique(group).tolist():
                 rows = of_block.start + np.flatnonzero(group == number)
                 parts.append(_left_out(result, rows, np.full(len(rows), first + number)))
@@ -227,14 +227,14 @@ def _missed_by_placement(result: SearchResult) -> _Missed | None:
     """Return by how much the model of all others misses each placement of the poses used, its set-up fitted to it, by
     neighbourhood; None where there are not two. Long series are not left out, only the others predicted by them."""
     linear, left_out, first = result.linear, list[LeftOut](), 0
-    blocks = [k for k, block in enumerate(linear.blocks) if block.one.table.kind.of_places]
-    placement = {k: without_socket(linear.blocks[k].one.setup) for k in blocks}
+    blocks = [k for k, block in enumerate(linear.blocks) if block.table.kind.of_places]
+    placement = {k: without_socket(linear.blocks[k].setup) for k in blocks}
     names = sorted(set(placement.values()))
     for name in names if len(names) > 1 else ():
         parts = [k for k in blocks if placement[k] == name]
         rows = np.concatenate([np.arange(linear.rows[k].start, linear.rows[k].stop) for k in parts])
-        group = np.concatenate([_neighbourhoods(linear.blocks[k].one) for k in parts])
-        terms = sorted({term for k in parts for term in linear.terms[linear.blocks[k].one.setup]})
+        group = np.concatenate([_neighbourhoods(linear.blocks[k]) for k in parts])
+        terms = sorted({term for k in parts for term in linear.terms[linear.blocks[k].setup]})
         if len(terms) < len(rows) < _LONGEST:
             left_out.append(_left_out(result, rows, first + group, basis_of(linear.U[rows][:, terms])))
             first += int(group.max()) + 1
@@ -260,9 +260,9 @@ def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Arr
     return LeftOut(rows, group, missed, missed**2 * variance_mm2, noise * variance_mm2, stated, robust)
 
 
-def _neighbourhoods(observation: Observation) -> Integers:
+def _neighbourhoods(run: ObservedRun) -> Integers:
     """Return the neighbourhood of each entry (n,) of places."""
-    return np.repeat(neighbourhoods(observation.table.q[observation.rows], np.random.default_rng(0)), 3)
+    return np.repeat(neighbourhoods(run.table.q[run.rows], np.random.default_rng(0)), 3)
 
 
 def _missed_by(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) -> _Missed:
@@ -271,14 +271,14 @@ def _missed_by(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult
     groups, shown = [], _noise_shown(result)
     setups = dict(stages.calibrated)
     with_model = with_effects(runs, stages.effects[-1])
-    if new := [run for run in with_model if run.one.setup not in setups]:
+    if new := [run for run in with_model if run.setup not in setups]:
         setups |= fit_run_setups(new)[0]
     for run, calibrated in zip(runs, with_model, strict=True):
-        (residual,) = residuals_of(calibrated.model, [run.one], setups)
+        residual = residual_of(calibrated, setups)
         noise, variance = _stated_variances(run, setups, result)
-        alike = [block.one.table.test == run.one.table.test for block in result.linear.blocks]
+        alike = [block.table.test == run.table.test for block in result.linear.blocks]
         noise = noise * (shown[alike].mean() if any(alike) else 1.0)
-        group = _neighbourhoods(run.one)
+        group = _neighbourhoods(run)
         entry = np.stack([entries(residual, None) ** 2, noise, variance, np.ones_like(noise)])
         groups += [entry[:, group == number].sum(axis=1) for number in np.unique(group).tolist()]
     return _missed_of(np.array(groups))
@@ -303,9 +303,9 @@ def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: Sea
     slopes = [slopes_of(of_run, *both) for both in zip(refined.effects, of_effect, strict=True)]
     change = np.concatenate([*slopes, share], axis=1)
     count = columns.set_ups.start
-    if run.one.setup in result.linear.terms:
+    if run.setup in result.linear.terms:
         placed = np.zeros((len(of_run.y), columns.set_ups.stop - columns.set_ups.start))
-        placed[:, result.linear.terms[run.one.setup]] = of_run.U[:, of_run.terms[run.one.setup]]
+        placed[:, result.linear.terms[run.setup]] = of_run.U[:, of_run.terms[run.setup]]
         change, count = np.concatenate([change, placed], axis=1), columns.set_ups.stop
     else:
         basis = basis_of(of_run.U)
@@ -374,7 +374,7 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
     standing differ from theirs."""
     linear = result.linear
     kinds = [(block.name, block.targets_key) for block in linear.blocks]
-    kind = (run.name, targets_key(run))
+    kind = (run.name, run.targets_key)
     if kind not in kinds or run.model.rig != linear.blocks[kinds.index(kind)].model.rig:
         return None
     k = kinds.index(kind)
@@ -387,7 +387,7 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
         sampling = sampling if len(block.sampling.trend) else sampling.without_trend()
     (with_names,) = with_effects([run], result.state.refined.effects)
     # Where the set-ups fit the names, and back along their slopes, as the names were fitted.
-    (residual,) = residuals_of(with_names.model, [with_names.one], linear.setups_moved_by(result.moves))
+    residual = residual_of(with_names, linear.setups_moved_by(result.moves))
     run_entries = entries(residual, sampling)
     if len(run_entries) != len(block.y_mm):
         return None
@@ -402,7 +402,7 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
 def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
     """Return a run at places, or in a way, that no run used has: other poses, another radius, another speed."""
     effects, forms = result.state.refined.effects, result.posterior.background.columns.forms
-    placed = setups if run.one.setup in setups else fit_run_setups(with_effects([run], effects))[0]
+    placed = setups if run.setup in setups else fit_run_setups(with_effects([run], effects))[0]
     of_run = linearise(blocks_of([run], placed, effects), placed, effects)
     sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
     share = of_run.columns([effect for form in forms for effect in form.effects]) / sizes
@@ -424,11 +424,11 @@ def _floor(result: SearchResult, runs: Sequence[ObservedRun]) -> float:
     """Return the root mean square in µm of the noise and scatter of one of some runs: from repeats, or else from the
     assumed noise; that of touches, and of many poses, as far as the readings show it. Runs of another place have that
     of their test."""
-    linear, names, tests = result.linear, {run.name for run in runs}, {run.one.table.test for run in runs}
+    linear, names, tests = result.linear, {run.name for run in runs}, {run.table.test for run in runs}
     alike = [block.name in names for block in linear.blocks]
     if not any(alike):
-        alike = [block.one.table.test in tests for block in linear.blocks]
-    size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
+        alike = [block.table.test in tests for block in linear.blocks]
+    size = np.array([len(block.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
     return float(np.sqrt(size @ (_noise_shown(result) * noise_um(linear) ** 2) / size.sum()))
 
 
@@ -438,8 +438,8 @@ def _noise_shown(result: SearchResult) -> Array:
     linear, strength = result.linear, result.state.strength[result.selection.columns.band]
     shares = np.ones(len(linear.blocks))
     for k, (block, rows) in enumerate(zip(linear.blocks, linear.rows, strict=True)):
-        kind = block.one.table.kind
-        if kind.of_places and (kind.constants_apart or len(block.one.rows) >= FEWEST_PLACES):
+        kind = block.table.kind
+        if kind.of_places and (kind.constants_apart or len(block.rows) >= FEWEST_PLACES):
             shares[k] = min(float(strength[rows].mean()), 1.0)
     return shares
 
@@ -490,9 +490,9 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     parameters = [Parameter.model_construct(term=unknown.effect, field=unknown.field) for unknown in unknowns]
     parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(background))]
     root = wider.factor * _root(covariance_of(result.calibrated_posterior, unknowns))
-    arm, q = runs[0].model.arm, np.concatenate([run.one.table.q[run.one.rows] for run in runs])
+    arm, q = runs[0].model.arm, np.concatenate([run.table.q[run.rows] for run in runs])
     angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
-    of_poses = {run.one.setup for run in runs if run.one.table.kind.of_places}
+    of_poses = {run.setup for run in runs if run.table.kind.of_places}
     calibrated = CalibratedModel.model_construct(
         format=1,
         rig=rig.name,

@@ -233,7 +233,7 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
     effect, own_odds = result.state.refined.effects[k], result.rival_odds[k]
     axis = int(getattr(effect, "axis", 1))
     # A wave of which the joint did not drive two is no gear, and its cause was not shown.
-    turned = max(float(np.ptp(block.one.table.q[:, axis - 1])) for block in result.linear.blocks) / (2 * np.pi)
+    turned = max(float(np.ptp(block.table.q[:, axis - 1])) for block in result.linear.blocks) / (2 * np.pi)
     shown = not is_wave(effect) or effect.STAGE != "joint" or order_of(effect) * turned >= DRIVEN_WAVES
     model = f"use the calibrated model, which holds the angle error of axis {axis} over its angle"
     sizes = sizes_by_setup(result, k, result.scatter_limits_um)
@@ -375,12 +375,12 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
     posture of poses counts three, also where it was visited again: the cube of ISO 9283 has 450 numbers, of which 15
     differ."""
     readings = sum(
-        3 * int(groups(block.one.table.q, SAME_RAD).max() + 1) if block.one.table.kind.of_places else len(block.y_mm)
+        3 * int(groups(block.table.q, SAME_RAD).max() + 1) if block.table.kind.of_places else len(block.y_mm)
         for block in result.linear.blocks
     )
     if readings < _ENOUGH * result.linear.U.shape[1] or not result.selection.columns.forms:
         return False
-    poses_alone = all(block.one.table.kind.of_places for block in result.linear.blocks)
+    poses_alone = all(block.table.kind.of_places for block in result.linear.blocks)
     shows = worth(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
     return not (early and poses_alone and shows)
 

@@ -27,11 +27,11 @@ def _beside(linear: Linearisation, left: Array, known: Array | None = None, more
 
 
 def _rates(block: Block) -> Array:
-    return np.asarray(np.gradient(block.one.path.q, block.one.path.t_s, axis=0), dtype=float)
+    return np.asarray(np.gradient(block.path.q, block.path.t_s, axis=0), dtype=float)
 
 
 def _slips(block: Block) -> Array:
-    q = block.one.path.q[:, 1]
+    q = block.path.q[:, 1]
     return np.where(q > q.min() + 0.4 * np.ptp(q), 2e-5, 0.0)[:, None]
 
 
@@ -86,7 +86,7 @@ def test_what_changes_with_time_is_reported_by_the_gauge() -> None:
     linear = healthy()
 
     def settles(block: Block) -> Array:
-        t = block.one.path.t_s
+        t = block.path.t_s
         return np.where(t > 0.3 * t[-1], 1e-3, 0.0)[:, None]
 
     added = linear.without_set_up(linear.by_gauge((0.0, 1.0), settles))[:, 0]
@@ -99,7 +99,7 @@ def test_a_dent_is_attributed_to_the_ball() -> None:
     linear = healthy()
 
     def dented(block: Block) -> Array:
-        lap = np.linspace(0, 2 * np.pi, len(block.one.path.t_s))
+        lap = np.linspace(0, 2 * np.pi, len(block.path.t_s))
         lap = lap if block.name.endswith("acw") else -lap
         return -1e-3 * np.exp(-0.5 * ((lap % (2 * np.pi) - 2.0) / 0.1) ** 2)[:, None]
 

@@ -48,8 +48,8 @@ def test_a_step_at_a_reversal_is_placed_there_with_its_joint() -> None:
 @pytest.mark.parametrize("axis", range(1, 7))
 def test_turns_are_where_a_joint_is_furthest(axis: int) -> None:
     for block in healthy().blocks:
-        lap = block.one.rows
-        q = block.one.path.q[block.one.path.rows[lap], axis - 1]
+        lap = block.rows
+        q = block.path.q[block.path.rows[lap], axis - 1]
         assert block.sampling
         ends = {np.degrees(block.sampling.phi[k]) % 360 for k in (int(np.argmin(q)), int(np.argmax(q)))}
         own = [phi for phi, joint in reversals_of(block) if joint == axis]
@@ -85,7 +85,7 @@ def test_targets_that_are_off_are_counted_and_the_worst_is_named() -> None:
     assert places([block], [left]) == ()
     left[[4, 9]] = [0.05, -0.08]
     (place,) = places([block], [left])
-    table = block.one.table
+    table = block.table
     numbers = getattr(table, "target", np.empty(0))[[4, 9]]
     assert (place.test, place.direction, place.joint) == ("radial", None, None)
     assert (place.from_deg, place.to_deg) == (min(numbers), max(numbers))

@@ -34,7 +34,7 @@ def test_the_scatter_of_a_run_is_what_its_repeats_show(um: float) -> None:
 
 def test_the_limit_of_a_name_is_the_scatter_that_others_make() -> None:
     linear = _with_apart(50.0)
-    setup = linear.blocks[0].one.setup
+    setup = linear.blocks[0].setup
     np.testing.assert_allclose(limits_um(linear, None, {setup: 40.0}), 30.0, rtol=0.08)
     np.testing.assert_allclose(limits_um(linear, None, {setup: 60.0}), LEAST_MATERIAL_UM)
     np.testing.assert_allclose(limits_um(linear, None, {"another": 40.0}), 50.0, rtol=0.05)
