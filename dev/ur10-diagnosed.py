@@ -39,7 +39,7 @@ LISTED = 12
 
 def faults(look: SearchResult, seen: ObservedRun) -> list[tuple[str, float]]:
     """The faults, each with what it does to the readings in µm."""
-    gains = [None] * len(look.state.refined.effects)
+    gains = [None] * len(look.effects)
     found = named_effects(look, FittedRuns([seen]), gains, effect_changes(look))
     return [(label_of(one.effect), one.worth_um) for one in found if one.stands]
 
@@ -47,9 +47,9 @@ def faults(look: SearchResult, seen: ObservedRun) -> list[tuple[str, float]]:
 def shares_of(look: SearchResult) -> list[tuple[str, float]]:
     """What a healthy arm's share of each name is worth in µm, the most first."""
     columns: dict[str, list[int]] = {}
-    for form in look.selection.columns.forms:
+    for form in look.columns.forms:
         columns.setdefault(form.name, []).extend(form.columns)
-    X, mean = look.selection.columns.X, look.posterior.mean
+    X, mean = look.columns.X, look.posterior.mean
     own = [(name, worth(look.linear, X[:, cols] @ mean[cols]).whole_um) for name, cols in columns.items()]
     return sorted(own, key=lambda one: -one[1])
 

@@ -130,7 +130,12 @@ class Background:
 
     def weighed_responses(self, responses: Sequence[Response], values: Array | None = None) -> Weighed:
         """Return the columns of some responses and, last, whitened values (N, k), weighed together."""
-        parts = [self._weighed_response(response) for response in responses]
+        for response in responses:
+            if response not in self._weighed:
+                weighted = self.weight[:, None] * response.columns
+                products = self.columns.weighted_products(response, self.weight)
+                self._weighed[response] = self._halved(response.columns, weighted, products)
+        parts = [self._weighed[response] for response in responses]
         parts += [] if values is None else [self.weighed(values)]
         if len(parts) == 1:
             return parts[0]
@@ -140,14 +145,6 @@ class Background:
             np.concatenate([empty, *(part.weighted for part in parts)], axis=1),
             np.concatenate([np.empty((len(self.variance), 0)), *(part.half for part in parts)], axis=1),
         )
-
-    def _weighed_response(self, response: Response) -> Weighed:
-        """Return a response weighed."""
-        if response not in self._weighed:
-            weighted = self.weight[:, None] * response.columns
-            products = self.columns.weighted_products(response, self.weight)
-            self._weighed[response] = self._halved(response.columns, weighted, products)
-        return self._weighed[response]
 
     def weighed_terms(self, terms: FittedTerms) -> Weighed:
         """Return the columns (N, q) of fitted terms and, last, the residual at the prior means, weighed. The latest

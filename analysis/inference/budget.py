@@ -117,7 +117,7 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
     Its uncertainty is that of the change and not of a parameter: a size and a shape that trade off leave the change as
     certain as the readings show it.
     """
-    refined, posterior, measure = result.state.refined, result.posterior, Measure(result.linear)
+    refined, posterior, measure = result.fit, result.posterior, Measure(result.linear)
     T, means, covariance = posterior.terms.T, posterior.known, posterior.known_covariance
     allowed = len(refined.unknowns) + np.cumsum([0, *(departure.columns.shape[1] for departure in refined.departures)])
     changes = []
@@ -135,14 +135,6 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
     return changes
 
 
-def budget_of(
-    result: SearchResult, named: Sequence[Named], changes: Sequence[EffectChange], gap: Gap
-) -> list[BudgetPart]:
-    """Return the parts of the gap, the largest share first; the shares add up to 1. `named` has the fitted effects in
-    any order, and may have a vibration that no model removes; changes are of readings (N,)."""
-    return _Budget(result, gap).parts(named, changes)
-
-
 @dataclass(frozen=True)
 class _Drawn:
     """A part, and what it does (N,) as a vector of `Measure.of`."""
@@ -152,7 +144,9 @@ class _Drawn:
 
 
 @dataclass(frozen=True)
-class _Budget:
+class Budget:
+    """The parts of a gap of readings (N,), from what a search found."""
+
     result: SearchResult
     gap: Gap
 
@@ -182,7 +176,9 @@ class _Budget:
         return float(vector @ self.whole) / self.whole_um2
 
     def parts(self, named: Sequence[Named], changes: Sequence[EffectChange]) -> list[BudgetPart]:
-        effects = self.result.state.refined.effects
+        """Return the parts, the largest share first; the shares add up to 1. `named` has the fitted effects in any
+        order, and may have a vibration that no model removes."""
+        effects = self.result.effects
         drawn = []
         for place, name in enumerate(named):
             if name.effect in effects:
@@ -197,7 +193,10 @@ class _Budget:
                 )  # fmt: skip
                 drawn.append(_Drawn(part, vector))
         parts = [line.part for line in self._without_cancelling([*drawn, *self._groups()])]
-        unexplained = self._unexplained()
+        # What remains beyond the noise, with the free forms that stand for an effect without a name.
+        result = self.result
+        remains = self.measure.of(result.beyond_noise * result.posterior.residual + result.free_share)
+        unexplained = BudgetPart("unexplained", float(np.linalg.norm(remains)), 0.0, self.share(remains))
         scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(part.share for part in [*parts, unexplained]))
         for place, named_effect in enumerate(named):
             if named_effect.effect not in effects:  # a vibration, whose phase is new in each run
@@ -234,7 +233,7 @@ class _Budget:
 
     def _groups(self) -> list[_Drawn]:
         """Return what the many small terms of each kind make together."""
-        posterior, columns = self.result.posterior, self.result.selection.columns
+        posterior, columns = self.result.posterior, self.result.columns
         groups: dict[tuple[PartKind, int | None], list[Form]] = {}
         for form in columns.forms:
             groups.setdefault(group_of(form.effects[0]), []).append(form)
@@ -274,27 +273,17 @@ class _Budget:
         for form, likely in zip(kept, odds[1:], strict=True):
             indices = list(form.columns)
             # What it does at the size that it has among the small terms.
-            um = self.measure.um(result.selection.columns.X[:, indices] @ result.posterior.mean[indices])
+            um = self.measure.um(result.columns.X[:, indices] @ result.posterior.mean[indices])
             members.append(Member(combined_effect(form.effects, result.posterior.size(form)), um, float(likely)))
         return tuple(sorted(members, key=lambda member: -member.odds)[:_MOST_MEMBERS])
-
-    def _unexplained(self) -> BudgetPart:
-        """Return what remains beyond the noise, with the free forms that stand for an effect without a name."""
-        result = self.result
-        strength = result.state.strength[result.selection.columns.band]
-        beyond = np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
-        vector = self.measure.of(beyond * result.posterior.residual + result.free_share)
-        return BudgetPart("unexplained", float(np.linalg.norm(vector)), 0.0, self.share(vector))
 
     @cached_property
     def _scatter_um(self) -> float:
         """The rms in µm of what differs from run to run, with the noise."""
         result = self.result
-        forms = result.selection.columns.set_ups.stop
-        strength = result.state.strength[result.selection.columns.band]
-        within = 1 - np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
-        moved = result.selection.columns.X[:, forms:] @ result.posterior.mean[forms:]
-        inside = self.measure.um(within * result.posterior.residual + moved)
+        forms = result.columns.set_ups.stop
+        moved = result.columns.X[:, forms:] @ result.posterior.mean[forms:]
+        inside = self.measure.um((1 - result.beyond_noise) * result.posterior.residual + moved)
         return float(np.sqrt(inside**2 + self._apart_um2))
 
 
@@ -364,7 +353,7 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
 
 def _beside_size(result: SearchResult, k: int) -> Posterior:
     """Return the posterior of everything else, in which the size of name k stays as it was fitted."""
-    refined, fitted = result.state.refined, result.state.refined.known
+    refined, fitted = result.fit, result.fit.known
     field = size_field(refined.effects[k])
     kept = np.ones(len(fitted.mean), dtype=bool)
     kept[: len(refined.unknowns)] = [unknown.effect != k or unknown.field != field for unknown in refined.unknowns]

@@ -325,6 +325,15 @@ class Columns:
         return _likelihoods(self.forms)
 
     @cached_property
+    def sizes(self) -> Array:
+        """The size (f,), in healthy sizes, at which each column of a form was computed."""
+        return np.repeat([form.size for form in self.forms], [len(form.columns) for form in self.forms])
+
+    def forms_in(self, linear: Linearisation) -> Array:
+        """Return the columns (N, f) of the same forms in another linearisation, per healthy size."""
+        return np.asarray(linear.columns([effect for form in self.forms for effect in form.effects]) / self.sizes)
+
+    @cached_property
     def name_of_column(self) -> NDArray[np.int64]:
         """The index (p,) of the name of each column, and -1 for those that are not of a form."""
         numbers = {name: k for k, name in enumerate(self.among)}

@@ -14,7 +14,7 @@ import numpy as np
 from analysis.inference.act_list import EARLY, EARLY_COMMANDED, JudgedPlace, acts_of
 from analysis.inference.acts import Act
 from analysis.inference.blocks import Block
-from analysis.inference.budget import EffectChange, Measure, budget_of, effect_changes
+from analysis.inference.budget import Budget, EffectChange, Measure, effect_changes
 from analysis.inference.expected import is_separable
 from analysis.inference.link_swing import find_vibration
 from analysis.inference.naming_tests import naming_tests
@@ -172,7 +172,7 @@ def diagnose(
     _hold_enough(runs)
     result = search(runs, progress) if given is None else fit_given(runs, given, progress)
     progress("validating on held-out runs")
-    effects = result.state.refined.effects
+    effects = result.effects
     sound, wild = without_wild(runs, effects, "the runs used")
     fitted = FittedRuns(sound)
     stages = stages_of(fitted, result)
@@ -252,7 +252,7 @@ def _gaps(judged: Sequence[tuple[Sequence[ObservedRun], Sequence[str]]], stages:
 
 def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], train: Gap) -> list[Named]:
     """Return the vibration of the link as a name, if its worth exceeds the scatter of a circle without it, in µm."""
-    swing = find_vibration(with_effects(runs, result.state.refined.effects), result.linear.setups)
+    swing = find_vibration(with_effects(runs, result.effects), result.linear.setups)
     if swing is None:
         return []
     circles = [block.sampling is not None for block in result.linear.blocks]
@@ -278,14 +278,12 @@ def _diagnosis_of(
     condition = condition_of(result, named, remainder, whole, is_material=is_material, early=early)
     linear, before = result.linear, result.linear.in_mm(result.initial_residual)
     measure = Measure(linear)
-    drawn = [
-        linear.in_mm(measure.without_set_up(linear.residual(effects))) for effects in ((), result.state.refined.effects)
-    ]
+    drawn = [linear.in_mm(measure.without_set_up(linear.residual(effects))) for effects in ((), result.effects)]
     is_testable = condition != "not_testable_here"
     return Diagnosis(
         condition=condition,
         accuracy=accuracy,
-        budget=tuple(budget_of(result, named, changes, gaps.train)) if is_testable else (),
+        budget=tuple(Budget(result, gaps.train).parts(named, changes)) if is_testable else (),
         runs_to_decide=runs_to_decide(result, named) if condition == "undecided" else None,
         rig=rig,
         runs=gaps.train.runs,

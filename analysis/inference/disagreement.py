@@ -11,7 +11,6 @@ import numpy as np
 from analysis.inference.blocks import blocks_of
 from analysis.inference.budget import Measure
 from analysis.inference.compare import Compared
-from analysis.inference.observation import ObservedRun
 from analysis.inference.prepared_runs import prepare_runs
 from analysis.inference.residuals import curves_of, maps_of, places
 from analysis.inference.responses import Linearisation, linearise, noise_um
@@ -69,7 +68,13 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
     measure, ends = Measure(linear), [linear.residual(effects) for effects in (models[0], models[-1])]
     before, after = (linear.in_mm(measure.without_set_up(end)) for end in ends)
     floor_um = float(np.sqrt(np.mean(noise_um(linear) ** 2)))
-    staircase = Staircase(_steps(groups, models, (runs, elsewhere), floor_um), curves, maps) if groups else None
+    u_um = [floor_um / np.sqrt(max(len(runs_there), 1)) for runs_there in (runs, elsewhere)]
+    steps = []
+    for k, left_um in enumerate(left_um_of(models, (runs, elsewhere)) if groups else ()):
+        used, there = (Left(um, float(u)) if um is not None else None for um, u in zip(left_um, u_um, strict=True))
+        assert used is not None  # noqa: S101 - runs were prepared
+        steps.append(Step((groups[k - 1][0],) if k else (), used, unseen=there))
+    staircase = Staircase(tuple(steps), curves, maps) if groups else None
     return Disagreement(
         rig,
         places(linear.blocks, linear.in_mm(linear.without_set_up(ends[-1]))),
@@ -88,18 +93,3 @@ def _groups(rig: Rig, linear: Linearisation) -> list[tuple[int, tuple[Effect, ..
     order = sorted(range(len(size)), key=lambda k: -size[k])
     calibrated = rig.calibrated.effects if rig.calibrated else ()
     return [*((k, (rig.effects[k],)) for k in order), *([(len(size), tuple(calibrated))] if calibrated else [])]
-
-
-def _steps(
-    groups: Sequence[tuple[int, tuple[Effect, ...]]],
-    models: Sequence[tuple[Effect, ...]],
-    runs: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
-    floor_um: float,
-) -> tuple[Step, ...]:
-    u_um = [floor_um / np.sqrt(max(len(runs_there), 1)) for runs_there in runs]
-    steps = []
-    for k, left_um in enumerate(left_um_of(models, runs)):
-        used, unseen = (Left(um, float(u)) if um is not None else None for um, u in zip(left_um, u_um, strict=True))
-        assert used is not None  # noqa: S101 - runs were prepared
-        steps.append(Step((groups[k - 1][0],) if k else (), used, unseen=unseen))
-    return tuple(steps)

@@ -76,14 +76,6 @@ class FormPosterior:
         """The index of each form by its effects."""
         return {form.effects: k for k, form in enumerate(self.forms)}
 
-    def variance_beside(self, effects: Sequence[Effect]) -> Array:
-        """Return the prior variance (p,) of all coefficients, in healthy sizes squared, beside named effects; what
-        follows the forms is unchanged."""
-        variance = self.variance
-        for effect in effects:
-            variance = variance * column_shares_beside(self.forms, effect, len(variance))
-        return variance
-
     def sd(self, candidate: Candidate) -> float:
         """Return the standard uncertainty of a candidate's size, in healthy sizes, as if its shape were known, averaged
         over the phases where one is free."""
@@ -93,17 +85,11 @@ class FormPosterior:
         shares = shares_beside(self.forms, candidate.effect)
         taken = [column for j in np.flatnonzero(shares < 1).tolist() for column in self.forms[j].columns]
         columns = list(self.forms[k].columns)
-        precision = np.linalg.eigvalsh(self._cavity(taken, columns))
+        # What the readings say of them beside everything except what is taken.
+        cavity = np.linalg.inv(self.A[np.ix_(taken, taken)]) - np.diag(1 / self.variance[taken])
+        places = [taken.index(column) for column in columns]
+        precision = np.linalg.eigvalsh(cavity[np.ix_(places, places)])
         return float(np.sqrt(np.mean(1 / np.maximum(precision, 1e-12) + shares[k] * self.variance[columns])))
-
-    def _cavity(self, columns: Sequence[int], asked: Sequence[int]) -> Array:
-        """Return the precision (q, q) that the readings give the columns `asked`, which are among `columns`, beside
-        everything except `columns`."""
-        among = list(columns)
-        inverse = np.asarray(np.linalg.inv(self.A[np.ix_(among, among)]), dtype=float)
-        precision: Array = inverse - np.diag(1 / self.variance[among])
-        places = [among.index(column) for column in asked]
-        return precision[np.ix_(places, places)]
 
     def sigmas_apart(self, chosen: Sequence[Candidate], sizes: Array, pairs: Integers) -> Array:
         """Return the sigmas (m,) by which the candidates of pairs (m, 2), at sizes (n,) in healthy sizes, are apart
@@ -342,7 +328,10 @@ class ExpectedPosterior:
 
     def _background_beside(self, effects: Sequence[Effect]) -> Background:
         """Return the background beside named effects."""
-        return background_of(self._columns, np.ones(len(self.linear.y)), self._known.variance_beside(effects))
+        variance = self._variance
+        for effect in effects:
+            variance = variance * column_shares_beside(self._columns.forms, effect, len(variance))
+        return background_of(self._columns, np.ones(len(self.linear.y)), variance)
 
 
 def expected_posterior(blocks: Sequence[Block], setups: Mapping[str, SetUp], level: float = 1.0) -> ExpectedPosterior:

@@ -90,11 +90,6 @@ ASSUMED_SCATTER = RunScatter(
 """The scatter of real cells."""
 
 
-def average_scatter(every: Sequence[RunScatter]) -> RunScatter:
-    """Return the root mean square of some scatters."""
-    return RunScatter(*np.sqrt(np.mean(np.array([astuple(scatter) for scatter in every]) ** 2, axis=0)).tolist())
-
-
 def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
     """Return the response of the readings, (m, k, axes + 3) mm, to a unit scatter of each joint and of the ball; for
     poses, whose instrument frame is always fitted, of the joints alone, (m, 3, axes)."""
@@ -284,7 +279,10 @@ class CircleNoise:
 
     def scatter(self, setup: str) -> RunScatter:
         """Return the scatter of a set-up; one without repeated circles gets the average of all."""
-        return self.scattered.get(setup) or average_scatter(list(self.scattered.values()))
+        if setup in self.scattered:
+            return self.scattered[setup]
+        squares = np.array([astuple(scatter) for scatter in self.scattered.values()]) ** 2
+        return RunScatter(*np.sqrt(np.mean(squares, axis=0)).tolist())
 
 
 def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:

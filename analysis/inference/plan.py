@@ -222,11 +222,6 @@ def possible_tests(
     return possible, impossible
 
 
-def best_first(tests: Sequence[SeparatingTest]) -> tuple[SeparatingTest, ...]:
-    """Return the tests ordered by the sigmas by which they separate."""
-    return tuple(sorted(tests, key=lambda test: -test.sigma))
-
-
 # ----------------------------------------------------------------------------------------------------------------------
 # The detectability of one name in planned runs: the expected uncertainty of its size, or the reason why it cannot be
 # detected.
@@ -297,20 +292,25 @@ def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
     return "the other effects of a healthy arm hide it"
 
 
-def by_name(detectabilities: Sequence[Detectability]) -> dict[str, tuple[Detectability, ...]]:
-    """Return detectabilities by the name of an effect: one each, or those of the orders of a gear."""
-    named: dict[str, tuple[Detectability, ...]] = {}
-    for detectability in detectabilities:
-        name = name_of(detectability.effect)
-        named[name] = (*named.get(name, ()), detectability)
-    return named
+@dataclass(frozen=True)
+class Detected:
+    """The detectability of each name, gears by order."""
 
+    detectabilities: tuple[Detectability, ...]
 
-def undetectable(detectabilities: Sequence[Detectability]) -> tuple[str, ...]:
-    """Return the names of which nothing can be detected."""
-    return tuple(
-        name for name, forms in by_name(detectabilities).items() if all(detectability.hidden for detectability in forms)
-    )
+    @property
+    def names(self) -> dict[str, tuple[Detectability, ...]]:
+        """Each name with its detectabilities: one, or one for each order of a gear."""
+        named: dict[str, tuple[Detectability, ...]] = {}
+        for detectability in self.detectabilities:
+            name = name_of(detectability.effect)
+            named[name] = (*named.get(name, ()), detectability)
+        return named
+
+    @property
+    def undetectable(self) -> tuple[str, ...]:
+        """Names of which nothing is detected, at any order of a gear."""
+        return tuple(name for name, forms in self.names.items() if all(form.hidden for form in forms))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -348,22 +348,10 @@ class ClosePair:
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """What runs can show: the detectability of each name, gears by order, and the pairs that look alike, the closest
-    first."""
+class Judgement(Detected):
+    """What runs can show: the detectability of each name, and the pairs that look alike, the closest first."""
 
-    detectabilities: tuple[Detectability, ...]
     pairs: tuple[ClosePair, ...]
-
-    @property
-    def names(self) -> dict[str, tuple[Detectability, ...]]:
-        """Each name with its detectabilities: one, or one for each order of a gear."""
-        return by_name(self.detectabilities)
-
-    @property
-    def undetectable(self) -> tuple[str, ...]:
-        """Names of which nothing is detected, at any order of a gear."""
-        return undetectable(self.detectabilities)
 
 
 def judged(expected: ExpectedPosterior) -> Judgement:
@@ -427,15 +415,14 @@ class Gain:
     shows: int
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, kw_only=True)
+class Plan(Detected):
     """What a set of tests can and cannot distinguish. `gains` lists further tests, the one that adds most first;
     `impossible` lists tests that this arm cannot drive, each with the reason. `level` is that of everything else that
     may be wrong with the arm, 1 where it is as large as usual."""
 
     tests: tuple[TestName, ...]
     runs: int
-    detectabilities: tuple[Detectability, ...]
     groups: tuple[tuple[str, ...], ...]
     pairs: tuple[Pair, ...]
     gains: tuple[Gain, ...]
@@ -446,16 +433,6 @@ class Plan:
     def hidden(self) -> tuple[Detectability, ...]:
         """What these tests cannot detect, with a separate entry for each order of a gear."""
         return tuple(detectability for detectability in self.detectabilities if detectability.hidden)
-
-    @property
-    def undetectable(self) -> tuple[str, ...]:
-        """Names of which these tests detect nothing, at any order of a gear."""
-        return undetectable(self.detectabilities)
-
-    @property
-    def names(self) -> dict[str, tuple[Detectability, ...]]:
-        """Each name with its detectabilities: one, or one for each order of a gear."""
-        return by_name(self.detectabilities)
 
 
 def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0) -> Plan:
@@ -470,20 +447,20 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
     possible, impossible = possible_tests(rig, tests, blocks, setups, level, runs=runs)
     further, gains = _further_tests(possible, judgement)
     return Plan(
-        tuple(tests),
-        runs,
-        tuple(
+        detectabilities=tuple(
             replace(detectability, further=further.get(name_of(detectability.effect), ()))
             for detectability in judgement.detectabilities
         ),
-        _groups([pair.names for pair in judgement.pairs]),
-        tuple(
+        tests=tuple(tests),
+        runs=runs,
+        groups=_groups([pair.names for pair in judgement.pairs]),
+        pairs=tuple(
             Pair((label_of(pair.first[0]), label_of(pair.second[0])), pair.sigma, pair.others, further[pair.names])
             for pair in judgement.pairs
         ),
-        gains,
-        tuple(impossible),
-        level,
+        gains=gains,
+        impossible=tuple(impossible),
+        level=level,
     )
 
 
@@ -531,6 +508,6 @@ def _further_tests(
         for key, value in sigma.items():
             further[key].append(SeparatingTest(test.test, value, test.why))
     return (
-        {key: best_first(tests) for key, tests in further.items()},
+        {key: tuple(sorted(tests, key=lambda test: -test.sigma)) for key, tests in further.items()},
         tuple(sorted(gains, key=lambda gain: -(gain.parts + gain.shows))),
     )

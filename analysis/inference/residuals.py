@@ -161,8 +161,7 @@ def _on_circle(block: Block, residual: Array) -> list[Place]:
             rms = float(np.sqrt(np.mean(values[rows] ** 2)))
             sigma = float((np.abs(values[rows]) / noise[rows]).max())
             a, b = 360 * begin / GRID, 360 * (end - 1) / GRID
-            joint = _turning(where, a, b)
-            why = _why(joint, values, a, b)
+            joint, why = _why(where, values, a, b)
             span = float(np.ptp(offsets)) or 1.0
             if part == "angle" and joint is None and b - a > 300:
                 why += f" (± {np.degrees(np.abs(values).max() / span):.4f}°)"
@@ -207,24 +206,20 @@ def _stretches(over: Array) -> list[tuple[int, int]]:
     return [(begin + start, end + start) for begin, end in runs if end - begin > 1]
 
 
-def _turning(where: Sequence[tuple[float, int]], begin_deg: float, end_deg: float) -> int | None:
-    """Return the joint that reverses in a stretch, if the stretch is short enough to belong to one reversal."""
-    if end_deg - begin_deg > 90:
-        return None
-    middle, reach = (begin_deg + end_deg) / 2, (end_deg - begin_deg) / 2 + _NEAR_DEG
-    near = [(abs((phi - middle + 180) % 360 - 180), joint) for phi, joint in where]
-    best = min(near, default=(np.inf, 0))
-    return best[1] if best[0] <= reach else None
-
-
-def _why(joint: int | None, values: Array, begin_deg: float, end_deg: float) -> str:
-    if joint is not None:
-        return "reversal"
+def _why(where: Sequence[tuple[float, int]], values: Array, begin_deg: float, end_deg: float) -> tuple[int | None, str]:
+    """Return the joint that reverses in a stretch, if the stretch is short enough to belong to one reversal, and what
+    the residual (GRID,) looks like there."""
+    if end_deg - begin_deg <= 90:
+        middle, reach = (begin_deg + end_deg) / 2, (end_deg - begin_deg) / 2 + _NEAR_DEG
+        near = [(abs((phi - middle + 180) % 360 - 180), joint) for phi, joint in where]
+        distance, joint = min(near, default=(np.inf, 0))
+        if distance <= reach:
+            return joint, "reversal"
     power = np.abs(np.fft.rfft(values)) ** 2
     order = int(np.argmax(power))
     if power[order] > 0.5 * power.sum():
-        return "all along, constant" if order == 0 else f"wave of {order} cycle{'s' * (order > 1)} a lap"
-    return "all along the circle" if end_deg - begin_deg > 300 else "stretch"
+        return None, "all along, constant" if order == 0 else f"wave of {order} cycle{'s' * (order > 1)} a lap"
+    return None, "all along the circle" if end_deg - begin_deg > 300 else "stretch"
 
 
 def _at_targets(block: Block, residual: Array) -> list[Place]:

@@ -256,6 +256,11 @@ class Linearisation:
         residual, moves = self._fitted(effects)
         return residual + self.U @ moves
 
+    def contributions(self, effects: Sequence[Effect], residual: Array) -> list[Array]:
+        """Return what each of some effects adds to the whitened readings beside the others, (N,) each, given the
+        residual (N,) with all of them."""
+        return [self.residual([*effects[:k], *effects[k + 1 :]]) - residual for k in range(len(effects))]
+
     def moves_with(self, effects: Sequence[Effect]) -> Array:
         """Return the terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the known ones.
         Combinations of terms that hardly show go where the tool goes."""

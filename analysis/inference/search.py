@@ -10,8 +10,9 @@ import numpy as np
 
 from analysis.inference.background import Posterior
 from analysis.inference.blocks import Block, blocks_of
-from analysis.inference.candidates import candidates_for, columns_for
+from analysis.inference.candidates import Columns, candidates_for, columns_for
 from analysis.inference.observation import ObservedRun
+from analysis.inference.refine import Refined
 from analysis.inference.responses import LEAST_MATERIAL_UM, Linearisation, basis_of, limits_um, linearise, plain_worth
 from analysis.inference.rivals import RivalOdds, compare_with_rivals
 from analysis.inference.selection import Selection
@@ -45,14 +46,47 @@ change the columns of those found before, and of three complete selections the s
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The result of a search: runs about set-ups and known effects, the selection and its state, the posterior, and
-    each name with its rivals. N counts the whitened entries of all blocks."""
+    """The result of a search: the selection among runs about set-ups and known effects, its state, and each name with
+    its rivals. N counts the whitened entries of all blocks."""
 
-    linear: Linearisation
     selection: Selection
     state: SelectionState
-    posterior: Posterior
     rival_odds: tuple[RivalOdds, ...]
+
+    @property
+    def linear(self) -> Linearisation:
+        """The runs about set-ups and known effects."""
+        return self.selection.linear
+
+    @property
+    def columns(self) -> Columns:
+        """The columns (N, p) of everything else that may change the readings."""
+        return self.selection.columns
+
+    @property
+    def fit(self) -> Refined:
+        """The names as they were fitted, with their parameters and residual (N,)."""
+        return self.state.refined
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The names."""
+        return self.state.effects
+
+    @cached_property
+    def posterior(self) -> Posterior:
+        """The posterior of all coefficients beside the names."""
+        return self.selection.posterior(self.state)
+
+    @property
+    def strength(self) -> Array:
+        """The variance (N,) of the residual of each entry over that of the noise."""
+        return np.asarray(self.state.strength[self.columns.band], dtype=float)
+
+    @property
+    def beyond_noise(self) -> Array:
+        """The share (N,) of the residual of each entry that is beyond the noise, root mean square."""
+        return np.sqrt(np.clip(1 - 1 / np.maximum(self.strength, 1.0), 0.0, 1.0))
 
     @property
     def built(self) -> Build:
@@ -62,8 +96,7 @@ class SearchResult:
     @cached_property
     def contributions(self) -> list[Array]:
         """What each name adds to the whitened readings beside the others, (N,) each."""
-        effects, residual = self.state.refined.effects, self.state.refined.residual
-        return [self.linear.residual([*effects[:k], *effects[k + 1 :]]) - residual for k in range(len(effects))]
+        return self.linear.contributions(self.effects, self.fit.residual)
 
     @cached_property
     def initial_residual(self) -> Array:
@@ -78,12 +111,12 @@ class SearchResult:
     @cached_property
     def moves(self) -> Array:
         """The terms of the set-ups (s,) mm that fit the readings best with the names."""
-        return self.linear.moves_with(self.state.refined.effects)
+        return self.linear.moves_with(self.effects)
 
     @property
     def free_share(self) -> Array:
         """What free forms add to the whitened readings (N,)."""
-        free = self.state.refined.free.columns
+        free = self.fit.free.columns
         share: Array = free @ self.posterior.known[len(self.posterior.known) - free.shape[1] :]
         return share
 
@@ -98,7 +131,7 @@ class SearchResult:
     @property
     def residual(self) -> Array:
         """The whitened residual (N,) of the model with the names, with set-ups fitted."""
-        return self.linear.without_set_up(self.state.refined.residual)
+        return self.linear.without_set_up(self.fit.residual)
 
 
 def search(
@@ -115,7 +148,7 @@ def search(
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         progress("selecting effects")
         begun = selection.fitted_again(selection.initial_state(so_far, begun), before)
-        before = begun.faults_among(begun.refined.effects)
+        before = begun.faults_among(begun.effects)
         state = selection.select(begun, stops=turn < _STOPS)
         is_last = turn + 1 == _ITERATIONS
         if is_last or selection.holds_for(state):
@@ -123,9 +156,9 @@ def search(
             state, odds = compare_with_rivals(selection, state, limits_um(linear, tolerance_um))
             if is_last or selection.holds_for(state):
                 break
-        so_far = state.refined.effects
+        so_far = state.effects
         setups = linear.setups_moved_by(selection.moves(state))
-    return SearchResult(linear, selection, state, selection.posterior(state), odds)
+    return SearchResult(selection, state, odds)
 
 
 def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: Callable[[str], None]) -> SearchResult:
@@ -140,13 +173,13 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
         begun = (selection.initial_state if turn else selection.state_with)(effects, before)
         # A fit with the strengths of the noise alone leaves much of a large effect to the background.
         state = before = selection.settled(*beginnings(begun))
-        effects = state.refined.effects
+        effects = state.effects
         if selection.holds_for(state):
             break
-        so_far = state.refined.effects
+        so_far = state.effects
         setups = linear.setups_moved_by(selection.moves(state))
     odds = tuple(RivalOdds(1.0) for _ in effects)
-    return SearchResult(linear, selection, state, selection.posterior(state), odds)
+    return SearchResult(selection, state, odds)
 
 
 def _starting_setups(

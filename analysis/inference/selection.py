@@ -212,7 +212,7 @@ class Selection:
         most of which took four times as long.
         """
         place = 0
-        for effect in state.refined.effects:
+        for effect in state.effects:
             tried = None
             if state.is_fault(place) and not any(is_one(earlier, effect) for earlier in before):
                 without = self.without(state, place)
@@ -221,7 +221,7 @@ class Selection:
                 of_name = [k for k, form in enumerate(self.columns.forms) if form.name == name_of(effect)]
                 best = max((k for k in of_name if np.isfinite(gain[k])), key=lambda k: gain[k], default=None)
                 tried = None if best is None else self.with_form(without, posterior, best)
-            is_other_wave = tried is not None and is_twice(tried.refined.effects)
+            is_other_wave = tried is not None and is_twice(tried.effects)
             if tried is not None and not is_other_wave and self.evidence(tried) > self.evidence(state):
                 state = tried  # it is the last now, and the next one is in its place
             else:
@@ -244,7 +244,7 @@ class Selection:
         linear = self.linear
         if not linear.is_straight(self.moves(state)):
             return False
-        before, now = state.faults_among(linear.known), state.faults_among(state.refined.effects)
+        before, now = state.faults_among(linear.known), state.faults_among(state.effects)
         if not (before or now):
             return True
         with_before, with_now, without = (linear.residual(effects) for effects in (before, now, ()))
@@ -257,7 +257,7 @@ class Selection:
 
         A target moves along with what the arm's constants do to the last link, so it is placed beside all of them.
         """
-        moves, poses = self.linear.moves_with(state.refined.effects), sorted(self.linear.terms_of_poses)
+        moves, poses = self.linear.moves_with(state.effects), sorted(self.linear.terms_of_poses)
         if poses:
             moves[poses] = self.posterior(state).mean[self.columns.set_ups][poses]
         return moves
@@ -288,7 +288,7 @@ class Selection:
             if most > 1.0 and state.level == level:
                 break
             for _ in range(_ROUNDS):
-                if series_among(state.refined.effects):
+                if series_among(state.effects):
                     break  # further names would stand for what a series leaves of an error of another form
                 posterior = self.posterior(state)
                 changed = self._backward_step(state, posterior, 0.0)
@@ -299,7 +299,7 @@ class Selection:
                     if accept_free_forms and unnamed:
                         changed = unnamed
                     elif changed is not None and changed.is_fault(-1):
-                        newest, known = changed.refined.effects[-1], self.linear.known
+                        newest, known = changed.effects[-1], self.linear.known
                         is_new = not any(is_alike(known_effect, newest) for known_effect in known)
                         if stops and with_free_form is None and is_new and not self.holds_for(changed):
                             return changed, None
@@ -323,7 +323,7 @@ class Selection:
         """Return the names that these tests would not show at the size of a large fault, beside everything else that
         may be present."""
         _, _, sigma, _ = posterior.gains(self.columns.forms, state.level)
-        named = {name_of(effect) for effect in state.refined.effects}
+        named = {name_of(effect) for effect in state.effects}
         seen = {
             form.name
             for form, sigma_of_form in zip(self.columns.forms, sigma, strict=True)
@@ -343,7 +343,7 @@ class Selection:
     def _backward_step(self, state: SelectionState, posterior: Posterior, sure: float) -> SelectionState | None:
         """Return the state without the effect of least evidence, if it does not cover its price, and None otherwise.
         Only effects whose cavity gains less than `sure` are tested."""
-        doubtful = [k for k in range(len(state.refined.effects)) if self.gain_of(state, posterior, k) < sure]
+        doubtful = [k for k in range(len(state.effects)) if self.gain_of(state, posterior, k) < sure]
         if not doubtful:
             return None
         whole = self.evidence(state)
@@ -352,7 +352,7 @@ class Selection:
         without = self.without(state, place)
         if whole >= self.evidence(without):
             return None
-        return self.refusing(without, state.refined.effects[place], state.origins[place])
+        return self.refusing(without, state.effects[place], state.origins[place])
 
     def refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
         """Return the state in which all forms of an effect, and the one it came from, are refused."""
@@ -419,15 +419,15 @@ class Selection:
     def evidence(self, state: SelectionState) -> float:
         """Return the log evidence of a state, up to a constant."""
         evidence = self.background(state).evidence(state.refined.known)
-        prices = sum(self.price(effect, state.level) for effect in state.refined.effects)
-        if stands_softly(state.refined.effects):
+        prices = sum(self.price(effect, state.level) for effect in state.effects)
+        if stands_softly(state.effects):
             prices -= _HEALTHY_PRICE  # the shoulder's softness is free beside it, as if it were fitted
         return evidence + prices - FREE_PRICE * len(state.free_forms)
 
     def without(self, state: SelectionState, place: int) -> SelectionState:
         """Return the state without one effect, with the others fitted again along their tangents."""
         bare = self._without_refit(state, place)
-        return replace(bare, refined=refine(self.linear, self.background(bare), bare.refined.effects, bare.refined))
+        return replace(bare, refined=refine(self.linear, self.background(bare), bare.effects, bare.refined))
 
     def _without_refit(self, state: SelectionState, place: int) -> SelectionState:
         """Return the state without one effect, with the others unchanged; the posterior moves them linearly."""
@@ -476,12 +476,12 @@ class Selection:
         instead, if those are tried and one explains much more."""
         gain = np.maximum(*self.gains(state, posterior))
         gain[[k for k in state.refused if k >= 0]] = -np.inf
-        best = self._best_names(gain) if len(state.refined.effects) < _DEPTH else []
+        best = self._best_names(gain) if len(state.effects) < _DEPTH else []
         most, changed = 0.0, None
         if best:
             # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
             tried = {k: self.with_form(state, posterior, k) for k in best}
-            if twice := frozenset(k for k, tried_state in tried.items() if is_twice(tried_state.refined.effects)):
+            if twice := frozenset(k for k, tried_state in tried.items() if is_twice(tried_state.effects)):
                 state = replace(state, refused=state.refused | twice)
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
             rise, changed = self._likeliest(list(tried.values()))
@@ -524,7 +524,7 @@ class Selection:
 
     def _with_effect(self, state: SelectionState, effect: Effect, k: int, *, begins: bool = False) -> SelectionState:
         """Return the state with one more effect, which comes from form k, fitted, in few rounds if it only `begins`."""
-        effects, rounds = (*state.refined.effects, effect), _FEW if begins else ROUNDS
+        effects, rounds = (*state.effects, effect), _FEW if begins else ROUNDS
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
         background = self.background(bare)
         refined = refine(self.linear, background, effects, state.refined, rounds=rounds, begins=begins)
@@ -540,5 +540,5 @@ class Selection:
         free = np.concatenate(
             [np.empty((len(self.linear.y), 0)), *(fitted.form.columns for fitted in state.free_forms)], axis=1
         )
-        refined = refine(self.linear, self.background(state), state.refined.effects, free=free, rounds=rounds)
+        refined = refine(self.linear, self.background(state), state.effects, free=free, rounds=rounds)
         return replace(state, refined=refined)

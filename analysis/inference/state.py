@@ -64,6 +64,11 @@ class SelectionState:
     free_forms: tuple[FittedFreeForm, ...] = ()
     replaced_forms: frozenset[str] = frozenset()
 
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The fitted effects."""
+        return self.refined.effects
+
     def is_fault(self, place: int) -> bool:
         """Whether an effect is larger than healthy arms, and arms of this level, show."""
         return bool(self.faults_among([self.refined.effects[place]]))
@@ -151,9 +156,9 @@ class Backgrounds:
         """Return the background of everything that is not fitted as an effect in a state."""
         columns = self.columns
         variance, mean = columns.variance(state.level, state.curves), columns.mean(state.level)
-        if stands_softly(state.refined.effects):
+        if stands_softly(state.effects):
             variance, mean = self._usual_load**2 * variance, self._usual_load * mean
-        for effect in state.refined.effects:
+        for effect in state.effects:
             name = (name_of(effect), str(order_of(effect)))
             if name not in self._shares:
                 self._shares[name] = column_shares_beside(columns.forms, effect, len(columns.healthy))
@@ -250,7 +255,7 @@ class Hyperparameters:
         squares = np.asarray(np.bincount(names, shown**2, count), dtype=float)
         seen = np.asarray(np.bincount(names, expected, count), dtype=float)
         for k, name in enumerate(columns.among):
-            if sizes := [size_of(effect) for effect in state.refined.effects if name_of(effect) == name]:
+            if sizes := [size_of(effect) for effect in state.effects if name_of(effect) == name]:
                 squares[k] += np.sum(np.square(sizes))
                 seen[k] = 1.0
         weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)

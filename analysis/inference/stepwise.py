@@ -108,9 +108,7 @@ def _pieces(diagnosis: Diagnosis, result: SearchResult, stages: Stages) -> dict[
             label = BudgetPart(kind, 0.0, 0.0, 0.0, axis=axis).label
             _, terms = pieces.get(label, ((), ()))
             pieces[label] = (), (*terms, (term.effect, term.times))
-    return pieces | {
-        label_of(effect): ((effect,), ()) for effect in stages.effects[-1] if effect in result.state.refined.effects
-    }
+    return pieces | {label_of(effect): ((effect,), ()) for effect in stages.effects[-1] if effect in result.effects}
 
 
 def left_um_of(

@@ -72,7 +72,7 @@ def _left_with(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> list
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
     """Return the models of a search, with set-ups fitted to the runs used, of (m, k) mm. Where what was found beside
     the names explains these runs worse than the names alone, the calibrated model has the names alone."""
-    names = result.state.refined.effects
+    names = result.effects
     effects = ((), names, (*names, *background_effects(result.calibrated_posterior)))
     fits = [fitted.beside(added) for added in effects]
     if rms(fits[2][1]) > rms(fits[1][1]):
@@ -81,7 +81,11 @@ def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
 
 
 def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names: Sequence[str]) -> Gap:
-    """Return the gap of runs without what was found, with the names, and calibrated; residuals are (m, k) mm."""
+    """Return the gap of runs without what was found, with the names, and calibrated; residuals are (m, k) mm.
+
+    The noise and scatter of one of the runs come from repeats, or else from the assumed noise; that of touches, and of
+    many poses, as far as the readings show it. Runs of another place have that of their test.
+    """
     residuals = stages.left(runs)
     before, after, calibrated = (1e3 * rms(of_stage) for of_stage in residuals)
     tests = []
@@ -93,7 +97,13 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names
             um += [1e3 * rms(of_test), 1e3 * max(float(size.max()) for size in sizes)]
         tests.append(TestGap(test, *um))
     keeps = all(run.setup in stages.calibrated for run in runs)
-    floor = _floor(result, runs)
+    blocks, same_names = result.linear.blocks, {run.name for run in runs}
+    alike = [block.name in same_names for block in blocks]
+    if not any(alike):
+        same_tests = {run.table.test for run in runs}
+        alike = [block.table.test in same_tests for block in blocks]
+    size = np.array([len(block.rows) * block.count for block in blocks]) * (alike if any(alike) else 1)
+    floor = float(np.sqrt(size @ (_noise_shown(result) * noise_um(result.linear) ** 2) / size.sum()))
     return Gap(tuple(names), before, after, floor, calibrated, tuple(tests), keeps)
 
 
@@ -249,7 +259,7 @@ def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Arr
     """Return whitened rows (n,), left out together: without what `placed`, orthonormal columns (n, s) of a set-up,
     takes up."""
     posterior = result.calibrated_posterior
-    noise = np.minimum(result.state.strength, 1.0)[posterior.background.columns.band[rows]]
+    noise = np.minimum(result.strength[rows], 1.0)
     variance_mm2 = np.concatenate([block.sd_mm for block in result.linear.blocks])[rows] ** 2
     missed, covariance = posterior.left_out(rows)
     if placed is not None:
@@ -294,14 +304,11 @@ def _missed_of(sums: Array) -> _Missed:
 def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: SearchResult) -> tuple[Array, Array]:
     """Return the variances (N,) mm² of the noise of a run of poses, and of what the calibrated model predicts for its
     entries: in the set-up of the runs used, or in one of its own, which takes up what it can."""
-    refined, posterior = result.state.refined, result.calibrated_posterior
-    of_run = linearise(blocks_of([run], setups, refined.effects), setups, refined.effects)
-    columns = posterior.background.columns
-    sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])
-    share = of_run.columns([effect for form in columns.forms for effect in form.effects]) / sizes
-    of_effect = [[unknown for unknown in refined.unknowns if unknown.effect == k] for k in range(len(refined.effects))]
-    slopes = [slopes_of(of_run, *both) for both in zip(refined.effects, of_effect, strict=True)]
-    change = np.concatenate([*slopes, share], axis=1)
+    effects, columns, unknowns = result.effects, result.columns, result.fit.unknowns
+    of_run = linearise(blocks_of([run], setups, effects), setups, effects)
+    of_effect = [[unknown for unknown in unknowns if unknown.effect == k] for k in range(len(effects))]
+    slopes = [slopes_of(of_run, *both) for both in zip(effects, of_effect, strict=True)]
+    change = np.concatenate([*slopes, columns.forms_in(of_run)], axis=1)
     count = columns.set_ups.start
     if run.setup in result.linear.terms:
         placed = np.zeros((len(of_run.y), columns.set_ups.stop - columns.set_ups.start))
@@ -310,7 +317,7 @@ def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: Sea
     else:
         basis = basis_of(of_run.U)
         change -= basis @ (basis.T @ change)
-    covariance = posterior.joint_covariance(count, len(refined.unknowns))
+    covariance = result.calibrated_posterior.joint_covariance(count, len(unknowns))
     variance = np.einsum("np,np->n", change @ covariance, change)
     noise: Array = of_run.blocks[0].sd_mm ** 2
     return noise, np.maximum(variance, 0.0) * noise
@@ -385,14 +392,14 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
             sampling if block.sampling.stands else sampling.without_stands(), bridged=block.sampling.bridged
         )
         sampling = sampling if len(block.sampling.trend) else sampling.without_trend()
-    (with_names,) = with_effects([run], result.state.refined.effects)
+    (with_names,) = with_effects([run], result.effects)
     # Where the set-ups fit the names, and back along their slopes, as the names were fitted.
     residual = residual_of(with_names, linear.setups_moved_by(result.moves))
     run_entries = entries(residual, sampling)
     if len(run_entries) != len(block.y_mm):
         return None
     whitened = block.white(run_entries) + linear.U[rows] @ result.moves
-    before = whitened + (linear.residual(()) - result.state.refined.residual)[rows]
+    before = whitened + (linear.residual(()) - result.fit.residual)[rows]
     changes = [change[rows] for change in result.contributions]
     residual_with_share = whitened - result.posterior.healthy_share[rows]
     free, limit = result.free_share[rows], float(result.scatter_limits_um[k])
@@ -401,13 +408,11 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
 
 def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
     """Return a run at places, or in a way, that no run used has: other poses, another radius, another speed."""
-    effects, forms = result.state.refined.effects, result.posterior.background.columns.forms
+    effects = result.effects
     placed = setups if run.setup in setups else fit_run_setups(with_effects([run], effects))[0]
     of_run = linearise(blocks_of([run], placed, effects), placed, effects)
-    sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
-    share = of_run.columns([effect for form in forms for effect in form.effects]) / sizes
-    residual = of_run.residual(effects)
-    changes = [of_run.residual([*effects[:k], *effects[k + 1 :]]) - residual for k in range(len(effects))]
+    share, residual = result.columns.forms_in(of_run), of_run.residual(effects)
+    changes = of_run.contributions(effects, residual)
     with_share = residual - share @ result.posterior.mean[: share.shape[1]]
     (block,), none, limit = of_run.blocks, np.zeros_like(with_share), float(limits_um(of_run, None)[0])
     return _JudgedRun(block, of_run.residual(()), with_share, none, changes, basis_of(of_run.U), limit)
@@ -420,22 +425,10 @@ def left_um(runs: Sequence[ObservedRun], used: FittedRuns, effects: Sequence[Eff
     return 1e3 * rms(_left_with(with_effects(runs, effects), placed))
 
 
-def _floor(result: SearchResult, runs: Sequence[ObservedRun]) -> float:
-    """Return the root mean square in µm of the noise and scatter of one of some runs: from repeats, or else from the
-    assumed noise; that of touches, and of many poses, as far as the readings show it. Runs of another place have that
-    of their test."""
-    linear, names, tests = result.linear, {run.name for run in runs}, {run.table.test for run in runs}
-    alike = [block.name in names for block in linear.blocks]
-    if not any(alike):
-        alike = [block.table.test in tests for block in linear.blocks]
-    size = np.array([len(block.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
-    return float(np.sqrt(size @ (_noise_shown(result) * noise_um(linear) ** 2) / size.sum()))
-
-
 def _noise_shown(result: SearchResult) -> Array:
     """Return which share of the variance of its noise the readings of each block (b,) show, at the most all; readings
     that were not repeated show their own if they are touches, or many poses."""
-    linear, strength = result.linear, result.state.strength[result.selection.columns.band]
+    linear, strength = result.linear, result.strength
     shares = np.ones(len(linear.blocks))
     for k, (block, rows) in enumerate(zip(linear.blocks, linear.rows, strict=True)):
         kind = block.table.kind
@@ -461,9 +454,8 @@ def covariance_of(posterior: Posterior, unknowns: Sequence[Unknown]) -> Array:
     times that forms show."""
     columns = posterior.background.columns
     forms, fitted = columns.set_ups.start, len(unknowns)
-    sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])
     covariance = posterior.joint_covariance(forms, fitted)
-    unit = np.concatenate([np.ones(fitted), 1 / sizes])
+    unit = np.concatenate([np.ones(fitted), 1 / columns.sizes])
     return np.asarray(unit[:, None] * covariance * unit, dtype=float)
 
 
@@ -482,7 +474,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     """Return the calibrated model of a search about a rig: its posterior, with the effects `standing` marked as those
     that the rig file names, the range of each joint in the `runs`, the set-ups of the last of the `stages`, what is
     left of them and `elsewhere`, and its uncertainty `wider` than its covariance."""
-    effects, unknowns = result.state.refined.effects, result.state.refined.unknowns
+    effects, unknowns = result.effects, result.fit.unknowns
     terms = [Term.model_construct(effect=effect, times=1.0, named=effect in standing) for effect in effects]
     background = background_terms(result.calibrated_posterior)
     if not stages.has_background:

@@ -29,7 +29,6 @@ from analysis.inference.result import (
     Remainder,
     Rival,
 )
-from analysis.inference.rivals import RivalOdds
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import FittedRuns
 from analysis.inference.state import DRIVEN_WAVES, FAULT, series_among
@@ -208,7 +207,7 @@ def named_effects(
 ) -> list[Named]:
     """Return the fitted effects of a search result, each with what it does to the readings (N,) and why the diagnosis
     does not stand by it, if it does not. `gains` has the gain of each on held-out runs."""
-    effects = result.state.refined.effects
+    effects = result.effects
     named = [
         _named(result, k, gain, change, fitted.left_um([*effects[:k], *effects[k + 1 :]]))
         for k, (gain, change) in enumerate(zip(gains, changes, strict=True))
@@ -230,7 +229,7 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
 
 def _named(result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float) -> Named:
     """Return one effect with what it does, and why the diagnosis does not stand by it, if it does not."""
-    effect, own_odds = result.state.refined.effects[k], result.rival_odds[k]
+    effect, own_odds = result.effects[k], result.rival_odds[k]
     axis = int(getattr(effect, "axis", 1))
     # A wave of which the joint did not drive two is no gear, and its cause was not shown.
     turned = max(float(np.ptp(block.table.q[:, axis - 1])) for block in result.linear.blocks) / (2 * np.pi)
@@ -238,14 +237,20 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
     model = f"use the calibrated model, which holds the angle error of axis {axis} over its angle"
     sizes = sizes_by_setup(result, k, result.scatter_limits_um)
     ratio = sizes.birge_ratio()
-    sd = {field: ratio * sigma for field, sigma in result.state.refined.sd(k).items()}
-    twins, rivals = _rivals(result, k, own_odds)
+    sd = {field: ratio * sigma for field, sigma in result.fit.sd(k).items()}
+    twins: list[Rival] = []  # what changes the readings in the same way
+    rivals: list[Rival] = []
+    for tried, likely in own_odds.rivals:
+        if likely > _NEGLIGIBLE:
+            rival = Rival(tried.effects[-1], tried.refined.sd(len(tried.effects) - 1), likely)
+            apart = result.linear.without_set_up(tried.refined.residual - result.fit.residual)
+            (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append(rival)
     odds = own_odds.odds + sum(twin.posterior for twin in twins)
     doubt = _doubt(result, k, change, odds, gain)
     # Effects that depend on more than the posture may differ from run to run, or from day to day.
     by_posture = effect.compensation().use != "none"
     named = Named(
-        effect, sd, odds, rivals, gap_without_um, effect.remedy() if shown else model, change.um, gain, doubt,
+        effect, sd, odds, tuple(rivals), gap_without_um, effect.remedy() if shown else model, change.um, gain, doubt,
         sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
         twins=tuple(twin.effect for twin in twins), shown=shown,
     )  # fmt: skip
@@ -258,7 +263,7 @@ def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain
     What is certain and larger than arms of its build show is never too small to say.
     """
     state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
-    effect = state.refined.effects[k]
+    effect = state.effects[k]
     reasons: tuple[tuple[bool, Doubt], ...] = (
         (abs(size_of(effect)) <= FAULT * effect.usual_times(result.built), "usual"),
         (effect.NEEDS_REPEATS and not shows_time(result.linear.blocks), "one_lap"),
@@ -274,20 +279,6 @@ def shows_time(blocks: Sequence[Block]) -> bool:
     """Return whether runs show what changes with time: repeats of a run, laps of a circle, visits of a target."""
     laps = any(block.sampling is not None and len(block.sampling.trend) > 0 for block in blocks)
     return laps or any(block.count > 1 or (block.sampling is None and block.measured) for block in blocks)
-
-
-def _rivals(result: SearchResult, k: int, own_odds: RivalOdds) -> tuple[tuple[Rival, ...], tuple[Rival, ...]]:
-    """Return the twins of an effect, which change the readings in the same way, and its other rivals."""
-    twins: list[Rival] = []
-    others: list[Rival] = []
-    for tried, odds in own_odds.rivals:
-        effects = tried.refined.effects
-        rival = Rival(effects[-1], tried.refined.sd(len(effects) - 1), odds)
-        if rival.posterior <= _NEGLIGIBLE:
-            continue
-        apart = result.linear.without_set_up(tried.refined.residual - result.state.refined.residual)
-        (twins if np.linalg.norm(apart) < _SAME_SIGMA else others).append(rival)
-    return tuple(twins), tuple(others)
 
 
 def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
@@ -308,14 +299,13 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, tr
     beyond the noise: an error that goes with nothing that repeats looks like scatter beside the mean of the runs.
     """
     imitating = [name for name in named if name.contradicted]
-    effects = result.state.refined.effects
+    effects = result.effects
     imitated = sum(
         (result.contributions[effects.index(name.effect)] for name in imitating), np.zeros_like(result.linear.y)
     )
     linear, posterior = result.linear, result.posterior
-    strength = result.state.strength[result.selection.columns.band]
-    beyond = np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
-    remainder = plain_worth(linear, beyond * posterior.residual + result.free_share + linear.without_set_up(imitated))
+    beyond = result.beyond_noise * posterior.residual + result.free_share
+    remainder = plain_worth(linear, beyond + linear.without_set_up(imitated))
     gap_um = worth(linear, result.initial_residual).whole_um
     share = min(1.0, (remainder.whole_um / gap_um) ** 2) if gap_um else 0.0
     healthy = worth(linear, posterior.healthy_share)
@@ -378,7 +368,7 @@ def _is_testable(result: SearchResult, *, early: bool) -> bool:
         3 * int(groups(block.table.q, SAME_RAD).max() + 1) if block.table.kind.of_places else len(block.y_mm)
         for block in result.linear.blocks
     )
-    if readings < _ENOUGH * result.linear.U.shape[1] or not result.selection.columns.forms:
+    if readings < _ENOUGH * result.linear.U.shape[1] or not result.columns.forms:
         return False
     poses_alone = all(block.table.kind.of_places for block in result.linear.blocks)
     shows = worth(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
