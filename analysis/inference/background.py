@@ -481,8 +481,13 @@ def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FittedFre
     # One product with the columns of all forms takes two thirds of the time of one product for each form.
     ends = np.cumsum([0, *(form.columns.shape[1] for form in forms)]).tolist()
     products, slope = posterior.cavity(np.concatenate([form.columns for form in forms], axis=1))
-    slices = [slice(begin, end) for begin, end in pairwise(ends)]
-    gains = [_gains(products[of_form, of_form], slope[of_form]) for of_form in slices]
+    gains, strengths = [], _STRENGTHS[:, None]
+    for begin, end in pairwise(ends):
+        # The log evidence, for each strength, of columns with unknown normal coefficients over no columns.
+        power, turn = np.linalg.eigh(products[begin:end, begin:end])
+        power = np.maximum(power, 0.0)
+        seen = (turn.T @ slope[begin:end]) ** 2
+        gains.append(0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1))
     k = int(np.argmax([gain.max() for gain in gains]))
     strength = float(np.sqrt(_STRENGTHS[np.argmax(gains[k])]))
     form = FreeForm(forms[k].words, strength * forms[k].columns)
@@ -576,14 +581,3 @@ def _rates(block: Block) -> Array:
     path = block.path
     rates: Array = np.gradient(path.q, path.t_s, axis=0) if block.sampling else np.zeros_like(path.q)
     return rates
-
-
-def _gains(products: Array, slope: Array) -> Array:
-    """Return the log evidence (s,), for each strength, of columns with unknown normal coefficients of that strength
-    over no columns, given their products with each other (c, c) and with the residual (c,)."""
-    power, turn = np.linalg.eigh(products)
-    power = np.maximum(power, 0.0)
-    seen = (turn.T @ slope) ** 2
-    strengths = _STRENGTHS[:, None]
-    gains: Array = 0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1)
-    return gains

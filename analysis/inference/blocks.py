@@ -1,4 +1,9 @@
-"""Blocks: repeated runs as one set of readings with the noise of their mean, and each one on the simulator."""
+"""Blocks: repeated runs as one run, and each one on the simulator.
+
+`blocks_of` puts the runs together that repeat each other. A `Block` is the first of them, with the mean of what the
+model leaves of all and the noise of that mean, entry by entry. A `SimulatedBlock` computes what its readings would be
+with other effects or another set-up, and so what one effect adds to them: a column, in sigmas of the noise.
+"""
 
 from __future__ import annotations
 

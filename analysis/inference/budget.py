@@ -236,7 +236,7 @@ class Budget:
         posterior, columns = self.result.posterior, self.result.columns
         groups: dict[tuple[PartKind, int | None], list[Form]] = {}
         for form in columns.forms:
-            groups.setdefault(group_of(form.effects[0]), []).append(form)
+            groups.setdefault(group_of(form.effect), []).append(form)
         drawn = []
         for (kind, axis), forms in groups.items():
             indices = np.array([column for form in forms for column in form.columns])
@@ -244,7 +244,7 @@ class Budget:
             vector = moved @ posterior.mean[indices]
             gram = moved.T @ moved
             u_um = float(np.sqrt(max(np.sum(gram * posterior.covariance_among(indices)), 0.0)))
-            times = np.array([form.effects[0].usual_times(self.result.built) for form in forms for _ in form.columns])
+            times = np.array([form.effect.usual_times(self.result.built) for form in forms for _ in form.columns])
             usual_um = float(np.sqrt(np.sum(np.diag(gram) * columns.healthy[indices] * times**2)))
             um = float(np.linalg.norm(vector))
             ratio = um / usual_um if usual_um > 0 else 0.0

@@ -1,4 +1,9 @@
-"""Candidates: names that may explain readings, their departures from the ideal form, and all their columns."""
+"""Candidates: the names that may explain readings, and the columns of everything that may change them.
+
+`candidates_for` lists every effect that these runs could show, and `columns_for` makes the `Columns` of them: what each
+of their forms adds to all readings at a healthy size, then what set-ups and the scatter between runs may do, each with
+the size that is expected of it. `departure_columns` are what a real gear, ball or brake adds beside its ideal form.
+"""
 
 from __future__ import annotations
 
@@ -42,8 +47,8 @@ class Candidate:
 
     name: str
     effects: tuple[Effect, ...]
-    shaped: tuple[Effect, ...] = ()
     size: float = 1.0
+    shaped: tuple[Effect, ...] = ()
 
     @property
     def effect(self) -> Effect:
@@ -66,7 +71,7 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
             tried = [{free.field: free.tried} for free in form.free(scope.payload_kg) if free.tried is not None]
             for whole, size in ((scaled(healthy(form), size), size) for size in sizes):
                 shaped = tuple(whole.model_copy(update=shape) for shape in tried)
-                candidates.append(Candidate(name_of(form), phases(whole), shaped, size))
+                candidates.append(Candidate(name_of(form), phases(whole), size, shaped))
     return candidates
 
 
@@ -274,21 +279,18 @@ def fault_sizes(level: float) -> Array:
     return np.geomspace(least, LARGEST_FAULT, 1 + round(np.log(LARGEST_FAULT / least) / np.log(_SIZE_RATIO)))
 
 
-@dataclass(frozen=True)
-class Form:
-    """One way in which a name may appear. `effects` has the effect of each column, `size` is their size in healthy
-    sizes, `columns` has their indices, and `among` is the number of forms of the name."""
+@dataclass(frozen=True, kw_only=True)
+class Form(Candidate):
+    """One way in which a name may appear: a candidate with the indices of its `columns`, `among` so many forms of its
+    name."""
 
-    name: str
-    effects: tuple[Effect, ...]
-    size: float
     columns: tuple[int, ...]
     among: int
 
     @property
     def one_sided(self) -> bool:
         """Whether its size cannot be negative."""
-        return len(self.effects) == 1 and one_sided(self.effects[0])
+        return len(self.effects) == 1 and one_sided(self.effect)
 
 
 @dataclass(frozen=True, eq=False)
@@ -481,20 +483,19 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
 def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return candidates, each followed by its variants in other shapes."""
     return [
-        form
+        replace(candidate, effects=effects, shaped=())
         for candidate in candidates
-        for form in (candidate, *(replace(candidate, effects=(shape,)) for shape in candidate.shaped))
+        for effects in (candidate.effects, *((shape,) for shape in candidate.shaped))
     ]
 
 
 def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
     """Return the forms of candidates, with columns in their order."""
-    among = Counter(form.name for form in every)
-    ends = np.cumsum([len(form.effects) for form in every]).tolist()
-    return tuple(
-        Form(form.name, form.effects, form.size, tuple(range(end - len(form.effects), end)), among[form.name])
-        for form, end in zip(every, ends, strict=True)
-    )
+    among, first, forms = Counter(form.name for form in every), 0, []
+    for form in every:
+        columns = tuple(range(first, first := first + len(form.effects)))
+        forms.append(Form(form.name, form.effects, form.size, columns=columns, among=among[form.name]))
+    return tuple(forms)
 
 
 def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
@@ -515,7 +516,7 @@ def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
     name = name_of(effect)
     keeps = np.array([form.name != name for form in forms], dtype=float)
     indices = np.flatnonzero(keeps == 0)
-    orders = np.array([order_of(forms[k].effects[0]) for k in indices.tolist()])
+    orders = np.array([order_of(forms[k].effect) for k in indices.tolist()])
     if _is_ordered(orders):
         width, k = np.gradient(np.sort(orders)), int(np.argmin(np.abs(orders - order_of(effect))))
         keeps[indices] = 1.0
@@ -551,7 +552,7 @@ def _likelihoods(forms: Sequence[Form]) -> Array:
     likely, names = np.ones(len(forms)), np.array([form.name for form in forms])
     for name in dict.fromkeys(names.tolist()):
         indices = np.flatnonzero(names == name)
-        orders = np.array([order_of(forms[k].effects[0]) for k in indices.tolist()])
+        orders = np.array([order_of(forms[k].effect) for k in indices.tolist()])
         if _is_ordered(orders):
             likely[indices[np.argsort(orders)]] = np.gradient(np.log(np.sort(orders)))
         likely[indices] /= likely[indices].sum()

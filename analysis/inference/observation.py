@@ -307,7 +307,16 @@ class Sampling:
         rows = np.concatenate([self.before.ravel(), self.after.ravel()])
         grid = np.tile(np.arange(GRID), 2 * len(self.share))
         matrix = csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
-        return matrix if self.bridged is None else csr_array(_bridge(*self.bridged) @ matrix)
+        if self.bridged is None:
+            return matrix
+        # Values at the bridged grid angles are those on the line between the values beside them.
+        begin, end = self.bridged
+        bridge, share = np.eye(GRID), np.arange(1, end - begin + 2) / (end - begin + 2)
+        inside = np.arange(begin, end + 1) % GRID
+        bridge[inside] = 0.0
+        bridge[inside, (begin - 1) % GRID] = 1 - share
+        bridge[inside, (end + 1) % GRID] = share
+        return csr_array(csr_array(bridge) @ matrix)
 
     def gridded_sd(self, sd: Array) -> Array:
         """Return the standard deviation (GRID, …) at the grid of independent errors of the rows, sd (m, …), in any
@@ -375,20 +384,6 @@ def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
     seams = [(off + sampling.seam[0], off + sampling.seam[1]) for off, sampling in zip(offsets, samplings, strict=True)]
     bridged = (int(np.floor(first + min(seams)[0])), int(np.ceil(first + max(after for _, after in seams))))
     return [replace(sampling, bridged=bridged) for sampling in samplings]
-
-
-def _bridge(begin: int, end: int) -> csr_array:
-    """Return the matrix (GRID, GRID) that replaces the values at grid angles from `begin` to `end` by those on the line
-    between the values beside them."""
-    from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
-
-    matrix = np.eye(GRID)
-    share = np.arange(1, end - begin + 2) / (end - begin + 2)
-    inside = np.arange(begin, end + 1) % GRID
-    matrix[inside] = 0.0
-    matrix[inside, (begin - 1) % GRID] = 1 - share
-    matrix[inside, (end + 1) % GRID] = share
-    return csr_array(matrix)
 
 
 def by_orders(readings: Array) -> Array:

@@ -113,23 +113,19 @@ def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[O
     frame = setup.partition(FRAME)[0]
     if frame != setup:
         trials[targeted(frame, str(len(targets) + 1))] = [home for home in settled if placement_of(home) == frame]
-    fits = []
+    # Few poses are not judged: they have the target of the others.
+    few, fits = sum(run.values.size for run in runs) < runs[0].table.kind.setup_terms + TO_SPARE, []
     for name, homes in trials.items():
         if homes:
-            together_mm = _beside(settled[homes[0]], runs, name)
-            if together_mm is not None:
-                fits.append((together_mm, name))
+            home = settled[homes[0]]
+            moved_mm = rms(_left([*home, *(replace(run, setup=name) for run in runs)]))
+            if few:
+                is_home = target_of(name) == target_of(homes[0])
+            else:
+                apart_mm = max(rms(_left(home)), rms(_left(runs)))
+                is_home = moved_mm < max(_APART * apart_mm, apart_mm + _APART_MM)
+            fits += [(moved_mm, name)] * is_home
     return min(fits)[1] if fits else targeted(setup, str(len(targets) + 1))
-
-
-def _beside(home: Sequence[ObservedRun], runs: Sequence[ObservedRun], name: str) -> float | None:
-    """Return what runs leave, rms mm, as the set-up `name` beside those at home, None where that is more than both
-    leave alone. Few poses are not judged: they have the target of the others."""
-    moved_mm = rms(_left([*home, *(replace(run, setup=name) for run in runs)]))
-    if sum(run.values.size for run in runs) < runs[0].table.kind.setup_terms + TO_SPARE:
-        return moved_mm if target_of(name) == target_of(home[0].setup) else None
-    apart_mm = max(rms(_left(home)), rms(_left(runs)))
-    return moved_mm if moved_mm < max(_APART * apart_mm, apart_mm + _APART_MM) else None
 
 
 def _of_targets(named: Mapping[str, list[str]]) -> list[str]:

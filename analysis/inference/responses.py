@@ -101,19 +101,29 @@ _FAR_MM = 1.0
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Blocks, and the same blocks simulated about a model and its set-ups; N counts the entries of all blocks and then
-    the known distances of sockets, in standard deviations of the noise. `near` keeps what fits have computed of
-    effects."""
+    """Blocks simulated about a model and its set-ups, and the residual `y_mm` (n,) of each; N counts the entries of all
+    blocks and then the known distances of sockets, in standard deviations of the noise. `near` keeps what fits have
+    computed of effects."""
 
-    blocks: tuple[Block, ...]
-    setups: dict[str, SetUp]
     simulated: tuple[SimulatedBlock, ...]
+    y_mm: tuple[Array, ...]
     near: NearResponses = field(default_factory=NearResponses, init=False, repr=False)
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """The blocks."""
+        return tuple(simulated.block for simulated in self.simulated)
+
+    @cached_property
+    def setups(self) -> dict[str, SetUp]:
+        """The set-ups by their names."""
+        return {simulated.block.setup: simulated.setup for simulated in self.simulated}
 
     @cached_property
     def y(self) -> Array:
         """The residual (N,) with the known effects."""
-        return self.at_entries([block.white(block.y_mm) for block in self.blocks], self.distances.residual(self.setups))
+        white = [block.white(y_mm) for block, y_mm in zip(self.blocks, self.y_mm, strict=True)]
+        return self.at_entries(white, self.distances.residual(self.setups))
 
     @property
     def axes(self) -> int:
@@ -327,8 +337,7 @@ class Linearisation:
     def simulated_with(self, effects: Sequence[Effect]) -> Linearisation:
         """Return the linearisation of the same runs with readings simulated with `effects` in place of the known ones
         and without noise; y is (N,)."""
-        blocks = [replace(block, y_mm=added) for block, added in zip(self.blocks, self.responses(effects), strict=True)]
-        return replace(self, blocks=tuple(blocks))
+        return replace(self, y_mm=tuple(self.responses(effects)))
 
     def without_set_up(self, values: Array) -> Array:
         """Return whitened values (N, …) with the part removed that set-ups could absorb."""
@@ -381,16 +390,15 @@ class Linearisation:
 def linearise(blocks: Sequence[Block], setups: Mapping[str, SetUp], effects: Sequence[Effect] = ()) -> Linearisation:
     """Return the linearisation of blocks about set-ups. `effects` are those found so far, which the model
     contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them."""
-    simulated = [SimulatedBlock(block, tuple(effects), setups[block.setup]) for block in blocks]
-    return Linearisation(tuple(blocks), dict(setups), tuple(simulated))
+    simulated = tuple(SimulatedBlock(block, tuple(effects), setups[block.setup]) for block in blocks)
+    return Linearisation(simulated, tuple(block.y_mm for block in blocks))
 
 
 def beside(shared: Sequence[SharedBlock], blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Linearisation:
     """Return the linearisation of blocks that other linearisations share, and of more blocks after them, N entries in
     all, about set-ups."""
     simulated = (*shared, *(SimulatedBlock(block, (), setups[block.setup]) for block in blocks))
-    placed = {simulated_block.block.setup: simulated_block.setup for simulated_block in simulated}
-    return Linearisation(tuple(simulated_block.block for simulated_block in simulated), placed, simulated)
+    return Linearisation(simulated, tuple(each.block.y_mm for each in simulated))
 
 
 def basis_of(columns: Array) -> Array:

@@ -1,4 +1,9 @@
-"""The selection of effects that explain the readings, by evidence, and the rivals of each fault."""
+"""The selection of the effects that explain the readings.
+
+A state (`state.py`) has the effects that are named so far, as they were fitted. `Selection.select` changes it round by
+round: it adds the form of a candidate whose fit gains most log evidence, drops an effect that no longer pays its price,
+and estimates the noise again, until neither pays. All that is not named stays possible as the background of columns.
+"""
 
 from __future__ import annotations
 
@@ -177,9 +182,7 @@ class Selection:
             gain = np.maximum(*self.gains(state, posterior))
             best: dict[Effect, int | None] = {}
             for effect in waiting:
-                alike = [
-                    k for k, form in enumerate(forms) if is_alike(form.effects[0], effect) and np.isfinite(gain[k])
-                ]
+                alike = [k for k, form in enumerate(forms) if is_alike(form.effect, effect) and np.isfinite(gain[k])]
                 best[effect] = max(alike, key=lambda k: gain[k], default=None)
             effect = max(waiting, key=lambda candidate: -np.inf if best[candidate] is None else gain[best[candidate]])
             waiting.remove(effect)
@@ -299,8 +302,8 @@ class Selection:
                     if accept_free_forms and unnamed:
                         changed = unnamed
                     elif changed is not None and changed.is_fault(-1):
-                        newest, known = changed.effects[-1], self.linear.known
-                        is_new = not any(is_alike(known_effect, newest) for known_effect in known)
+                        newest = changed.effects[-1]
+                        is_new = not any(is_alike(before, newest) for before in self.linear.known)
                         if stops and with_free_form is None and is_new and not self.holds_for(changed):
                             return changed, None
                         changed = self.settled(*beginnings(changed))
@@ -356,7 +359,7 @@ class Selection:
 
     def refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
         """Return the state in which all forms of an effect, and the one it came from, are refused."""
-        of_effect = {k for k, form in enumerate(self.columns.forms) if is_alike(form.effects[0], effect)} | {origin}
+        of_effect = {k for k, form in enumerate(self.columns.forms) if is_alike(form.effect, effect)} | {origin}
         return replace(state, refused=state.refused | of_effect)
 
     def _without_free_form(self, state: SelectionState) -> SelectionState | None:
@@ -386,7 +389,7 @@ class Selection:
         # The variance that an arm of this state has in the form nearest to the effect.
         forms, usual = self.columns.forms, state.level**2
         if of_name := [k for k, form in enumerate(forms) if form.name == name_of(effect)]:
-            apart = np.nan_to_num([abs(order_of(forms[k].effects[0]) - order_of(effect)) for k in of_name])
+            apart = np.nan_to_num([abs(order_of(forms[k].effect) - order_of(effect)) for k in of_name])
             nearest = of_name[int(np.argmin(apart))]
             usual *= self.columns.likelihoods[nearest]
             if state.curves is not None and self._is_of_curve(effect):
@@ -441,7 +444,7 @@ class Selection:
         fault, single, _, size = posterior.gains(self.columns.forms, state.level)
         curves, pieces = self._waves_of_curves
         fault[curves & (pieces | (size < FAULT * max(state.level, 1.0)))] = single[curves] = -np.inf
-        against = np.array([self._against_stated(form.effects[0]) for form in self.columns.forms])
+        against = np.array([self._against_stated(form.effect) for form in self.columns.forms])
         fault, single = fault - against, single - against
         fault[self._are_set_up] = single[self._are_set_up] = -np.inf
         return fault + self._fault_price - self._among, single - _HEALTHY_PRICE - self._among
@@ -450,7 +453,7 @@ class Selection:
     def _waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which forms (n,) are waves of a joint's curve, and which of so low an order that the joint was driven over
         few of them in any run."""
-        effects = [form.effects[0] for form in self.columns.forms]
+        effects = [form.effect for form in self.columns.forms]
         turned = np.max([np.ptp(block.table.q, axis=0) for block in self.linear.blocks], axis=0) / (2 * np.pi)
         driven = [
             order_of(effect) * float(turned[getattr(effect, "axis", 1) - 1]) if is_of_curve(effect) else np.inf
@@ -476,8 +479,13 @@ class Selection:
         instead, if those are tried and one explains much more."""
         gain = np.maximum(*self.gains(state, posterior))
         gain[[k for k in state.refused if k >= 0]] = -np.inf
-        best = self._best_names(gain) if len(state.effects) < _DEPTH else []
-        most, changed = 0.0, None
+        # The best form of each of the few names that gain most, the best first.
+        best_of: dict[str, int] = {}
+        for k in np.argsort(-gain).tolist() if len(state.effects) < _DEPTH else ():
+            if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best_of) == _TRIED:
+                break
+            best_of.setdefault(self.columns.forms[k].name, k)
+        most, changed, best = 0.0, None, list(best_of.values())
         if best:
             # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
             tried = {k: self.with_form(state, posterior, k) for k in best}
@@ -488,7 +496,7 @@ class Selection:
             rise -= self.evidence(state)
             if gain[best[0]] < _MUCH and rise <= 0:
                 for k in best:
-                    state = self.refusing(state, self.columns.forms[k].effects[0])
+                    state = self.refusing(state, self.columns.forms[k].effect)
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
             most = max(float(gain[best[0]]), rise)
         taken = state.replaced_forms | {fitted.form.words for fitted in state.free_forms}
@@ -498,16 +506,6 @@ class Selection:
         if free_form is None or free_form.gain < max(_MUCH, _MARGIN * most):
             return changed, None
         return changed, self._refitted(replace(state, free_forms=(*state.free_forms, free_form)))
-
-    def _best_names(self, gain: Array) -> list[int]:
-        """Return the best form of each of the few names that gain most, the best first, given the gain (n,) of each
-        form."""
-        best: dict[str, int] = {}
-        for k in np.argsort(-gain).tolist():
-            if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best) == _TRIED:
-                break
-            best.setdefault(self.columns.forms[k].name, k)
-        return list(best.values())
 
     def with_form(self, state: SelectionState, posterior: Posterior, k: int) -> SelectionState:
         """Return the state with form k added as an effect and fitted; the other effects move along their earlier

@@ -151,11 +151,11 @@ def fit_setups(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp] | None =
         if name not in poses:
             starts = [starting[name]] if name in starting else _starting_setups(members[0])
             fits = [_placed(members, {name: start})[name] for start in starts]
-            left = [
+            energies = [
                 sum(float(np.sum(residual_of(run, {name: setup}) ** 2)) for run in members)
                 for setup in (fits if len(fits) > 1 else ())
             ]
-            fitted[name] = fits[int(np.argmin(left))] if left else fits[0]
+            fitted[name] = fits[int(np.argmin(energies))] if energies else fits[0]
     if poses:
         together = [run for name in poses for run in named[name]]
         fitted |= _placed(together, {name: starting[name] for name in poses})

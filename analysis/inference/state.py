@@ -179,8 +179,8 @@ class Backgrounds:
         """
         usual = np.ones(len(self.columns.healthy))
         for form in self.columns.forms:
-            if _is_soft_shoulder(form.effects[0]):
-                usual[list(form.columns)] = form.effects[0].usual_times(self.build)
+            if _is_soft_shoulder(form.effect):
+                usual[list(form.columns)] = form.effect.usual_times(self.build)
         return usual
 
 
@@ -433,7 +433,7 @@ def starting_effects(linear: Linearisation, columns: Columns, posterior: Posteri
     A wave has the order between its neighbours that explains most, and that of all orders where it is large; every
     other effect but a play has the size that it would have as a fault.
     """
-    effect = form.effects[0]
+    effect = form.effect
     if is_play(effect):
         return _plays(columns, linear, posterior, effect)
     if hasattr(effect, "order"):
@@ -453,7 +453,7 @@ def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect
     tried = [expected.model_copy(update={free.field: free.tried}) for free in effect.FREE if free.tried is not None]
     shapes = [healthy(shape) for shape in (expected, *tried)]
     # The background expects some of this play, which the tried one replaces.
-    indices = [k for form in columns.forms if is_alike(form.effects[0], effect) for k in form.columns]
+    indices = [k for form in columns.forms if is_alike(form.effect, effect) for k in form.columns]
     at_mean = columns.X[:, indices] @ posterior.background.mean[indices]
     cost, energy = np.empty((len(shapes), len(_WIDTHS))), np.empty(0)
     for k, shape in reversed(list(enumerate(shapes))):
@@ -480,8 +480,8 @@ def _waves(columns: Columns, linear: Linearisation, posterior: Posterior, form: 
     A joint is mostly near the ends of its range, so that a large wave looks most like those whose phases agree at both
     ends, and least like its neighbours among the forms.
     """
-    effect: Any = form.effects[0]
-    orders = [order_of(neighbour.effects[0]) for neighbour in columns.forms if neighbour.name == form.name]
+    effect: Any = form.effect
+    orders = [order_of(neighbour.effect) for neighbour in columns.forms if neighbour.name == form.name]
     near = sorted(abs(order - effect.order) for order in orders)
     tried = effect.order + (near[1] if len(near) > 1 else 0.0) * _BETWEEN
     tried = tried[tried >= min(effect.order, max(shape.low for shape in effect.STRETCHED))]

@@ -92,8 +92,8 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names
     for test in dict.fromkeys(run.table.test for run in runs):
         um = []
         for of_stage in (residuals[0], residuals[-1]):
-            of_test = [left for run, left in zip(runs, of_stage, strict=True) if run.table.test == test]
-            sizes = [np.linalg.norm(left, axis=1) if left.shape[1] == 3 else np.abs(left) for left in of_test]
+            of_test = [mm for run, mm in zip(runs, of_stage, strict=True) if run.table.test == test]
+            sizes = [np.linalg.norm(mm, axis=1) if mm.shape[1] == 3 else np.abs(mm) for mm in of_test]
             um += [1e3 * rms(of_test), 1e3 * max(float(size.max()) for size in sizes)]
         tests.append(TestGap(test, *um))
     keeps = all(run.setup in stages.calibrated for run in runs)
