@@ -101,16 +101,11 @@ class Block(ObservedRun):
 
     def whitened(self, values: Array) -> Array:
         """Return readings (m, k, …) mm as entries (N, …) in standard deviations of the noise."""
-        return self.white(entries(values, self.sampling))
+        return self.white(self.entries(values))
 
     def white(self, vector: Array) -> Array:
         """Return entries (N, …) mm in standard deviations of the noise."""
         return vector / self.sd_mm.reshape(-1, *[1] * (vector.ndim - 1))
-
-
-def entries(values: Array, sampling: Sampling | None) -> Array:
-    """Return readings (m, k, …) mm as entries (N, …) mm of a block: a circle's by orders, other readings unchanged."""
-    return sampling.vector(values) if sampling else values.reshape(-1, *values.shape[2:])
 
 
 def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect] = ()) -> list[Block]:
@@ -150,7 +145,7 @@ def _repeated(
         samplings = bridging(samplings)
         members = [replace(run, sampling=sampling) for run, sampling in zip(members, samplings, strict=True)]
     residuals = [residual_of(run, setups) for run in with_effects(members, effects)]
-    vectors = [entries(residual, run.sampling) for residual, run in zip(residuals, members, strict=True)]
+    vectors = [run.entries(residual) for residual, run in zip(residuals, members, strict=True)]
     first = members[0]
     stamps = np.empty((len(vectors[0]), 0))
     if samplings:
@@ -161,8 +156,8 @@ def _repeated(
     if first.sampling:
         t_s = first.path.t_s
         waves = drift_waves((first.t_s - t_s[0]) / (t_s[-1] - t_s[0]))
-    drifting = [entries(wave[:, None, None] * response, first.sampling) for wave in waves]
-    constant = entries(response, first.sampling)
+    drifting = [first.entries(wave[:, None, None] * response) for wave in waves]
+    constant = first.entries(response)
     # Averaging needs repeats of the same targets.
     alike = [vector for vector in vectors if len(vector) == len(vectors[0])]
     drifts = np.reshape(drifting, (len(drifting), *constant.shape))
@@ -309,7 +304,7 @@ class SimulatedBlock:
         steps = _STEP_MM * np.eye(self.block.table.kind.setup_terms)
         setups = [moved_setup(self.setup, self.block.table, step) for step in steps]
         changed = np.stack([self.read(self.known, self.scene, setup) - self.base for setup in setups], axis=2)
-        return self.whitened(changed) / _STEP_MM
+        return self.block.whitened(changed) / _STEP_MM
 
     def scene_with(self, effects: Sequence[Effect]) -> Scene:
         """Return the scene up to the tool with `effects` in place of the known ones."""
@@ -342,22 +337,9 @@ class SimulatedBlock:
         """Return the readings (m, k) mm of a scene up to the tool."""
         return predicted_in_scene(_with(self.block.model, *effects), self.block, scene, setup)
 
-    def at_readings(self, values: Array) -> Array:
-        """Return values (n, …) at the samples of the path, in any unit, at the readings, (m, …)."""
-        at_rows: Array = values[self.block.samples]
-        return at_rows
-
-    def entries(self, readings: Array) -> Array:
-        """Return readings (m, k, …) mm as entries (N, …) mm of the block."""
-        return entries(readings, self.block.sampling)
-
-    def whitened(self, readings: Array) -> Array:
-        """Return readings (m, k, …) mm as entries (N, …) in standard deviations of the noise."""
-        return self.block.white(self.entries(readings))
-
     def by_joint(self, axis: int, off: Array) -> Array:
         """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6)."""
-        return self.whitened(self.slopes[:, :, axis - 1, None] * self.at_readings(off)[:, None])
+        return self.block.whitened(self.slopes[:, :, axis - 1, None] * off[self.block.samples, None])
 
     def late(self, effect: Effect) -> Array:
         """Return the change (N, c) of the whitened readings of a circle if the errors of joints that an effect makes
@@ -367,8 +349,8 @@ class SimulatedBlock:
             return np.zeros((len(self.block.y_mm), len(stamps)))
         early = _early((*self.block.model.effects, *self.known))
         now, later = self._error(early, effect), [self._error((*early, stamp), effect) for stamp in stamps]
-        change = np.stack([self.at_readings(error - now) for error in later], axis=2)
-        return self.whitened(np.einsum("mka,mac->mkc", self.slopes, change))
+        change = np.stack([(error - now)[self.block.samples] for error in later], axis=2)
+        return self.block.whitened(np.einsum("mka,mac->mkc", self.slopes, change))
 
     def scattered(self, effect: Effect) -> Array:
         """Return the change (N, 1) of the whitened readings of a circle if the errors of joints that an effect makes
@@ -385,8 +367,8 @@ class SimulatedBlock:
         moved = recent(self._moved, early, moment_apart, _SCENES)
         earlier, later = (apply([effect], "joint", scene).link_q - scene.link_q for scene in moved)
         now = self._error(early, effect)
-        change = self.at_readings((earlier + later) / 2 - now)
-        return self.whitened(np.einsum("mka,ma->mk", self.slopes, change)[:, :, None])
+        change = ((earlier + later) / 2 - now)[self.block.samples]
+        return self.block.whitened(np.einsum("mka,ma->mk", self.slopes, change)[:, :, None])
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""
@@ -399,13 +381,13 @@ class SimulatedBlock:
                     error = self._error(early, effect)
                     # A product of few rows takes a quarter of the time that numpy's `any` takes along many short ones.
                     for axis in np.flatnonzero(np.ones(len(error)) @ (error != 0)).tolist():
-                        added[k] += self._slopes_of_axes[axis] * self.at_readings(error[:, axis])[:, None]
+                        added[k] += self._slopes_of_axes[axis] * error[self.block.samples, axis, None]
                 else:
                     times = max(1.0, abs(size_of(effect))) if effect.STAGE in _RIGID else 1.0
                     present = (*self.known, scaled(effect, 1 / times))
                     scene = self.scene if effect.STAGE in _READING else self.scene_with(present)
                     added[k] = times * (self.read(present, scene, self.setup) - self.base)
-            parts.append(self.whitened(np.moveaxis(added, 0, 2)))
+            parts.append(self.block.whitened(np.moveaxis(added, 0, 2)))
         return np.concatenate(parts, axis=1)
 
     @cached_property

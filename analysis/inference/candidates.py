@@ -116,7 +116,15 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
     parts = [_shares(linear, departures.beside)]
     parts += [_initial_play(linear, *departures.gap, _PARTS)] if departures.gap else []
     parts += [_reversal_shifts(linear, *departures.jolt)] if departures.jolt else []
-    parts += [_stick_columns(linear, *departures.stick)] if departures.stick else []
+    if departures.stick:
+        # One for each target, for the unknown state in which a sticking plunger reached it.
+        gauge, off_mm = departures.stick
+        read = [not block.sampling and gauge == "g1" for block in linear.blocks]
+        blocks = zip(read, linear.blocks, strict=True)
+        off = linear.at_entries([reads * off_mm / block.sd_mm for reads, block in blocks])
+        targets = np.flatnonzero(off)
+        parts.append(np.zeros((len(off), len(targets))))
+        parts[-1][targets, np.arange(len(targets))] = off[targets]
     # What is left at a block of targets of an effect that fades may be anything between nothing and twice as much.
     parts += [_apart(linear, linear.columns([effect]), sampling=False)] if departures.fades else []
     # What late stamps do among the columns of a healthy arm is what they do without the effect. A play that was crossed
@@ -209,16 +217,6 @@ def _faded(linear: Linearisation, axis: int, size_deg: float, fades_s: float) ->
         faded[rows] = simulated.by_joint(axis, np.radians(np.where(since >= 0, more_deg, 0.0)))
         columns.append(faded)
     return np.concatenate(columns, axis=1)
-
-
-def _stick_columns(linear: Linearisation, gauge: str, off_mm: float) -> Array:
-    """Return columns (N, t), one for each target, for the unknown state in which a sticking plunger reached it."""
-    read = [not block.sampling and gauge == "g1" for block in linear.blocks]
-    off = linear.at_entries([reads * off_mm / block.sd_mm for reads, block in zip(read, linear.blocks, strict=True)])
-    targets = np.flatnonzero(off)
-    columns = np.zeros((len(off), len(targets)))
-    columns[targets, np.arange(len(targets))] = off[targets]
-    return columns
 
 
 def _that_change(columns: Array) -> Array:

@@ -76,6 +76,10 @@ class ObservedRun:
         name identifies them."""
         return b"" if self.sampling else self.visits.tobytes()
 
+    def entries(self, values: Array) -> Array:
+        """Return readings (m, k, …) mm as entries (N, …) mm: a circle's by orders, other readings unchanged."""
+        return self.sampling.vector(values) if self.sampling else values.reshape(-1, *values.shape[2:])
+
     @property
     def on_lap(self) -> ObservedRun:
         """The run of (m, k) mm by which errors are stated: of a circle the lap alone, since a robot that stands before
@@ -431,7 +435,12 @@ def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     table = averaged(sound, len(laps.phi) // laps.count // _ROWS)
     lap = observe(model, table, where)
     smoothed = smooth_path(lap)
-    phi, stands = laps_of(table, model.rig, where).phi, _stands(smoothed)
+    phi, q, first, last = laps_of(table, model.rig, where).phi, smoothed.path.q, int(lap.rows[0]), int(lap.rows[-1])
+    speed = np.linalg.norm(np.gradient(q, smoothed.path.t_s, axis=0), axis=1)
+    still = speed < _STANDS * np.median(speed[lap.rows])
+    # Standing before and after the lap, unless it does not on one side.
+    stands = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
+    stands = stands if min(map(len, stands)) >= _LEAST_STAND else []
     begins = len(lap.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
     places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
     per_step = len(lap.rows) / (GRID * _laps(phi))
@@ -496,13 +505,3 @@ def _number(phi: Array, laps: int) -> Array:
     """Return the number (n,) of the lap, from 0 on, to which each circle angle (n,) rad belongs."""
     number: Array = np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1)
     return number
-
-
-def _stands(run: ObservedRun) -> list[Integers]:
-    """Return the rows of standing before and after the lap, or an empty list unless both exist."""
-    t, q = run.path.t_s, run.path.q
-    speed = np.linalg.norm(np.gradient(q, t, axis=0), axis=1)
-    still = speed < _STANDS * np.median(speed[run.rows])
-    first, last = int(run.rows[0]), int(run.rows[-1])
-    periods = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
-    return periods if min(map(len, periods)) >= _LEAST_STAND else []

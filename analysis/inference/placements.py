@@ -12,7 +12,7 @@ of few poses needs only its frame from them; the data prove it where a reflector
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -96,7 +96,14 @@ def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[
             split_up[k] = run
     named = {split_up[places[0]].setup: [names[k] for k in places] for places in members.values()}
     if any(map(target_of, named)):
-        return split_up, _of_targets(named)
+        targets: dict[str, list[str]] = {}
+        for setup, its_names in named.items():
+            targets.setdefault(target_of(setup), []).extend(its_names)
+        of_runs = "; ".join(", ".join(its_names) for _, its_names in sorted(targets.items()))
+        count = len({placement_of(setup) for setup in named})
+        stood = "one place of the instrument" if count == 1 else f"{count} places of the instrument"
+        message = f"the poses show {len(targets)} places of the target on the tool ({of_runs}) and {stood}: each is a "
+        return split_up, [message + "set-up of its own, as of several reflectors, and the arm is one"]
     frames: dict[str, list[list[str]]] = {}
     for setup, its_names in sorted(named.items()):
         frames.setdefault(setup.partition(FRAME)[0], []).append(its_names)
@@ -126,21 +133,6 @@ def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[O
                 is_home = moved_mm < max(_APART * apart_mm, apart_mm + _APART_MM)
             fits += [(moved_mm, name)] * is_home
     return min(fits)[1] if fits else targeted(setup, str(len(targets) + 1))
-
-
-def _of_targets(named: Mapping[str, list[str]]) -> list[str]:
-    """Return the line that says which runs of poses, named by set-up, have which target on the tool, and from how many
-    places of the instrument they were seen."""
-    targets: dict[str, list[str]] = {}
-    for setup, names in named.items():
-        targets.setdefault(target_of(setup), []).extend(names)
-    runs = "; ".join(", ".join(names) for _, names in sorted(targets.items()))
-    frames = len({placement_of(setup) for setup in named})
-    stood = "one place of the instrument" if frames == 1 else f"{frames} places of the instrument"
-    return [
-        f"the poses show {len(targets)} places of the target on the tool ({runs}) and {stood}: each is a set-up of its "
-        "own, as of several reflectors, and the arm is one"
-    ]
 
 
 def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[str]]:

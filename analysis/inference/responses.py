@@ -323,7 +323,7 @@ class Linearisation:
         """Return what `effects` add to the entries (N,) mm of each block, given the scenes with them."""
         both = zip(self.simulated, scenes, strict=True)
         return [
-            simulated.entries(simulated.read(effects, scene, setups[simulated.block.setup]) - simulated.base)
+            simulated.block.entries(simulated.read(effects, scene, setups[simulated.block.setup]) - simulated.base)
             for simulated, scene in both
         ]
 
@@ -372,9 +372,9 @@ class Linearisation:
         """Return the change (N, c) of the whitened readings for errors of the gauges: `shares` (2,) times (n, c) mm at
         the samples of each circle's path, and zero for other tests."""
         parts = []
-        for simulated in self.simulated:
-            each = np.array(shares) if simulated.block.sampling else np.zeros(simulated.base.shape[1])
-            parts.append(simulated.whitened(each[:, None] * simulated.at_readings(off(simulated.block))[:, None]))
+        for block in self.blocks:
+            each = np.array(shares) if block.sampling else np.zeros(block.values.shape[1])
+            parts.append(block.whitened(each[:, None] * off(block)[block.samples, None]))
         return self.at_entries(parts)
 
     def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:

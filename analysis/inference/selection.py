@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from analysis.inference.background import (
     FREE_PRICE,
-    Background,
     FreeForm,
     Posterior,
     best_free_form,
@@ -122,7 +121,8 @@ class Selection:
         return Hyperparameters(self.linear, self.columns)
 
     @cached_property
-    def _backgrounds(self) -> Backgrounds:
+    def backgrounds(self) -> Backgrounds:
+        """The backgrounds of states: everything that is not fitted as an effect."""
         return Backgrounds(self.columns, self.linear.blocks[0].model.rig.robot.built)
 
     @cached_property
@@ -142,7 +142,7 @@ class Selection:
                 strength, robust = before.strength, before.robust
         none, first = replace(no_effects(self.linear), effects=tuple(effects)), curves if self._of_tracker else None
         bare = SelectionState(none, (-1,) * len(effects), 1.0, strength, robust, curves=first)
-        state = replace(bare, refined=refine(self.linear, self.background(bare), effects))
+        state = replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), effects))
         if first is not None:
             return self._with_curves(state)
         state = self._renewed(self._renewed(state))
@@ -198,7 +198,7 @@ class Selection:
         of_curves, terms, noise = self.columns.curves.columns, state.refined.known, self._hyperparameters
 
         def likelihood(curves: JointCurves, strength: Array) -> tuple[float, Array, Array]:
-            background = self.background(replace(state, curves=curves, strength=strength))
+            background = self.backgrounds.of(replace(state, curves=curves, strength=strength))
             posterior, prior = background.posterior(terms), background.variance[of_curves]
             shown = (posterior.mean - background.mean)[of_curves] ** 2 + posterior.variance[of_curves]
             ratio = np.divide(shown, prior, out=np.ones_like(prior), where=prior > 0)
@@ -315,7 +315,7 @@ class Selection:
 
     def posterior(self, state: SelectionState) -> Posterior:
         """Return the posterior of all coefficients in a state."""
-        return self.background(state).posterior(state.refined.known)
+        return self.backgrounds.of(state).posterior(state.refined.known)
 
     def without_free_forms(self, state: SelectionState) -> SelectionState:
         """Return the state without its free forms, with the same effects and the noise that it shows then."""
@@ -334,10 +334,6 @@ class Selection:
         }
         hidden = dict.fromkeys([*self.columns.not_seen, *(form.name for form in self.columns.forms)])
         return tuple(name for name in hidden if name not in seen | named)
-
-    def background(self, state: SelectionState) -> Background:
-        """Return the background of everything that is not fitted as an effect."""
-        return self._backgrounds.of(state)
 
     def _renewed(self, state: SelectionState) -> SelectionState:
         """Return the state with the strengths, robust weights and level that it shows."""
@@ -421,7 +417,7 @@ class Selection:
 
     def evidence(self, state: SelectionState) -> float:
         """Return the log evidence of a state, up to a constant."""
-        evidence = self.background(state).evidence(state.refined.known)
+        evidence = self.backgrounds.of(state).evidence(state.refined.known)
         prices = sum(self.price(effect, state.level) for effect in state.effects)
         if stands_softly(state.effects):
             prices -= _HEALTHY_PRICE  # the shoulder's softness is free beside it, as if it were fitted
@@ -430,7 +426,7 @@ class Selection:
     def without(self, state: SelectionState, place: int) -> SelectionState:
         """Return the state without one effect, with the others fitted again along their tangents."""
         bare = self._without_refit(state, place)
-        return replace(bare, refined=refine(self.linear, self.background(bare), bare.effects, bare.refined))
+        return replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), bare.effects, bare.refined))
 
     def _without_refit(self, state: SelectionState, place: int) -> SelectionState:
         """Return the state without one effect, with the others unchanged; the posterior moves them linearly."""
@@ -524,7 +520,7 @@ class Selection:
         """Return the state with one more effect, which comes from form k, fitted, in few rounds if it only `begins`."""
         effects, rounds = (*state.effects, effect), _FEW if begins else ROUNDS
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
-        background = self.background(bare)
+        background = self.backgrounds.of(bare)
         refined = refine(self.linear, background, effects, state.refined, rounds=rounds, begins=begins)
         return replace(bare, refined=refined)
 
@@ -538,5 +534,5 @@ class Selection:
         free = np.concatenate(
             [np.empty((len(self.linear.y), 0)), *(fitted.form.columns for fitted in state.free_forms)], axis=1
         )
-        refined = refine(self.linear, self.background(state), state.effects, free=free, rounds=rounds)
+        refined = refine(self.linear, self.backgrounds.of(state), state.effects, free=free, rounds=rounds)
         return replace(state, refined=refined)

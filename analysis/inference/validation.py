@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from analysis.inference.background import Posterior
-from analysis.inference.blocks import Block, blocks_of, entries
+from analysis.inference.blocks import Block, blocks_of
 from analysis.inference.observation import ObservedRun, residual_of, rms, without_socket
 from analysis.inference.refine import Unknown, slopes_of
 from analysis.inference.responses import basis_of, limits_um, linearise, noise_um, rms_um
@@ -289,7 +289,7 @@ def _missed_by(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult
         alike = [block.table.test == run.table.test for block in result.linear.blocks]
         noise = noise * (shown[alike].mean() if any(alike) else 1.0)
         group = _neighbourhoods(run)
-        entry = np.stack([entries(residual, None) ** 2, noise, variance, np.ones_like(noise)])
+        entry = np.stack([run.entries(residual) ** 2, noise, variance, np.ones_like(noise)])
         groups += [entry[:, group == number].sum(axis=1) for number in np.unique(group).tolist()]
     return _missed_of(np.array(groups))
 
@@ -395,7 +395,7 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
     (with_names,) = with_effects([run], result.effects)
     # Where the set-ups fit the names, and back along their slopes, as the names were fitted.
     residual = residual_of(with_names, linear.setups_moved_by(result.moves))
-    run_entries = entries(residual, sampling)
+    run_entries = replace(run, sampling=sampling).entries(residual)
     if len(run_entries) != len(block.y_mm):
         return None
     whitened = block.white(run_entries) + linear.U[rows] @ result.moves

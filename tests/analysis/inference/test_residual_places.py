@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.inference.blocks import Block, blocks_of, entries
+from analysis.inference.blocks import Block, blocks_of
 from analysis.inference.observation import GRID
 from analysis.inference.residuals import places, reversals_of
 from analysis.inference.setups import fit_run_setups
@@ -24,7 +24,7 @@ def _shown(effect: Effect) -> list[Array]:
 def _wave(block: Block, cycles: int, size_mm: float) -> Array:
     assert block.sampling
     phi = block.sampling.phi
-    return entries(size_mm * np.cos(cycles * phi)[:, None] * np.ones(2), block.sampling)
+    return block.entries(size_mm * np.cos(cycles * phi)[:, None] * np.ones(2))
 
 
 def test_noise_is_no_place() -> None:
