@@ -43,8 +43,7 @@ class Weighed:
 
     def products(self, right: Weighed) -> Array:
         """Return values' C⁻¹ right, a matrix (k, l) for whitened values (N, k) and (N, l)."""
-        products: Array = self.weighted.T @ right.values - self.half.T @ right.half
-        return products
+        return self.weighted.T @ right.values - self.half.T @ right.half
 
 
 @dataclass(frozen=True)
@@ -89,8 +88,7 @@ class Background:
 
     @cached_property
     def _root(self) -> Array:
-        root: Array = np.sqrt(self.variance)
-        return root
+        return np.sqrt(self.variance)
 
     @cached_property
     def _chol(self) -> Array:
@@ -111,8 +109,7 @@ class Background:
     @cached_property
     def at_mean(self) -> Array:
         """What the columns add to the whitened readings (N,) at their prior means."""
-        added: Array = self.columns.X @ self.mean
-        return added
+        return self.columns.X @ self.mean
 
     def weighed(self, values: Array) -> Weighed:
         """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
@@ -158,8 +155,7 @@ class Background:
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         back = solve_triangular(self._chol, weighed.half, lower=True, trans=1, check_finite=False)
-        coefficients: Array = self._root[:, None] * back
-        return coefficients
+        return self._root[:, None] * back
 
     @property
     def logdet(self) -> float:
@@ -186,21 +182,18 @@ class Background:
         from scipy.linalg.lapack import dtrtri  # noqa: PLC0415 - slow to import
 
         inverse, _ = dtrtri(self._chol, lower=True)
-        variances: Array = self.variance * np.einsum("kj,kj->j", inverse, inverse)
-        return variances
+        return self.variance * np.einsum("kj,kj->j", inverse, inverse)
 
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the weights with a vector (p,), without the covariance."""
         none = np.empty((0, 1))
-        product: Array = self.taken(self._halved(none, none, vector[None]))[:, 0]
-        return product
+        return self.taken(self._halved(none, none, vector[None]))[:, 0]
 
     @cached_property
     def spent(self) -> Array:
         """The energy of each band (b,), in variances of the noise, that the uncertainty of the coefficients hides, with
         no terms fitted beside them."""
-        spent: Array = np.tensordot(self.columns.K, self.covariance, axes=2)
-        return spent
+        return np.tensordot(self.columns.K, self.covariance, axes=2)
 
     def posterior(self, terms: FittedTerms) -> Posterior:
         """Return the posterior of all coefficients beside the fitted terms, of which T is (N, q)."""
@@ -255,15 +248,13 @@ class Posterior:
     @cached_property
     def mean(self) -> Array:
         """The means (p,) of the columns of the background."""
-        mean: Array = self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.known
-        return mean
+        return self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.known
 
     @cached_property
     def variance(self) -> Array:
         """The variances (p,) of the columns of the background."""
         taken = self._taken[:, :-1]
-        variance: Array = self.background.variances + np.sum(taken @ self.known_covariance * taken, axis=1)
-        return variance
+        return self.background.variances + np.sum(taken @ self.known_covariance * taken, axis=1)
 
     def covariance_among(self, columns: Integers) -> Array:
         """Return the covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
@@ -282,20 +273,17 @@ class Posterior:
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the whitened columns of the background with a vector (p,)."""
         taken = self._taken[:, :-1]
-        product: Array = self.background.covariance_times(vector) + taken @ (self.known_covariance @ (vector @ taken))
-        return product
+        return self.background.covariance_times(vector) + taken @ (self.known_covariance @ (vector @ taken))
 
     @cached_property
     def residual(self) -> Array:
         """The whitened residual (N,) with all coefficients at their means."""
-        residual: Array = self.terms.r - self.terms.T @ self.known - self.background.columns.X @ self.mean
-        return residual
+        return self.terms.r - self.terms.T @ self.known - self.background.columns.X @ self.mean
 
     @cached_property
     def spent(self) -> Array:
         """The energy of each band (b,), in variances of the noise, that the uncertainty of all coefficients hides."""
-        spent: Array = self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
-        return spent
+        return self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
 
     def left_out(self, rows: Integers) -> tuple[Array, Array]:
         """Return by how much the whitened readings of some rows (n,) miss what all others predict (n,), and the
@@ -325,21 +313,18 @@ class Posterior:
         """The variances (N,) of the readings that the uncertainty of the fitted terms adds: that of what the columns
         leave of them, since they take back the rest."""
         remainder = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
-        variances: Array = np.sum(remainder @ self.known_covariance * remainder, axis=1)
-        return variances
+        return np.sum(remainder @ self.known_covariance * remainder, axis=1)
 
     @property
     def unexplained(self) -> Array:
         """The whitened residual (N,) of the fitted effects, with the background at its prior means."""
-        residual: Array = self.terms.r - self.background.at_mean
-        return residual
+        return self.terms.r - self.background.at_mean
 
     @property
     def healthy_share(self) -> Array:
         """What the forms of effects, at their posterior means, add to the whitened readings (N,)."""
         forms = self.background.columns.set_ups.start
-        share: Array = self.background.columns.X[:, :forms] @ self.mean[:forms]
-        return share
+        return self.background.columns.X[:, :forms] @ self.mean[:forms]
 
     def gains(self, forms: Sequence[Form], level: float) -> tuple[Array, Array, Array, Array]:
         """Return four arrays (n,), one entry for each form: its log evidence as a fault over its healthy share; its
@@ -394,8 +379,7 @@ class Posterior:
         weighed = self.background.weighed(columns)
         terms = self.known_covariance @ self._weighed.products(weighed)[:-1]
         taken = self.background.taken(weighed) - self._taken[:, :-1] @ terms
-        remainder: Array = columns - self.terms.T @ terms - self.background.columns.X @ taken
-        return remainder
+        return columns - self.terms.T @ terms - self.background.columns.X @ taken
 
     def size(self, form: Form) -> Array:
         """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""
@@ -419,15 +403,13 @@ def fault_evidence(values: Array, seen: Array, level: float) -> Array:
     """
     each = np.stack([cavity_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
     top = each.max(axis=0)
-    evidence: Array = top + np.log(np.exp(each - top).mean(axis=0))
-    return evidence
+    return top + np.log(np.exp(each - top).mean(axis=0))
 
 
 def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Array:
     """Return the log evidence F(V) (…) of cavities with precision eigenvalues (…, q), squares of η along the
     eigenvectors (…, q) and prior variance V."""
-    evidence: Array = 0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1)
-    return evidence
+    return 0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -542,13 +524,11 @@ class _Motion:
 
     def speed(self, joint: int, block: Block) -> Array:
         """Return functions (n, c) rad of the speed of a joint at the samples of a block."""
-        off: Array = _UNIT_RAD * np.abs(_rates(block)[:, [joint]] / self.fastest[joint]) ** _POWERS
-        return off
+        return _UNIT_RAD * np.abs(_rates(block)[:, [joint]] / self.fastest[joint]) ** _POWERS
 
     def way(self, joint: int, block: Block) -> Array:
         """Return a function (n, 1) rad of the direction of motion of a joint at the samples of a block."""
-        off: Array = _UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW)
-        return off
+        return _UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW)
 
 
 def _time(block: Block) -> Array:
@@ -565,19 +545,16 @@ def _around(block: Block) -> Array:
     tool = forward(block.model.arm, q)[:, :3, 3]
     turned = frame_of(circle_of(block.model.rig)).angle(tool)[:, None] * np.arange(1, _WAVES + 1)
     waves = np.concatenate([np.cos(turned), np.sin(turned)], axis=1)
-    parts: Array = _UNIT_MM * waves / np.tile(np.arange(1, _WAVES + 1), 2)
-    return parts
+    return _UNIT_MM * waves / np.tile(np.arange(1, _WAVES + 1), 2)
 
 
 def _waves(share: Array, unit: float) -> Array:
     """Return half waves (n, c) of a share (n,) between 0 and 1."""
     number = np.arange(1, _WAVES + 1)
-    waves: Array = unit * np.cos(np.pi * number * np.clip(share, 0, 1)[:, None]) / number
-    return waves
+    return unit * np.cos(np.pi * number * np.clip(share, 0, 1)[:, None]) / number
 
 
 def _rates(block: Block) -> Array:
     """Return the joint speeds (n, 6) rad/s; at targets they are zero."""
     path = block.path
-    rates: Array = np.gradient(path.q, path.t_s, axis=0) if block.sampling else np.zeros_like(path.q)
-    return rates
+    return np.gradient(path.q, path.t_s, axis=0) if block.sampling else np.zeros_like(path.q)

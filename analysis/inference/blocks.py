@@ -328,8 +328,7 @@ class SimulatedBlock:
         joints = self._joints(early)
 
         def compute() -> Array:
-            error: Array = apply([effect], "joint", joints).link_q - joints.link_q
-            return error
+            return apply([effect], "joint", joints).link_q - joints.link_q
 
         return recent(self._errors, (early, without_origin(effect)), compute, _ERRORS)
 

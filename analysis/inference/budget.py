@@ -86,14 +86,12 @@ class Measure:
         """Return whitened changes (N, …) as vectors (N, …) of which the sum of squares is the mean square in µm²."""
         weighted = self._root[:, None] * changes if changes.ndim == 2 else self._root * changes
         U, moves = self._absorbs
-        kept: Array = weighted - U @ (moves @ weighted)
-        return kept
+        return weighted - U @ (moves @ weighted)
 
     def without_set_up(self, changes: Array) -> Array:
         """Return whitened changes (N,) with what set-ups absorb taken off, to be drawn."""
         _, moves = self._absorbs
-        kept: Array = changes - self.linear.U @ (moves @ (self._root * changes))
-        return kept
+        return changes - self.linear.U @ (moves @ (self._root * changes))
 
     def um(self, changes: Array) -> float:
         """Return the root mean square in µm of whitened changes (N,)."""

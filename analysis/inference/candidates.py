@@ -150,8 +150,7 @@ def fewest_columns(columns: Array) -> Array:
     """Return the fewest columns (N, g) that allow for the same as columns (N, f): both have the same covariance, except
     along directions that hardly vary. A play has a column for each part of it and each circle, and most are alike."""
     variances, directions = np.linalg.eigh(columns.T @ columns)
-    fewest: Array = columns @ directions[:, variances > _NEGLIGIBLE**2]
-    return fewest
+    return columns @ directions[:, variances > _NEGLIGIBLE**2]
 
 
 def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:
@@ -221,8 +220,7 @@ def _faded(linear: Linearisation, axis: int, size_deg: float, fades_s: float) ->
 
 def _that_change(columns: Array) -> Array:
     """Return those of columns (N, c) that change a reading."""
-    shown: Array = columns[:, np.abs(columns).max(axis=0) > _LEAST]
-    return shown
+    return columns[:, np.abs(columns).max(axis=0) > _LEAST]
 
 
 def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:

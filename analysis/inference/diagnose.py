@@ -256,7 +256,7 @@ def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], train: Gap) -
     if swing is None:
         return []
     circles = [block.sampling is not None for block in result.linear.blocks]
-    limits = limits_um(result.linear, None, swing.scatter_um)
+    limits = limits_um(result.linear, swing.scatter_um)
     return named_vibration(swing, limits[circles], train.after_um)
 
 

@@ -85,8 +85,7 @@ class CurveColumns:
 
     def variance(self, curves: JointCurves) -> Array:
         """Return the prior variances (c,), in healthy sizes squared."""
-        variance: Array = np.array(curves.widths)[self.joint] ** 2 * self.order ** (-2 * curves.decay) * self.among
-        return variance
+        return np.array(curves.widths)[self.joint] ** 2 * self.order ** (-2 * curves.decay) * self.among
 
     def fitted(
         self, start: JointCurves, strength: Array, limits: Array, log_likelihood: LogLikelihood

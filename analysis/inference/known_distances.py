@@ -36,8 +36,7 @@ class KnownDistances:
         """Return the known distances less those of set-ups (t,), in standard deviations of their scatter."""
         apart = [float(np.linalg.norm(_between(setups, pair))) for pair in self.pairs]
         known_mm = [distance.distance_mm for distance in self.known]
-        residual: Array = (np.array(known_mm) - np.array(apart)) / _SD_MM
-        return residual
+        return (np.array(known_mm) - np.array(apart)) / _SD_MM
 
     def by_setup(self, setups: Mapping[str, SetUp], terms: Mapping[str, Sequence[int]], count: int) -> Array:
         """Return the change (t, count) of the distances for a mm of each term of the set-ups, in the same unit; `terms`
@@ -83,5 +82,4 @@ def _socket(block: Block) -> str:
 def _between(setups: Mapping[str, SetUp], pair: tuple[str, str]) -> Array:
     """Return the way (3,) mm from one socket to the other."""
     first, second = (setups[name].T_instrument_world[:3, 3] for name in pair)
-    way: Array = second - first
-    return way
+    return second - first

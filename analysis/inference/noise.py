@@ -107,8 +107,7 @@ def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
 def drift_waves(share: Array) -> Array:
     """Return the waves (w, m) of a unit scatter that drifts along the run, at the share (m,) of its duration."""
     turns = 2 * np.pi * np.arange(1, _DRIFT_ORDERS + 1)[:, None] * share
-    waves: Array = np.concatenate([np.cos(turns), np.sin(turns)]) / np.sqrt(_DRIFT_ORDERS)
-    return waves
+    return np.concatenate([np.cos(turns), np.sin(turns)]) / np.sqrt(_DRIFT_ORDERS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,8 +147,7 @@ class Repeated:
             return self.apart
         _, taken = self._regression(scatter, sd_mm)
         stamps = taken[taken.shape[0] - self.stamps.shape[1] :]
-        steady: Array = self.apart - (self.apart / sd_mm) @ stamps.T @ self.stamps.T
-        return steady
+        return self.apart - (self.apart / sd_mm) @ stamps.T @ self.stamps.T
 
     def _regression(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
         """Return what one standard deviation of scatter and of stamps adds, (N, c) in those of the noise sd_mm (N,),
@@ -168,8 +166,7 @@ class Repeated:
 
         def white(rows: Array) -> Array:
             whitened = rows / sd_mm
-            uncorrelated: Array = whitened - (whitened @ directions) @ less.T
-            return uncorrelated
+            return whitened - (whitened @ directions) @ less.T
 
         return white(self.apart), white(self.response.T).T, white(self.drifting.swapaxes(1, 2)).swapaxes(1, 2)
 
@@ -186,8 +183,7 @@ def without_unseen(columns: Array, sd_mm: Array) -> Array:
     (N,)."""
     directions, size, _ = np.linalg.svd(columns / sd_mm[:, None], full_matrices=False)
     seen = size > _SEEN
-    visible: Array = directions[:, seen] * size[seen] * sd_mm[:, None]
-    return visible
+    return directions[:, seen] * size[seen] * sd_mm[:, None]
 
 
 def unscattered(apart: Array, columns: Array) -> tuple[Array, Array]:
@@ -201,8 +197,7 @@ def _span_of(columns: Array) -> Array:
     """Return an orthonormal basis of columns (N, c), without directions that are nearly zero."""
     squares, directions = np.linalg.eigh(columns.T @ columns)
     seen = squares > 1e-6 * squares[-1]
-    span: Array = columns @ (directions[:, seen] / np.sqrt(squares[seen]))
-    return span
+    return columns @ (directions[:, seen] / np.sqrt(squares[seen]))
 
 
 def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
@@ -228,8 +223,7 @@ def _evidence(runs: Repeated, sd_mm: Array, squares: Array) -> Array:
     C[:, np.arange(len(C[0])), np.arange(len(C[0]))] += 1.0
     Z = apart @ span
     cost = np.einsum("nr,srn->s", Z, np.linalg.solve(C, np.broadcast_to(Z.T, (len(C), *Z.T.shape))))
-    evidence: Array = -0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost)
-    return evidence
+    return -0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -345,8 +339,7 @@ def _assumed(group: Repeated, averaged: float) -> Array:
     drifting = ((group.drifting * ASSUMED_SCATTER.drifting(group.response.shape[1])) ** 2).sum(axis=(0, 2))
     for entries in _bands():
         drifting[entries] = drifting[entries].mean()
-    sd: Array = np.sqrt(WHITE_MM.rms**2 * averaged + slow + drifting)
-    return sd
+    return np.sqrt(WHITE_MM.rms**2 * averaged + slow + drifting)
 
 
 def _bands() -> list[Integers]:
@@ -390,8 +383,7 @@ def _levels(rows: Array, free: Array) -> Array:
         return np.tile(np.maximum(np.sqrt(total / n), _LEAST_LEVEL), (n, 1))
     each = (q - total / n**2) / (1 - 2 / n)
     # The estimate for the quietest of few runs can be zero; no run gets less than a quarter of their mean level.
-    level: Array = np.maximum(np.sqrt(np.maximum(each, total / n / 16)), _LEAST_LEVEL)
-    return level
+    return np.maximum(np.sqrt(np.maximum(each, total / n / 16)), _LEAST_LEVEL)
 
 
 def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tuple[Array, bool]:

@@ -330,8 +330,7 @@ def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[Unknown]) -
         steps[k] = -size if at + size > bounds(effect, unknown.field)[1] else size
         changed.append(effect.model_copy(update={unknown.field: at + steps[k]}))
     columns = linear.columns([effect, *changed])
-    slopes: Array = (columns[:, 1:] - columns[:, :1]) / steps
-    return slopes
+    return (columns[:, 1:] - columns[:, :1]) / steps
 
 
 def size_limits(effect: Effect) -> tuple[float, float]:

@@ -331,8 +331,7 @@ class Linearisation:
         """Return the whitened residual (N,) with `effects` in given set-ups."""
         added = zip(self.blocks, self._responses(effects, scenes, setups), strict=True)
         apart = self.distances.residual(self.setups) - self.distances.residual(setups)
-        residual: Array = self.y - self.at_entries([block.white(entries) for block, entries in added], apart)
-        return residual
+        return self.y - self.at_entries([block.white(entries) for block, entries in added], apart)
 
     def simulated_with(self, effects: Sequence[Effect]) -> Linearisation:
         """Return the linearisation of the same runs with readings simulated with `effects` in place of the known ones
@@ -341,8 +340,7 @@ class Linearisation:
 
     def without_set_up(self, values: Array) -> Array:
         """Return whitened values (N, …) with the part removed that set-ups could absorb."""
-        fitted: Array = values - self._basis @ (self._basis.T @ values)
-        return fitted
+        return values - self._basis @ (self._basis.T @ values)
 
     def setups_moved_by(self, change: Array) -> dict[str, SetUp]:
         """Return the set-ups with their terms moved by (s,) mm."""
@@ -440,17 +438,13 @@ def plain_worth(linear: Linearisation, change: Array) -> Worth:
     return Worth(np.array([rms_um(*both) for both in zip(linear.blocks, linear.in_mm(change), strict=True)]))
 
 
-def limits_um(
-    linear: Linearisation, tolerance_um: float | None, own_um: Mapping[str, float] = MappingProxyType({})
-) -> Array:
-    """Return the changes (b,) µm from which a name is material: the tolerance if given, or else the scatter of one run
-    without `own_um`, the part that the name makes in each set-up.
+def limits_um(linear: Linearisation, own_um: Mapping[str, float] = MappingProxyType({})) -> Array:
+    """Return the changes (b,) µm from which a name is material: the scatter of one run without `own_um`, the part that
+    the name makes in each set-up.
 
     Few repeats show the scatter of one run within a fifth or worse, so the limit is computed from its mean square less
     the standard uncertainty of that. A single difference of two runs shows no uncertainty.
     """
-    if tolerance_um is not None:
-        return np.full(len(linear.blocks), tolerance_um)
     of_name = np.array([own_um.get(block.setup, 0.0) for block in linear.blocks])
     squares, relative = _scatter_squares(linear, [block.steady_mm for block in linear.blocks])
     least = np.maximum((squares - of_name**2) * (1 - relative), LEAST_MATERIAL_UM**2)

@@ -106,7 +106,7 @@ class SearchResult:
     @cached_property
     def scatter_limits_um(self) -> Array:
         """The changes (b,) µm from which a name is material beside the scatter of one run."""
-        return limits_um(self.linear, None)
+        return limits_um(self.linear)
 
     @cached_property
     def moves(self) -> Array:
@@ -117,8 +117,7 @@ class SearchResult:
     def free_share(self) -> Array:
         """What free forms add to the whitened readings (N,)."""
         free = self.fit.free.columns
-        share: Array = free @ self.posterior.known[len(self.posterior.known) - free.shape[1] :]
-        return share
+        return free @ self.posterior.known[len(self.posterior.known) - free.shape[1] :]
 
     @cached_property
     def calibrated_posterior(self) -> Posterior:
@@ -134,11 +133,9 @@ class SearchResult:
         return self.linear.without_set_up(self.fit.residual)
 
 
-def search(
-    runs: Sequence[ObservedRun], progress: Callable[[str], None], tolerance_um: float | None = None
-) -> SearchResult:
+def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> SearchResult:
     """Return the names found in runs, about set-ups fitted with them; the readings of a run are (m, k) mm. Names that
-    change readings by no more than the tolerance in µm, or else the scatter of one run, have no rivals."""
+    change readings by no more than the scatter of one run have no rivals."""
     before: tuple[Effect, ...] = ()
     so_far: tuple[Effect, ...] = ()
     setups, begun = _starting_setups(runs, progress)
@@ -153,7 +150,7 @@ def search(
         is_last = turn + 1 == _ITERATIONS
         if is_last or selection.holds_for(state):
             progress("comparing names with their rivals")
-            state, odds = compare_with_rivals(selection, state, limits_um(linear, tolerance_um))
+            state, odds = compare_with_rivals(selection, state, limits_um(linear))
             if is_last or selection.holds_for(state):
                 break
         so_far = state.effects
@@ -243,8 +240,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         return ()
 
     def free(values: Array) -> Array:
-        freed: Array = values - taken @ (taken.T @ values)
-        return freed
+        return values - taken @ (taken.T @ values)
 
     # One degree in the direction in which a joint came, or the way that it came itself, in rad.
     kinds = [
@@ -281,8 +277,7 @@ def _by_angle(linear: Linearisation) -> list[Array]:
     def waves(joint: int, block: Block) -> Array:
         turned = block.path.q[:, [joint]] * np.array(_ORDERS)
         parts = np.concatenate([np.ones((len(turned), 1)), np.sin(turned), np.cos(turned)], axis=1)
-        poses: Array = np.radians(parts) * block.table.kind.of_tracker
-        return poses
+        return np.radians(parts) * block.table.kind.of_tracker
 
     return [linear.by_joint(axis, partial(waves, axis - 1)) for axis in range(1, linear.axes + 1)]
 
@@ -301,8 +296,7 @@ def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) 
     alike &= energy > _OWN * (taken**2).sum(axis=0)
     # The sum of many waves takes what goes with the way a joint came, and no single one of them resembles it.
     alike[columns.curves.columns] = True
-    whole: Array = posterior.residual + taken[:, alike].sum(axis=1)
-    return whole
+    return posterior.residual + taken[:, alike].sum(axis=1)
 
 
 def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Array]:

@@ -292,15 +292,13 @@ class Hyperparameters:
     def by_strength(self, posterior: Posterior) -> Array:
         """Return the derivatives (b,) of the log evidence by the logarithms of the strengths."""
         energy = np.bincount(self.columns.band, posterior.background.weight * posterior.residual**2)
-        slope: Array = 0.5 * (energy + posterior.weighted_spent - self.columns.count)
-        return slope
+        return 0.5 * (energy + posterior.weighted_spent - self.columns.count)
 
     def nearer_strength(self, state: SelectionState, posterior: Posterior) -> Array:
         """Return the strength (b,) after a shorter step, which never makes the readings less likely (expectation
         maximisation: Dempster, Laird and Rubin 1977)."""
         energy, spent = self._energy(state, posterior)
-        nearer: Array = np.clip((energy + spent) / self.columns.count, *self.strength_limits)
-        return nearer
+        return np.clip((energy + spent) / self.columns.count, *self.strength_limits)
 
     def update(
         self,

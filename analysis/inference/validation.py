@@ -363,8 +363,7 @@ class _JudgedRun:
 
     def without_set_up(self, values: Array) -> Array:
         """Return whitened values (N,) with the part removed that the set-up could absorb."""
-        fitted: Array = values - self.basis @ (self.basis.T @ values)
-        return fitted
+        return values - self.basis @ (self.basis.T @ values)
 
     def energy(self, values: Array) -> float:
         """Return the energy in mm² of values (N,), with the set-up fitted."""
@@ -414,7 +413,7 @@ def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str
     share, residual = result.columns.forms_in(of_run), of_run.residual(effects)
     changes = of_run.contributions(effects, residual)
     with_share = residual - share @ result.posterior.mean[: share.shape[1]]
-    (block,), none, limit = of_run.blocks, np.zeros_like(with_share), float(limits_um(of_run, None)[0])
+    (block,), none, limit = of_run.blocks, np.zeros_like(with_share), float(limits_um(of_run)[0])
     return _JudgedRun(block, of_run.residual(()), with_share, none, changes, basis_of(of_run.U), limit)
 
 
