@@ -442,22 +442,15 @@ FREE_PRICE = 6.0
 
 @dataclass(frozen=True)
 class FreeForm:
-    """A form with its description and its columns (N, c) in standard deviations of the noise."""
+    """A form with its description and its columns (N, c) in standard deviations of the noise. One that was chosen has
+    its most likely strength, and its log evidence after the price of the choice among forms and strengths."""
 
     words: str
     columns: Array
+    gain: float = 0.0
 
 
-@dataclass(frozen=True)
-class FittedFreeForm:
-    """The free form that explains most of what the names leave, at its most likely strength, with its log evidence
-    after the price of the choice among forms and strengths."""
-
-    form: FreeForm
-    gain: float
-
-
-def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FittedFreeForm:
+def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FreeForm:
     """Return the free form that explains most of what the names leave beside everything else, at its most likely
     strength; its columns are (N, c)."""
     # One product with the columns of all forms takes two thirds of the time of one product for each form.
@@ -472,63 +465,39 @@ def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FittedFre
         gains.append(0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1))
     k = int(np.argmax([gain.max() for gain in gains]))
     strength = float(np.sqrt(_STRENGTHS[np.argmax(gains[k])]))
-    form = FreeForm(forms[k].words, strength * forms[k].columns)
-    return FittedFreeForm(form, float(gains[k].max()) - FREE_PRICE)
+    return FreeForm(forms[k].words, strength * forms[k].columns, float(gains[k].max()) - FREE_PRICE)
 
 
 def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
-    """Yield the free forms that the runs could show, with columns (N, c)."""
+    """Yield the free forms that the runs could show, with columns (N, c): functions (n, c) rad or mm at the samples of
+    each block."""
     # On circles joints move while they are read, elsewhere between readings.
-    motion = _Motion(tuple(block for block in linear.blocks if block.sampling) or linear.blocks)
+    blocks = tuple(block for block in linear.blocks if block.sampling) or linear.blocks
+    low, high = (of([of(block.path.q, axis=0) for block in blocks], axis=0) for of in (np.min, np.max))
+    span, fastest = high - low, np.max([np.abs(_rates(block)).max(axis=0) for block in blocks], axis=0)
+
+    def angle(joint: int, block: Block) -> Array:
+        return _waves((block.path.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)
+
+    def speed(joint: int, block: Block) -> Array:
+        return np.asarray(_UNIT_RAD * np.abs(_rates(block)[:, [joint]] / fastest[joint]) ** _POWERS, dtype=float)
+
+    def way(joint: int, block: Block) -> Array:
+        return _UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW)
+
     for axis in range(1, linear.axes + 1):
         error = f"an error of axis {axis} that goes with"
-        if motion.span[axis - 1] > 0:
-            yield FreeForm(f"{error} its angle", linear.by_joint(axis, partial(motion.angle, axis - 1)))
-        if motion.fastest[axis - 1] > 0:
+        if span[axis - 1] > 0:
+            yield FreeForm(f"{error} its angle", linear.by_joint(axis, partial(angle, axis - 1)))
+        if fastest[axis - 1] > 0:
             words = f"{error} its speed, whichever way it turns"
-            yield FreeForm(words, linear.by_joint(axis, partial(motion.speed, axis - 1)))
-        for joint in np.flatnonzero(motion.fastest).tolist():
+            yield FreeForm(words, linear.by_joint(axis, partial(speed, axis - 1)))
+        for joint in np.flatnonzero(fastest).tolist():
             words = f"{error} the way {'it' if joint == axis - 1 else f'axis {joint + 1}'} turns"
-            yield FreeForm(words, linear.by_joint(axis, partial(motion.way, joint)))
+            yield FreeForm(words, linear.by_joint(axis, partial(way, joint)))
     for where, shares in (("both gauges", (1.0, 1.0)), ("gauge 1", (1.0, 0.0)), ("gauge 2", (0.0, 1.0))):
         yield FreeForm(f"something that changes with time in {where}", linear.by_gauge(shares, _time))
     yield FreeForm("something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _around))
-
-
-@dataclass(frozen=True)
-class _Motion:
-    """The motion of the joints in some blocks."""
-
-    blocks: tuple[Block, ...]
-
-    @cached_property
-    def _low(self) -> Array:
-        """The smallest angles (axes,) rad."""
-        return np.asarray(np.min([block.path.q.min(axis=0) for block in self.blocks], axis=0), dtype=float)
-
-    @cached_property
-    def span(self) -> Array:
-        """The range (axes,) rad of the joints."""
-        highest: Array = np.max([block.path.q.max(axis=0) for block in self.blocks], axis=0)
-        return highest - self._low
-
-    @cached_property
-    def fastest(self) -> Array:
-        """The largest speeds (axes,) rad/s of the joints."""
-        return np.asarray(np.max([np.abs(_rates(block)).max(axis=0) for block in self.blocks], axis=0), dtype=float)
-
-    def angle(self, joint: int, block: Block) -> Array:
-        """Return functions (n, c) rad of the angle of a joint at the samples of a block."""
-        share = (block.path.q[:, joint] - self._low[joint]) / self.span[joint]
-        return _waves(share, _UNIT_RAD)
-
-    def speed(self, joint: int, block: Block) -> Array:
-        """Return functions (n, c) rad of the speed of a joint at the samples of a block."""
-        return _UNIT_RAD * np.abs(_rates(block)[:, [joint]] / self.fastest[joint]) ** _POWERS
-
-    def way(self, joint: int, block: Block) -> Array:
-        """Return a function (n, 1) rad of the direction of motion of a joint at the samples of a block."""
-        return _UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW)
 
 
 def _time(block: Block) -> Array:

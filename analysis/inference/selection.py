@@ -369,7 +369,7 @@ class Selection:
             best = int(np.argmax(np.maximum(*self.gains(without_it, posterior))))
             for tried in (without_it, self._refitted(self.with_form(without_it, posterior, best))):
                 if self.evidence(tried) > whole:
-                    return replace(tried, replaced_forms=state.replaced_forms | {state.free_forms[k].form.words})
+                    return replace(tried, replaced_forms=state.replaced_forms | {state.free_forms[k].words})
         return None
 
     def gain_of(self, state: SelectionState, posterior: Posterior, place: int) -> float:
@@ -495,7 +495,7 @@ class Selection:
                     state = self.refusing(state, self.columns.forms[k].effect)
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
             most = max(float(gain[best[0]]), rise)
-        taken = state.replaced_forms | {fitted.form.words for fitted in state.free_forms}
+        taken = state.replaced_forms | {form.words for form in state.free_forms}
         forms = [form for form in self._free if form.words not in taken] if try_free_forms else []
         free_form = best_free_form(forms, posterior) if forms else None
         # A fit may be worse than its linear prediction where it moves the set-up far; the next turn corrects that.
@@ -531,8 +531,6 @@ class Selection:
 
     def _refitted(self, state: SelectionState, rounds: int = ROUNDS) -> SelectionState:
         """Return the state with all effects fitted together in at most so many rounds."""
-        free = np.concatenate(
-            [np.empty((len(self.linear.y), 0)), *(fitted.form.columns for fitted in state.free_forms)], axis=1
-        )
+        free = np.concatenate([np.empty((len(self.linear.y), 0)), *(form.columns for form in state.free_forms)], axis=1)
         refined = refine(self.linear, self.backgrounds.of(state), state.effects, free=free, rounds=rounds)
         return replace(state, refined=refined)

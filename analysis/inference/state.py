@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.inference.background import Background, FittedFreeForm, Posterior
+from analysis.inference.background import Background, FreeForm, Posterior
 from analysis.inference.blocks import recent
 from analysis.inference.candidates import LARGEST_FAULT, Columns, Form, column_shares_beside, order_of
 from analysis.inference.joint_curves import JointCurves
@@ -61,7 +61,7 @@ class SelectionState:
     refused: frozenset[int] = frozenset()
     most: float = 1.0
     curves: JointCurves | None = None
-    free_forms: tuple[FittedFreeForm, ...] = ()
+    free_forms: tuple[FreeForm, ...] = ()
     replaced_forms: frozenset[str] = frozenset()
 
     @property

@@ -325,7 +325,7 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     first = bands_above_noise(result.linear.blocks, result.posterior.residual)[:1]
     where = [f"{band.test}{f' {band.direction}' * bool(band.direction)}, {band.part}: {band.words}" for band in first]
     forms = [*result.state.free_forms, best_free_form(tuple(free_forms_of(result.linear)), result.posterior)]
-    seen = [f"it looks like {fitted.form.words}" for fitted in forms if fitted.gain > 0]
+    seen = [f"it looks like {form.words}" for form in forms if form.gain > 0]
     alike = []
     for named in imitating:
         if not named.is_term:
