@@ -182,7 +182,7 @@ class Background:
         from scipy.linalg.lapack import dtrtri  # noqa: PLC0415 - slow to import
 
         inverse, _ = dtrtri(self._chol, lower=True)
-        return self.variance * np.einsum("kj,kj->j", inverse, inverse)
+        return np.asarray(self.variance * np.einsum("kj,kj->j", inverse, inverse), dtype=float)
 
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the weights with a vector (p,), without the covariance."""
@@ -254,7 +254,8 @@ class Posterior:
     def variance(self) -> Array:
         """The variances (p,) of the columns of the background."""
         taken = self._taken[:, :-1]
-        return self.background.variances + np.sum(taken @ self.known_covariance * taken, axis=1)
+        values: Array = self.background.variances + np.sum(taken @ self.known_covariance * taken, axis=1)
+        return values
 
     def covariance_among(self, columns: Integers) -> Array:
         """Return the covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
@@ -313,7 +314,7 @@ class Posterior:
         """The variances (N,) of the readings that the uncertainty of the fitted terms adds: that of what the columns
         leave of them, since they take back the rest."""
         remainder = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
-        return np.sum(remainder @ self.known_covariance * remainder, axis=1)
+        return np.asarray(np.sum(remainder @ self.known_covariance * remainder, axis=1), dtype=float)
 
     @property
     def unexplained(self) -> Array:
@@ -403,13 +404,13 @@ def fault_evidence(values: Array, seen: Array, level: float) -> Array:
     """
     each = np.stack([cavity_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
     top = each.max(axis=0)
-    return top + np.log(np.exp(each - top).mean(axis=0))
+    return np.asarray(top + np.log(np.exp(each - top).mean(axis=0)), dtype=float)
 
 
 def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Array:
     """Return the log evidence F(V) (…) of cavities with precision eigenvalues (…, q), squares of η along the
     eigenvectors (…, q) and prior variance V."""
-    return 0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1)
+    return np.asarray(0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -483,7 +484,7 @@ def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
         return np.asarray(_UNIT_RAD * np.abs(_rates(block)[:, [joint]] / fastest[joint]) ** _POWERS, dtype=float)
 
     def way(joint: int, block: Block) -> Array:
-        return _UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW)
+        return np.asarray(_UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW), dtype=float)
 
     for axis in range(1, linear.axes + 1):
         error = f"an error of axis {axis} that goes with"

@@ -150,7 +150,7 @@ def fewest_columns(columns: Array) -> Array:
     """Return the fewest columns (N, g) that allow for the same as columns (N, f): both have the same covariance, except
     along directions that hardly vary. A play has a column for each part of it and each circle, and most are alike."""
     variances, directions = np.linalg.eigh(columns.T @ columns)
-    return columns @ directions[:, variances > _NEGLIGIBLE**2]
+    return np.asarray(columns @ directions[:, variances > _NEGLIGIBLE**2], dtype=float)
 
 
 def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:

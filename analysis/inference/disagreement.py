@@ -19,6 +19,7 @@ from analysis.inference.setups import fit_run_setups
 from analysis.inference.staircase import Left, Staircase, Step
 from analysis.inference.stepwise import drawn, left_um_of
 from analysis.traces.loading import Measured
+from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -65,6 +66,7 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
     # them, each with its place.
     measure = Measure(linear)
     um = [measure.um(linear.columns([effect])[:, 0]) for effect in rig.effects]
+    groups: list[tuple[int, tuple[Effect, ...]]]
     groups = [(k, (rig.effects[k],)) for k in sorted(range(len(um)), key=lambda k: -um[k])]
     if rig.calibrated and rig.calibrated.effects:
         groups.append((len(um), tuple(rig.calibrated.effects)))
@@ -76,9 +78,9 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
     u_um = [floor_um / np.sqrt(max(len(runs_there), 1)) for runs_there in (runs, elsewhere)]
     steps = []
     for k, left_um in enumerate(left_um_of(models, (runs, elsewhere)) if groups else ()):
-        used, of_unseen = (Left(um, float(u)) if um is not None else None for um, u in zip(left_um, u_um, strict=True))
-        assert used is not None  # noqa: S101 - runs were prepared
-        steps.append(Step((groups[k - 1][0],) if k else (), used, unseen=of_unseen))
+        then, later = (Left(um, float(u)) if um is not None else None for um, u in zip(left_um, u_um, strict=True))
+        assert then is not None  # noqa: S101 - runs were prepared
+        steps.append(Step((groups[k - 1][0],) if k else (), then, unseen=later))
     staircase = Staircase(tuple(steps), curves, maps) if groups else None
     return Disagreement(
         rig,

@@ -108,10 +108,11 @@ class FormPosterior:
         precisions[:, np.arange(4), np.arange(4)] -= 1 / variance[pair]
         width = np.array([len(indices) for indices in own_columns])
         this, that, across = precisions[:, :2, :2], precisions[:, 2:, 2:], precisions[:, :2, 2:]
-        return np.minimum(
+        values: Array = np.minimum(
             sizes[first] * _left(this, across, that, width[first]),
             sizes[second] * _left(that, across.transpose(0, 2, 1), this, width[second]),
         )
+        return values
 
 
 def _left(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
@@ -119,7 +120,7 @@ def _left(precision: Array, across: Array, other_precision: Array, width: Array)
     coefficient of any size, given the precisions (n, 2, 2)."""
     free = other_precision + np.eye(2) / LARGEST_FAULT**2
     remaining = precision - across @ np.linalg.solve(free, across.transpose(0, 2, 1))
-    return np.sqrt(np.maximum(np.trace(remaining, axis1=1, axis2=2) / width, 0.0))
+    return np.asarray(np.sqrt(np.maximum(np.trace(remaining, axis1=1, axis2=2) / width, 0.0)), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -46,7 +46,7 @@ def _expanded(word: str, axes: int) -> list[Effect]:
     keys = {key: (value,) if value is not None else every[key] for key, value in match.groupdict().items()}
     if any(int(value) > axes for key, (value, *_) in keys.items() if key in _AXES):
         raise UseError(f"--fit {word}", f"the arm has {axes} axes", "name one of them")
-    effects = []
+    effects: list[Effect] = []
     for values in product(*keys.values()):
         try:
             effect = VOCABULARY[name].model_validate(dict(zip(keys, values, strict=True)))

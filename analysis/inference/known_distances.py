@@ -36,7 +36,7 @@ class KnownDistances:
         """Return the known distances less those of set-ups (t,), in standard deviations of their scatter."""
         apart = [float(np.linalg.norm(_between(setups, pair))) for pair in self.pairs]
         known_mm = [distance.distance_mm for distance in self.known]
-        return (np.array(known_mm) - np.array(apart)) / _SD_MM
+        return np.asarray((np.array(known_mm) - np.array(apart)) / _SD_MM, dtype=float)
 
     def by_setup(self, setups: Mapping[str, SetUp], terms: Mapping[str, Sequence[int]], count: int) -> Array:
         """Return the change (t, count) of the distances for a mm of each term of the set-ups, in the same unit; `terms`

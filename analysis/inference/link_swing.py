@@ -245,7 +245,7 @@ def _power(deviation: _Deviation, f: Array) -> Array:
     width = int(np.ceil(np.sqrt(len(f))))
     fine = np.exp(-2j * np.pi * np.outer(t, (f[1] - f[0]) * np.arange(width)))
     coarse = np.exp(-2j * np.pi * np.outer(f[::width], t))
-    return np.abs((r * coarse) @ fine).ravel()[: len(f)] ** 2 / len(t)
+    return np.asarray(np.abs((r * coarse) @ fine).ravel()[: len(f)] ** 2 / len(t), dtype=float)
 
 
 def _noise_level(power: Array, width: int) -> Array:

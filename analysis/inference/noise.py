@@ -107,7 +107,7 @@ def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
 def drift_waves(share: Array) -> Array:
     """Return the waves (w, m) of a unit scatter that drifts along the run, at the share (m,) of its duration."""
     turns = 2 * np.pi * np.arange(1, _DRIFT_ORDERS + 1)[:, None] * share
-    return np.concatenate([np.cos(turns), np.sin(turns)]) / np.sqrt(_DRIFT_ORDERS)
+    return np.asarray(np.concatenate([np.cos(turns), np.sin(turns)]) / np.sqrt(_DRIFT_ORDERS), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ class Repeated:
 
         def white(rows: Array) -> Array:
             whitened = rows / sd_mm
-            return whitened - (whitened @ directions) @ less.T
+            return np.asarray(whitened - (whitened @ directions) @ less.T, dtype=float)
 
         return white(self.apart), white(self.response.T).T, white(self.drifting.swapaxes(1, 2)).swapaxes(1, 2)
 
@@ -183,7 +183,7 @@ def without_unseen(columns: Array, sd_mm: Array) -> Array:
     (N,)."""
     directions, size, _ = np.linalg.svd(columns / sd_mm[:, None], full_matrices=False)
     seen = size > _SEEN
-    return directions[:, seen] * size[seen] * sd_mm[:, None]
+    return np.asarray(directions[:, seen] * size[seen] * sd_mm[:, None], dtype=float)
 
 
 def unscattered(apart: Array, columns: Array) -> tuple[Array, Array]:
@@ -197,7 +197,7 @@ def _span_of(columns: Array) -> Array:
     """Return an orthonormal basis of columns (N, c), without directions that are nearly zero."""
     squares, directions = np.linalg.eigh(columns.T @ columns)
     seen = squares > 1e-6 * squares[-1]
-    return columns @ (directions[:, seen] / np.sqrt(squares[seen]))
+    return np.asarray(columns @ (directions[:, seen] / np.sqrt(squares[seen])), dtype=float)
 
 
 def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
@@ -223,7 +223,7 @@ def _evidence(runs: Repeated, sd_mm: Array, squares: Array) -> Array:
     C[:, np.arange(len(C[0])), np.arange(len(C[0]))] += 1.0
     Z = apart @ span
     cost = np.einsum("nr,srn->s", Z, np.linalg.solve(C, np.broadcast_to(Z.T, (len(C), *Z.T.shape))))
-    return -0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost)
+    return np.asarray(-0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -339,7 +339,7 @@ def _assumed(group: Repeated, averaged: float) -> Array:
     drifting = ((group.drifting * ASSUMED_SCATTER.drifting(group.response.shape[1])) ** 2).sum(axis=(0, 2))
     for entries in _bands():
         drifting[entries] = drifting[entries].mean()
-    return np.sqrt(WHITE_MM.rms**2 * averaged + slow + drifting)
+    return np.asarray(np.sqrt(WHITE_MM.rms**2 * averaged + slow + drifting), dtype=float)
 
 
 def _bands() -> list[Integers]:
@@ -383,7 +383,7 @@ def _levels(rows: Array, free: Array) -> Array:
         return np.tile(np.maximum(np.sqrt(total / n), _LEAST_LEVEL), (n, 1))
     each = (q - total / n**2) / (1 - 2 / n)
     # The estimate for the quietest of few runs can be zero; no run gets less than a quarter of their mean level.
-    return np.maximum(np.sqrt(np.maximum(each, total / n / 16)), _LEAST_LEVEL)
+    return np.asarray(np.maximum(np.sqrt(np.maximum(each, total / n / 16)), _LEAST_LEVEL), dtype=float)
 
 
 def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tuple[Array, bool]:

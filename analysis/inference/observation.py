@@ -409,15 +409,15 @@ def curve(vector: Array) -> Array:
         spectrum[1:ORDERS] = (part[1:ORDERS] + 1j * part[ORDERS:]) / np.sqrt(2)
         channels.append(np.fft.irfft(spectrum, n=GRID, norm="ortho"))
     total, apart = channels
-    return np.stack([total - apart, total + apart], axis=1) / np.sqrt(2)
+    return np.asarray(np.stack([total - apart, total + apart], axis=1) / np.sqrt(2), dtype=float)
 
 
 def _sum(values: Array) -> Array:
-    return (values[:, 0] + values[:, 1]) / np.sqrt(2)
+    return np.asarray((values[:, 0] + values[:, 1]) / np.sqrt(2), dtype=float)
 
 
 def _difference(values: Array) -> Array:
-    return (values[:, 1] - values[:, 0]) / np.sqrt(2)
+    return np.asarray((values[:, 1] - values[:, 0]) / np.sqrt(2), dtype=float)
 
 
 def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
@@ -468,7 +468,7 @@ def averaged(table: CircleTable, count: int) -> CircleTable:
     whole = len(table.t_s) // count * count
 
     def means(values: Array) -> Array:
-        return values[:whole].reshape(-1, count, *values.shape[1:]).mean(axis=1)
+        return np.asarray(values[:whole].reshape(-1, count, *values.shape[1:]).mean(axis=1), dtype=float)
 
     return replace(table, t_s=means(table.t_s), q=means(table.q), g_mm=means(table.g_mm), u_t_s=None)
 
@@ -499,4 +499,4 @@ def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) ->
 
 def _number(phi: Array, laps: int) -> Array:
     """Return the number (n,) of the lap, from 0 on, to which each circle angle (n,) rad belongs."""
-    return np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1)
+    return np.asarray(np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1), dtype=float)

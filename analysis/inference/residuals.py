@@ -86,7 +86,7 @@ def _parity(blocks: Sequence[Block], residual: Array) -> dict[tuple[TestName, st
         if direction := table.kind.direction(table):
             ways[table.test, direction] = residual[begin : begin + len(ORDER_OF)]
         begin += len(block.y_mm)
-    correlations = {}
+    correlations: dict[tuple[TestName, str], float] = {}
     for test in {test for test, _ in ways}:
         cw, acw = ways.get((test, "cw")), ways.get((test, "acw"))
         if cw is not None and acw is not None:

@@ -277,7 +277,7 @@ def _by_angle(linear: Linearisation) -> list[Array]:
     def waves(joint: int, block: Block) -> Array:
         turned = block.path.q[:, [joint]] * np.array(_ORDERS)
         parts = np.concatenate([np.ones((len(turned), 1)), np.sin(turned), np.cos(turned)], axis=1)
-        return np.radians(parts) * block.table.kind.of_tracker
+        return np.asarray(np.radians(parts) * block.table.kind.of_tracker, dtype=float)
 
     return [linear.by_joint(axis, partial(waves, axis - 1)) for axis in range(1, linear.axes + 1)]
 
@@ -296,7 +296,7 @@ def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) 
     alike &= energy > _OWN * (taken**2).sum(axis=0)
     # The sum of many waves takes what goes with the way a joint came, and no single one of them resembles it.
     alike[columns.curves.columns] = True
-    return posterior.residual + taken[:, alike].sum(axis=1)
+    return np.asarray(posterior.residual + taken[:, alike].sum(axis=1), dtype=float)
 
 
 def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Array]:

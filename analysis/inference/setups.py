@@ -108,7 +108,7 @@ def tool_shift(run: ObservedRun, before: Scene, after: Scene) -> Array:
     The ball of a circle or hemisphere moves with it, because people set a ball up where the tool really goes round it.
     """
     rows = run.rows if run.path.alone else run.samples
-    return (after.T[rows, :3, 3] - before.T[rows, :3, 3]).mean(axis=0)
+    return np.asarray((after.T[rows, :3, 3] - before.T[rows, :3, 3]).mean(axis=0), dtype=float)
 
 
 def _starting_setups(run: ObservedRun) -> list[SetUp]:
