@@ -15,7 +15,7 @@ from analysis.inference.responses import linearise, worth
 from analysis.inference.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.inference.selection import Selection
 from analysis.inference.setups import fit_run_setups
-from analysis.inference.state import SelectionState, combined_effect, is_alike, is_one, is_same, is_twice
+from analysis.inference.state import SelectionState, combined_effect, is_alike, is_one, is_twice
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError
 from rigs.schema.effect import name_of, size_of
 from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, poses, seen, shown_by, white
@@ -168,7 +168,7 @@ def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(mon
         return replace(rest, refined=refined)
 
     def of_that_wave(selection: Selection, of: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
-        own = [is_same(form, wave) for form in selection.columns.forms]
+        own = [is_alike(form.effect, wave) for form in selection.columns.forms]
         fault, alone = gains(selection, of, posterior)
         return (fault, alone) if of is state else (np.where(own, 1e6, -np.inf), np.where(own, alone, -np.inf))
 
