@@ -334,8 +334,7 @@ class Sampling:
         the means over periods of standing, then the slow orders of the trend from lap to lap."""
         parts = [by_orders(self.gridded(values))]
         for rows in self.stands:
-            mean = values[rows].mean(axis=0, keepdims=True)
-            parts += [_sum(mean), _difference(mean)]
+            parts += _channels(values[rows].mean(axis=0, keepdims=True))
         if len(self.trend):
             laps: Array = self._trend @ values[: len(self.phi)].reshape(len(self.phi), -1)
             parts.append(by_orders(laps.reshape(GRID, *values.shape[1:]))[_OF_TREND])
@@ -393,7 +392,7 @@ def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
 def by_orders(readings: Array) -> Array:
     """Return readings (GRID, 2, …) at the grid as orders of sum and difference, (N, …); `curve` is the inverse."""
     parts = []
-    for channel in (_sum(readings), _difference(readings)):
+    for channel in _channels(readings):
         spectrum = np.fft.rfft(channel, axis=0, norm="ortho")
         parts += [spectrum[:1].real, np.sqrt(2) * spectrum[1:ORDERS].real, np.sqrt(2) * spectrum[1:ORDERS].imag]
     return np.concatenate(parts)
@@ -412,12 +411,9 @@ def curve(vector: Array) -> Array:
     return np.asarray(np.stack([total - apart, total + apart], axis=1) / np.sqrt(2), dtype=float)
 
 
-def _sum(values: Array) -> Array:
-    return np.asarray((values[:, 0] + values[:, 1]) / np.sqrt(2), dtype=float)
-
-
-def _difference(values: Array) -> Array:
-    return np.asarray((values[:, 1] - values[:, 0]) / np.sqrt(2), dtype=float)
+def _channels(values: Array) -> tuple[Array, Array]:
+    """Return sum and difference (m, …) of two gauges (m, 2, …), unitary."""
+    return (values[:, 0] + values[:, 1]) / np.sqrt(2), (values[:, 1] - values[:, 0]) / np.sqrt(2)
 
 
 def observe_run(model: Model, table: Table, where: str) -> ObservedRun:

@@ -339,10 +339,7 @@ class Gap:
             "calibrated": self.calibrated_um,
             "noise_floor": self.noise_floor_um,
             "set_up": "kept" if self.keeps_setup else "fitted",
-            "tests": {
-                tested.test: {key: value for key, value in asdict(tested).items() if key != "test"}
-                for tested in self.tests
-            },
+            "tests": {tested.test: tested.to_dict() for tested in self.tests},
             "runs": self.runs,
         }
 

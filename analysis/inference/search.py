@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -140,9 +140,8 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
     so_far: tuple[Effect, ...] = ()
     setups, begun = _starting_setups(runs, progress)
     for turn in range(_ITERATIONS):
-        linear = linearise(blocks_of(runs, setups, so_far), setups, so_far)
         progress("computing the response to each effect" + " again" * (turn > 0))
-        selection = Selection(linear, columns_for(linear, candidates_for(linear)))
+        selection = _selection(runs, setups, so_far)
         progress("selecting effects")
         begun = selection.fitted_again(selection.initial_state(so_far, begun), before)
         before = begun.faults_among(begun.effects)
@@ -150,11 +149,11 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
         is_last = turn + 1 == _ITERATIONS
         if is_last or selection.holds_for(state):
             progress("comparing names with their rivals")
-            state, odds = compare_with_rivals(selection, state, limits_um(linear))
+            state, odds = compare_with_rivals(selection, state, limits_um(selection.linear))
             if is_last or selection.holds_for(state):
                 break
         so_far = state.effects
-        setups = linear.setups_moved_by(selection.moves(state))
+        setups = selection.linear.setups_moved_by(selection.moves(state))
     return SearchResult(selection, state, odds)
 
 
@@ -165,8 +164,7 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
     setups, before = _starting_setups(runs, progress)
     for turn in range(_GIVEN_TURNS):
         progress(f"fitting {len(effects)} effects" + " again" * (turn > 0))
-        linear = linearise(blocks_of(runs, setups, so_far), setups, so_far)
-        selection = Selection(linear, columns_for(linear, candidates_for(linear)))
+        selection = _selection(runs, setups, so_far)
         begun = (selection.initial_state if turn else selection.state_with)(effects, before)
         # A fit with the strengths of the noise alone leaves much of a large effect to the background.
         state = before = selection.settled(*beginnings(begun))
@@ -174,9 +172,15 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
         if selection.holds_for(state):
             break
         so_far = state.effects
-        setups = linear.setups_moved_by(selection.moves(state))
+        setups = selection.linear.setups_moved_by(selection.moves(state))
     odds = tuple(RivalOdds(1.0) for _ in effects)
     return SearchResult(selection, state, odds)
+
+
+def _selection(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: tuple[Effect, ...] = ()) -> Selection:
+    """Return a selection among all that may explain runs, about set-ups and beside effects that are in the model."""
+    linear = linearise(blocks_of(runs, setups, effects), setups, effects)
+    return Selection(linear, columns_for(linear, candidates_for(linear)))
 
 
 def _starting_setups(
@@ -194,12 +198,11 @@ def _starting_setups(
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
         of_poses = {run.setup: setups[run.setup] for run in poses}
-        linear = linearise(blocks_of(poses, of_poses), of_poses)
-        selection = Selection(linear, columns_for(linear, candidates_for(linear)))
+        selection = _selection(poses, of_poses)
         begun = selection.initial_state(before=begun)
         moves = selection.moves(begun)
-        setups |= linear.setups_moved_by(moves)
-        if linear.is_straight(moves):
+        setups |= selection.linear.setups_moved_by(moves)
+        if selection.linear.is_straight(moves):
             break
     return setups, begun
 

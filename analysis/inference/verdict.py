@@ -343,11 +343,12 @@ def condition_of(
     `early` whether poses were read before the joints came to rest."""
     if not _is_testable(result, early=early):
         return "not_testable_here"
-    # An arm's error is what an earlier calibration in the rig file explains as well.
-    calibrated = result.linear.blocks[0].model.rig.calibrated
-    whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0, 1e-12)
-    is_much = remainder.share * (gaps.train.before_um / whole_um) ** 2 > _CRUMBS
-    if (is_material and is_much) or gaps.is_foreign:
+    outside = gaps.is_foreign
+    if is_material:  # more than crumbs of an arm's error, to which what an earlier calibration explains belongs
+        calibrated = result.linear.blocks[0].model.rig.calibrated
+        whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0, 1e-12)
+        outside |= remainder.share * (gaps.train.before_um / whole_um) ** 2 > _CRUMBS
+    if outside:
         return "outside_library"
     if any(name.stands for name in named):
         open_ones = ambiguous_names(named)
