@@ -77,10 +77,12 @@ def test_a_fault_that_was_fitted_again_before_is_left_alone(monkeypatch: pytest.
     selection = Selection(holding(healthy(), shown_by(healthy(), [first, second])), healthy_columns())
     state, tried = selection.initial_state((first, second)), list[str]()
 
-    def never(_: Selection, of: SelectionState, place: int) -> None:
+    def recorded(_: Selection, of: SelectionState, place: int) -> SelectionState:
         tried.append(name_of(of.effects[place]))
+        return of
 
-    monkeypatch.setattr(Selection, "_begun_again", never)  # private: what is fitted again does not show in a state
+    monkeypatch.setattr(Selection, "without", recorded)  # what is fitted again does not show in a state
+    monkeypatch.setattr(Selection, "with_form", lambda _, of, posterior, k: of)
     assert selection.fitted_again(state, (first.model_copy(update={"offset_deg": 0.3}),)) is state
     assert tried == ["joint_offset 3"]
 
