@@ -485,6 +485,11 @@ class Diagnosis(Tabular):
         return tuple(name for name in self.effects if name.stands)
 
     @property
+    def slight(self) -> tuple[Named, ...]:
+        """Those that it found beside them, too small or too doubtful to matter."""
+        return tuple(name for name in self.effects if not name.stands and not name.contradicted)
+
+    @property
     def contradicted(self) -> tuple[Named, ...]:
         """Those that imitate something else."""
         return tuple(name for name in self.effects if name.contradicted)
