@@ -134,6 +134,7 @@ def test_a_map_reads_of_a_table_what_it_read(state: Path) -> None:
 ENDS = {
     "0.1/last": ("offset d of axis 4", "63.9 ± 0.6 µm rms", "13 runs"),
     "1.0/release": ("gear error of axis 4", "95.9 ± 1.0 µm rms", "10 runs"),
+    "1.1/release": ("zero of axis 3 (U) (0.0489 ± 0.0019 °", "96.3 ± 21.8 µm rms", "8 runs"),
 }
 """What sessions had found, what the error was before, and how many runs were driven."""
 
