@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from analysis.arms.robot_section import Section, checked_section
 from analysis.arms.urdf_chain import Chain, axes_of, chain_of, joints_of, listed, others_of
 from analysis.arms.urdf_file import read_urdf
 from analysis.kinematics.arm import RAIL_MM, Array
-from rigs.schema.robot import Pose, Robot
+from rigs.schema.robot import Pose
 
 _EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
 """Axes are parallel or at right angles to a micrometre a metre, or say so where they are nearly so, within a degree."""
@@ -39,8 +38,22 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
         "controller counts: compare zeros, signs, and J3 of a FANUC, and correct offset_deg and coupling.",
     )
     section = checked_section(urdf.name, axes, joints_of(urdf, chain), head, lambda q: library_poses(chain, q), path)
-    doubts = [*_slightly_off(axes, chain), *_ends_elsewhere(section.robot), *_left_out(others_of(urdf, chain))]
-    doubts += _endless(chain)
+    doubts, robot = _slightly_off(axes, chain), section.robot
+    # A person who writes another base or tool loses what is between.
+    if robot.base != Pose():
+        doubts.append(
+            "axis 1 does not go through the base's origin: the way there is in base; keep it as part of yours"
+        )
+    if robot.tool != Pose():
+        doubts.append(
+            f"the tip is not on axis {len(robot.axes)}: the way there is in tool; keep it as part of yours, or choose "
+            "another --tip"
+        )
+    if others := others_of(urdf, chain):
+        doubts.append(f"further moving joints are left out, with the masses on them: {listed(others)}")
+    if endless := [joint.name for joint in chain.turning if joint.type == "continuous"]:
+        limits = "limits_deg are a turn to either side; correct them where the controller counts otherwise"
+        doubts.append(f"joints turn without end: {listed(endless)}; {limits}")
     return UrdfArm(section, chain.base, chain.tip, tuple(doubts))
 
 
@@ -65,41 +78,15 @@ def library_poses(chain: Chain, q: Array) -> Array:
 
 def _slightly_off(axes: AxisLines, chain: Chain) -> list[str]:
     """What to say of successive axes that are nearly, and not quite, parallel or at right angles."""
-    found = []
+    pairs = []
     for z, z_next, *joints in zip(
         axes.directions[:-1], axes.directions[1:], chain.turning[:-1], chain.turning[1:], strict=True
     ):
         sine, cosine = float(np.linalg.norm(np.cross(z, z_next))), abs(float(z @ z_next))
         if _EXACT_RAD < (off := min(sine, cosine)) < _SLIGHT_RAD:
             kind = "parallel" if sine < cosine else "a right angle"
-            found.append(f"{' and '.join(joint.name for joint in joints)} {np.degrees(off):.4f} degrees off {kind}")
-    if not found:
+            pairs.append(f"{' and '.join(joint.name for joint in joints)} {np.degrees(off):.4f} degrees off {kind}")
+    if not pairs:
         return []
     remedy = "they are kept so; if the URDF was rounded (1.571 for 1.5707963267948966), correct it there"
-    return [f"axes are nearly, and not quite, as they are built: {', '.join(found)}; {remedy}"]
-
-
-def _ends_elsewhere(robot: Robot) -> list[str]:
-    """What to say of a base or tip that is not on its axis: a person who writes another loses what is between."""
-    said = []
-    if robot.base != Pose():
-        said.append("axis 1 does not go through the base's origin: the way there is in base; keep it as part of yours")
-    if robot.tool != Pose():
-        said.append(
-            f"the tip is not on axis {len(robot.axes)}: the way there is in tool; keep it as part of yours, or choose "
-            "another --tip"
-        )
-    return said
-
-
-def _endless(chain: Chain) -> list[str]:
-    """What to say of joints without limits."""
-    names = [joint.name for joint in chain.turning if joint.type == "continuous"]
-    if not names:
-        return []
-    limits = "limits_deg are a turn to either side; correct them where the controller counts otherwise"
-    return [f"joints turn without end: {listed(names)}; {limits}"]
-
-
-def _left_out(names: Sequence[str]) -> list[str]:
-    return [f"further moving joints are left out, with the masses on them: {listed(names)}"] if names else []
+    return [f"axes are nearly, and not quite, as they are built: {', '.join(pairs)}; {remedy}"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,28 +71,45 @@ def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain
     while up and down and up[0] is down[0]:
         up, down = up[1:], down[1:]
     chain = Chain(start, end, tuple(reversed(up)), tuple(down))
-    if tip is None:
-        _require_no_gripper(chain, where)
-    _require_an_arm(chain, where)
+    moving = [joint for joint in down if joint.moves]
+    last = moving[-1] if moving else None
+    if tip is None and last and any(word in f"{last.name} {last.child}".lower() for word in _GRIPPER):
+        problem = f"its last joint, {last.name} to {last.child}, moves a gripper by its name"
+        remedy = f"choose the flange: --tip {last.parent}, or --tip {last.child} if it is an axis"
+        raise FileError(where, problem, remedy)
+    if loose := next((joint for joint in chain.up if joint.moves), None):
+        raise FileError(where, f"joint {loose.name} moves the base {start} itself", _REMEDY)
+    for joint in moving:
+        _require_an_axis(joint, where, rail=joint is chain.rail)
+    if not FEWEST_AXES <= (count := len(chain.turning)) <= MOST_AXES:
+        problem = f"{count} turning joints from {start} to {end}, where an arm has {FEWEST_AXES} to {MOST_AXES}"
+        raise FileError(where, problem, _REMEDY)
     return chain
 
 
 def axes_of(chain: Chain) -> AxisLines:
     """Return the axes of a chain in its base frame, in mm, all joints at zero, and its rail."""
-    T = _T_base_parting(chain)
+    T, rail = _T_base_parting(chain), None
     points, directions = [], []
     for joint in chain.down:
         T = T @ joint.T_parent_child
-        if chain.turns(joint):
+        if not joint.moves:
+            continue
+        direction = T[:3, :3] @ joint.axis / np.linalg.norm(joint.axis)
+        if joint is chain.rail:
+            x, y, z = (0.0 if abs(part) < _NONE else float(part) for part in direction)
+            low, high = (_MM * round(end, _DECIMALS) for end in (joint.lower, joint.upper))
+            rail = Rail(direction=(x, y, z), limits_mm=(low, high))
+        else:
             points.append(T[:3, 3])
-            directions.append(T[:3, :3] @ joint.axis / np.linalg.norm(joint.axis))
-    return AxisLines(np.array(points), np.array(directions), T, _rail(chain))
+            directions.append(direction)
+    return AxisLines(np.array(points), np.array(directions), T, rail)
 
 
 def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
     """Return what the URDF says of each joint: limits, speed, and the mass of all links that are fixed behind it."""
     T = _T_base_parting(chain)
-    found = []
+    joints = []
     for joint in chain.down:
         T = T @ joint.T_parent_child
         if not chain.turns(joint):
@@ -101,47 +118,14 @@ def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
         limits = [-_ENDLESS_RAD, _ENDLESS_RAD] if joint.type == "continuous" else [joint.lower, joint.upper]
         low, high = np.degrees(limits).round(9).tolist()
         speed = round(float(np.degrees(joint.velocity)), 9)
-        found.append(Joint(joint.name, (low, high), speed, mass, centre))
-    return tuple(found)
-
-
-def _rail(chain: Chain) -> Rail | None:
-    """The rail of a chain, whose way is in its base frame."""
-    if (joint := chain.rail) is None:
-        return None
-    T = _T_base_parting(chain)
-    for each in chain.down[: chain.down.index(joint) + 1]:
-        T = T @ each.T_parent_child
-    way = T[:3, :3] @ joint.axis / np.linalg.norm(joint.axis)
-    x, y, z = (0.0 if abs(part) < _NONE else float(part) for part in way)
-    low, high = (_MM * round(end, _DECIMALS) for end in (joint.lower, joint.upper))
-    return Rail(direction=(x, y, z), limits_mm=(low, high))
+        joints.append(Joint(joint.name, (low, high), speed, mass, centre))
+    return tuple(joints)
 
 
 def others_of(urdf: Urdf, chain: Chain) -> tuple[str, ...]:
     """Return the names of joints that move and are not of the chain."""
     within = {joint.name for joint in chain.down}
     return tuple(joint.name for joint in urdf.joints if joint.moves and joint.name not in within)
-
-
-def _require_an_arm(chain: Chain, where: str) -> None:
-    if loose := next((joint for joint in chain.up if joint.moves), None):
-        raise FileError(where, f"joint {loose.name} moves the base {chain.base} itself", _REMEDY)
-    for joint in (joint for joint in chain.down if joint.moves):
-        _require_an_axis(joint, where, rail=joint is chain.rail)
-    if not FEWEST_AXES <= (count := len(chain.turning)) <= MOST_AXES:
-        what = f"{count} turning joints from {chain.base} to {chain.tip}, where an arm has {FEWEST_AXES} to {MOST_AXES}"
-        raise FileError(where, what, _REMEDY)
-
-
-def _require_no_gripper(chain: Chain, where: str) -> None:
-    """The last joint of an end that was not chosen must not open a gripper, by its name."""
-    if not (moving := [joint for joint in chain.down if joint.moves]):
-        return
-    last = moving[-1]
-    if any(word in f"{last.name} {last.child}".lower() for word in _GRIPPER):
-        what = f"its last joint, {last.name} to {last.child}, moves a gripper by its name"
-        raise FileError(where, what, f"choose the flange: --tip {last.parent}, or --tip {last.child} if it is an axis")
 
 
 def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
@@ -157,8 +141,8 @@ def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
     if not np.isfinite([joint.velocity, *(() if endless else (joint.lower, joint.upper))]).all():
         raise FileError(where, f"{place} has no limits", "write <limit> with lower, upper and velocity")
     if (not endless and joint.lower >= joint.upper) or joint.velocity <= 0:
-        what = f"{place} has lower {joint.lower:g}, upper {joint.upper:g} and velocity {joint.velocity:g}"
-        raise FileError(where, what, "write the limits in order, and a velocity above 0")
+        problem = f"{place} has lower {joint.lower:g}, upper {joint.upper:g} and velocity {joint.velocity:g}"
+        raise FileError(where, problem, "write the limits in order, and a velocity above 0")
 
 
 def _root(names: Sequence[str], above: dict[str, UrdfJoint], where: str) -> str:
@@ -166,8 +150,8 @@ def _root(names: Sequence[str], above: dict[str, UrdfJoint], where: str) -> str:
         raise FileError(where, "has no links", "give the URDF of an arm, with its xacro macros expanded")
     roots = [name for name in names if name not in above]
     if len(roots) != 1:
-        what = f"has {len(roots)} links that hang on no other" + (f": {listed(roots)}" if roots else "")
-        raise FileError(where, what, "choose the arm's own with --base")
+        problem = f"has {len(roots)} links that hang on no other" + (f": {listed(roots)}" if roots else "")
+        raise FileError(where, problem, "choose the arm's own with --base")
     return roots[0]
 
 
@@ -196,19 +180,15 @@ def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]
 
 def _mass(urdf: Urdf, link: str, T: Array) -> tuple[float, Array]:
     """Mass (kg) of a link at T (4, 4) and of all that is fixed to it, and its centre (3,) mm in the base frame."""
-    parts = [(urdf.masses[name], T_part) for name, T_part in _fixed_to(urdf, link, T)]
-    kg = sum(part.kg for part, _ in parts)
-    moment = sum((part.kg * (T_part[:3, :3] @ part.centre_mm + T_part[:3, 3]) for part, T_part in parts), np.zeros(3))
+    kg, moment, todo = 0.0, np.zeros(3), [(link, T)]
+    while todo:
+        link, T = todo.pop()
+        part = urdf.masses[link]
+        kg += part.kg
+        moment += part.kg * (T[:3, :3] @ part.centre_mm + T[:3, 3])
+        fixed = (joint for joint in urdf.joints if joint.parent == link and not joint.moves)
+        todo += [(joint.child, T @ joint.T_parent_child) for joint in fixed]
     return kg, moment / (kg or 1.0)
-
-
-def _fixed_to(urdf: Urdf, link: str, T: Array) -> Iterator[tuple[str, Array]]:
-    """A link at T (4, 4) and all links that fixed joints join to it, each with its frame."""
-    left = [(link, T)]
-    while left:
-        link, T = left.pop()
-        yield link, T
-        left += [(one.child, T @ one.T_parent_child) for one in urdf.joints if one.parent == link and not one.moves]
 
 
 def _T_base_parting(chain: Chain) -> Array:  # noqa: N802 - a frame's name

@@ -20,7 +20,7 @@ from rigs.errors import CellError, FileError
 from rigs.files import read_text
 
 if TYPE_CHECKING:
-    from pytransform3d.urdf import Joint, Link
+    from pytransform3d.urdf import Joint
 
 _MOST_BYTES = 10_000_000
 """The URDF of a humanoid has half a megabyte; meshes are files of their own."""
@@ -89,42 +89,45 @@ def read_urdf(path: Path) -> Urdf:
     try:
         from pytransform3d.urdf import UrdfException, parse_urdf  # noqa: PLC0415 - an extra of the package
     except ModuleNotFoundError as error:
-        what = f"needs {error.name}, which is missing"
-        raise CellError("import-urdf", what, to_install("pytransform3d")) from None
+        problem = f"needs {error.name}, which is missing"
+        raise CellError("import-urdf", problem, to_install("pytransform3d")) from None
     from lxml import etree  # noqa: PLC0415 - comes with it
 
     where = str(path)
-    root = _root(_text(path), where)
+    root = _root(path)
     _leave_out_shapes(root)
     for part in root:
         _require_numbers(part, where)
     for joint in root.findall("joint"):
-        _require_type(joint, where)
+        if (kind := joint.get("type")) not in _TYPES:
+            problem = f"joint {joint.get('name')} " + (f"is {kind}" if kind else "has no type")
+            raise FileError(where, problem, "write type revolute, or remove the joint")
     try:
         name, links, joints = parse_urdf(etree.tostring(root, encoding="unicode"))
     except UrdfException as error:
         raise FileError(where, f"not readable as URDF: {str(error).rstrip('.')}", "correct it") from None
-    _require_a_tree([str(link.name) for link in links], joints, where)
-    masses = {str(link.name): _mass(link) for link in links}
+    for kind, names in (("link", [link.name for link in links]), ("joint", [joint.joint_name for joint in joints])):
+        if twice := _twice(names):
+            raise FileError(where, f"has two {kind}s named {twice}", "rename one of them")
+    if twice := _twice([joint.child for joint in joints]):
+        raise FileError(where, f"link {twice} is the child of two joints", "remove one of them: a URDF is a tree")
+    masses = {str(link.name): Mass(link.mass, _in_mm(link.inertial_frame)[:3, 3]) for link in links}
     return Urdf(name, masses, tuple(map(_joint, joints, root.findall("joint"))))
 
 
-def _text(path: Path) -> str:
-    try:
-        text = read_text(path, _MOST_BYTES)
-    except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), _REMEDY) from None
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # a few lines of entities of entities make gigabytes
-        raise FileError(str(path), "declares a document type or entities, which no URDF needs", "remove <!DOCTYPE …>")
-    if max(part.count("=") for part in text.split("<")) > _MOST_ATTRIBUTES:
-        raise FileError(str(path), f"has an element of more than {_MOST_ATTRIBUTES} attributes", _REMEDY)
-    return text
-
-
-def _root(text: str, where: str) -> Any:
+def _root(path: Path) -> Any:
     """The <robot> of a URDF, bounded and without macros."""
     from lxml import etree  # noqa: PLC0415
 
+    where = str(path)
+    try:
+        text = read_text(path, _MOST_BYTES)
+    except OSError as error:
+        raise FileError(where, error.strerror or str(error), _REMEDY) from None
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # a few lines of entities of entities make gigabytes
+        raise FileError(where, "declares a document type or entities, which no URDF needs", "remove <!DOCTYPE …>")
+    if max(part.count("=") for part in text.split("<")) > _MOST_ATTRIBUTES:
+        raise FileError(where, f"has an element of more than {_MOST_ATTRIBUTES} attributes", _REMEDY)
     parser = etree.XMLParser(
         encoding="utf-8", resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True
     )
@@ -162,8 +165,10 @@ def _require_numbers(part: Any, where: str) -> None:
                 continue
             numbers = _numbers(words)
             if len(numbers) != count or (element.tag == "mass" and numbers[0] < 0):
-                what = f"{part.tag} {part.get('name')} has {element.tag} {key}={words!r}"
-                raise FileError(where, what, f"write {'three numbers' if count == 3 else 'a number'} that an arm has")
+                problem = f"{part.tag} {part.get('name')} has {element.tag} {key}={words!r}"
+                raise FileError(
+                    where, problem, f"write {'three numbers' if count == 3 else 'a number'} that an arm has"
+                )
             element.set(key, " ".join(map(repr, numbers)))
 
 
@@ -174,20 +179,6 @@ def _numbers(words: str) -> list[float]:
     except ValueError:
         return []
     return numbers if all(math.isfinite(number) and abs(number) < _LARGEST for number in numbers) else []
-
-
-def _require_type(joint: Any, where: str) -> None:
-    if (kind := joint.get("type")) not in _TYPES:
-        what = f"joint {joint.get('name')} " + (f"is {kind}" if kind else "has no type")
-        raise FileError(where, what, "write type revolute, or remove the joint")
-
-
-def _require_a_tree(links: Sequence[str], joints: Sequence[Joint], where: str) -> None:
-    for kind, names in (("link", links), ("joint", [joint.joint_name for joint in joints])):
-        if twice := _twice(names):
-            raise FileError(where, f"has two {kind}s named {twice}", "rename one of them")
-    if twice := _twice([joint.child for joint in joints]):
-        raise FileError(where, f"link {twice} is the child of two joints", "remove one of them: a URDF is a tree")
 
 
 def _twice(names: Sequence[str | None]) -> str | None:
@@ -209,10 +200,6 @@ def _joint(joint: Joint, element: Any) -> UrdfJoint:
         velocity=math.inf if limit is None else float(limit.get("velocity", math.inf)),
         follows=None if mimic is None else mimic.get("joint", ""),
     )
-
-
-def _mass(link: Link) -> Mass:
-    return Mass(link.mass, _in_mm(link.inertial_frame)[:3, 3])
 
 
 def _in_mm(T: Array) -> Array:

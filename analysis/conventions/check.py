@@ -117,16 +117,6 @@ def _gauges(runs: Runs) -> Iterator[Finding]:
         yield from findings
 
 
-def _measured_places(runs: Runs) -> Iterator[Finding]:
-    """What speaks against an instrument; places of an arm that was simulated are meant to be computed."""
-    yield from _by_kind(SOURCE)([run for run in runs if not run.is_simulated])
-
-
-def _always(runs: Runs) -> str:
-    del runs
-    return ""
-
-
 def _joints_hidden(runs: Runs) -> str:
     why = [run.table.kind.cannot_tell(run.table, run.rig) for run in runs]
     return "" if "" in why else next(iter(why), "")
@@ -154,7 +144,7 @@ _no_yaw = _without(STAMPS, "no circle is among the runs")
 _no_poses = _without(SOURCE, "no poses are among the runs")
 _no_targets = _without(PLACE, "no targets are among the runs")
 CONVENTIONS = (
-    Convention(UNITS, "mm and degrees, or µm, inches, metres, radians", _always),
+    Convention(UNITS, "mm and degrees, or µm, inches, metres, radians", lambda _: ""),
     Convention(JOINTS, "do order, signs, zeros and coupling of the joints fit", _joints_hidden),
     Convention(ORDER, "are g1 and g2 exchanged", _no_yaw),
     Convention(SIGN, "do the readings grow with the distance from the ball", _no_pair),
@@ -173,7 +163,8 @@ _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
     _each(unit_findings),
     _each(joint_findings),
     _gauges,
-    _measured_places,
+    # Places of an arm that was simulated are meant to be computed.
+    lambda runs: _by_kind(SOURCE)([run for run in runs if not run.is_simulated]),
     _by_kind(STAMPS),
     _by_kind(PLACE),
     _stands,

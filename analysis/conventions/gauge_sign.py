@@ -81,11 +81,11 @@ def _known_effects(run: Measured) -> Iterator[Finding]:
     values = 3 * len(table.q) ** 0.5
     misfit = Misfit(as_labelled, as_meant, values * float(np.log(as_labelled / max(as_meant, 1e-6))))
     name, gauges = run.run.manifest.name, tuple(f"{gauge}_mm" for gauge in table.kind.gauges)
-    what = (
+    fact = (
         f"the effects of the rig file explain its readings only with the gauges counting the other way: "
         f"{1e3 * as_meant:.0f} instead of {1e3 * as_labelled:.0f} µm are left"
     )
-    yield Finding(SIGN, "decisive", gauges, "gauges negated", what, _REMEDY, misfit, (name,))
+    yield Finding(SIGN, "decisive", gauges, "gauges negated", fact, _REMEDY, misfit, (name,))
 
 
 _COLUMNS = ("g1_mm", "g2_mm")
@@ -149,11 +149,16 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     as_labelled, as_meant = (float(np.sqrt(energy / (values * _ALIKE))) for energy in (labelled, least))
     if gain < _DECISIVE or labelled < _FITS * least or as_labelled < _LEAST_MM:
         return
-    alike = _by_the_ball(
-        [meant for meant, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * least], runs
-    )
+    # Plays do not distinguish these; those stay by which mean and difference of the gauges show one place of the ball.
+    alike = [meant for meant, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * least]
+    seen = {finding.meant for run in runs for finding in run.table.kind.findings(ORDER, run.table, run.rig)}
+    if EXCHANGED in seen:
+        alike = [meant for meant in alike if meant.columns == (1, 0)] or alike
+    else:
+        signs = tuple(-1.0 if negated(number) in seen else 1.0 for number in (1, 2))
+        alike = [meant for meant in alike if meant.columns == (0, 1) and meant.signs == signs] or alike
     words = " or ".join(meant.words for meant in alike)
-    what = (
+    fact = (
         f"joints lead where they turn back, which no play does: circles acw and cw fit only with {words}, "
         f"{1e3 * as_meant:.1f} instead of {1e3 * as_labelled:.1f} µm are left"
     )
@@ -162,7 +167,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     misfit = Misfit(as_labelled, as_meant, gain)
     remedy = _EXCHANGE if exchanged else _REMEDY
     strength: Strength = "decisive" if labelled >= _FITS_WELL * least else "likely"
-    yield Finding(ORDER if exchanged else SIGN, strength, _COLUMNS, words, what, remedy, misfit, names)
+    yield Finding(ORDER if exchanged else SIGN, strength, _COLUMNS, words, fact, remedy, misfit, names)
 
 
 @dataclass(frozen=True)
@@ -184,16 +189,6 @@ _MEANT = (
 )
 
 
-def _by_the_ball(alike: list[_Meant], runs: Sequence[Measured]) -> list[_Meant]:
-    """Keep those meanings, of some that plays do not distinguish, with which mean and difference of the gauges show the
-    ball in one place; all where the ball shows nothing."""
-    seen = {finding.meant for run in runs for finding in run.table.kind.findings(ORDER, run.table, run.rig)}
-    if EXCHANGED in seen:
-        return [meant for meant in alike if meant.columns == (1, 0)] or alike
-    signs = tuple(-1.0 if negated(number) in seen else 1.0 for number in (1, 2))
-    return [meant for meant in alike if meant.columns == (0, 1) and meant.signs == signs] or alike
-
-
 def _as(way: _Way, meant: _Meant) -> _Way:
     """A way with the columns of its gauges as they may have been meant."""
     signs, columns = np.array(meant.signs), list(meant.columns)
@@ -201,32 +196,27 @@ def _as(way: _Way, meant: _Meant) -> _Way:
 
 
 def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, dict[str, list[_Way]]]]:
-    """The circles of each test and placement that were driven both ways, with their rig. Those that hold no lap are
-    reported where they are analysed."""
+    """The circles of each test and placement that were driven both ways, with their rig, on the grid. Those that hold
+    no lap are reported where they are analysed."""
     pairs: dict[tuple[object, ...], tuple[Rig, TestName, dict[str, list[_Way]]]] = {}
     for run in runs:
-        manifest, table = run.run.manifest, run.table
+        table = run.table
         if not isinstance(table, CircleTable) or table.g_mm.shape[1] != 2:
             continue
         with suppress(FileError):
-            way = _way(run, table)
-            key = (table.test, manifest.placement, repr(run.rig.tests.circle))
+            laps = laps_of(table, run.rig, str(run.path))
+            flank = np.stack([(play(joint, _PLAY_RAD) - joint) / _PLAY_RAD for joint in table.q.T], axis=1)
+            stuck = [(play(gauge, 2 * _LEAST_MM) - gauge) / (2 * _LEAST_MM) for gauge in table.g_mm.T]
+            moving = np.concatenate([np.gradient(table.q, table.t_s, axis=0), flank, np.stack(stuck, axis=1)], axis=1)
+            since = (laps.t_s - laps.t_s[0]) / max(float(np.ptp(laps.t_s)), 1e-9)
+            rows = np.searchsorted(table.t_s, laps.t_s)
+            columns = [laps.g_mm, np.cos(laps.q), np.sin(laps.q), moving[rows], since[:, None]]
+            grid = gridded(laps.phi, np.concatenate(columns, axis=1))
+            way = _Way(grid[:, :2], grid[:, 2:14], grid[:, 14:20], grid[:, 20:26], grid[:, 26:28], grid[:, 28])
+            key = (table.test, run.run.manifest.placement, repr(run.rig.tests.circle))
             ways = pairs.setdefault(key, (run.rig, table.test, {}))[2]
             ways.setdefault(table.direction, []).append(way)
     yield from (pair for pair in pairs.values() if len(pair[2]) == 2)
-
-
-def _way(run: Measured, table: CircleTable) -> _Way:
-    """A circle on the grid. Raises FileError where it holds no lap."""
-    laps = laps_of(table, run.rig, str(run.path))
-    flank = np.stack([(play(joint, _PLAY_RAD) - joint) / _PLAY_RAD for joint in table.q.T], axis=1)
-    stuck = np.stack([(play(gauge, 2 * _LEAST_MM) - gauge) / (2 * _LEAST_MM) for gauge in table.g_mm.T], axis=1)
-    speed = np.gradient(table.q, table.t_s, axis=0)
-    rows = np.searchsorted(table.t_s, laps.t_s)
-    since = (laps.t_s - laps.t_s[0]) / max(float(np.ptp(laps.t_s)), 1e-9)
-    columns = [laps.g_mm, np.cos(laps.q), np.sin(laps.q), speed[rows], flank[rows], stuck[rows], since[:, None]]
-    grid = gridded(laps.phi, np.concatenate(columns, axis=1))
-    return _Way(grid[:, :2], grid[:, 2:14], grid[:, 14:20], grid[:, 20:26], grid[:, 26:28], grid[:, 28])
 
 
 def _mean(ways: Sequence[_Way]) -> _Way:
@@ -247,16 +237,11 @@ def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
     stuck = np.zeros((GRID, 2, 2))
     stuck[:, [0, 1], [0, 1]] = acw.stuck - cw.stuck
     design = np.concatenate([each, late, stuck.reshape(-1, 2)], axis=1)
-    taken, sizes, _ = np.linalg.svd(_scaled(design), full_matrices=False)
+    length = np.linalg.norm(design, axis=0)
+    taken, sizes, _ = np.linalg.svd(design / np.where(length > 0, length, 1.0), full_matrices=False)
     basis = taken[:, sizes > 1e-9 * sizes[0]]
     rest_of_readings, plays = (values - basis @ (basis.T @ values) for values in ((acw.g_mm - cw.g_mm).ravel(), plays))
     return float(nnls(plays, rest_of_readings)[1]) ** 2
-
-
-def _scaled(design: Array) -> Array:
-    """Columns (n, k) of length 1; those of nothing as they are."""
-    length = np.linalg.norm(design, axis=0)
-    return design / np.where(length > 0, length, 1.0)
 
 
 def _slopes(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> Array:

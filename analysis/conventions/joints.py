@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -50,48 +50,27 @@ class Meaning:
 
 def meanings(axes: int) -> list[Meaning]:
     """Return every other way in which the columns of so many joints may have been meant."""
-    return [*_couplings(axes), *_directions(axes), *_orders(axes), *_zeros(axes)]
-
-
-def _couplings(axes: int) -> list[Meaning]:
     ways = []
     for sign, word in ((1.0, "+"), (-1.0, "-")):
         matrix = np.eye(axes)
         matrix[2, 1] = sign
         do = f"give the coupling of axes 2 and 3 in the rig file (robot.coupling), or q3_deg {word} q2_deg as q3_deg"
         ways.append(_meaning((2, 3), f"J3 {word} J2 in place of J3", do, matrix))
-    return ways
-
-
-def _directions(axes: int) -> list[Meaning]:
-    ways = []
     for axis in range(1, axes + 1):
         matrix = np.eye(axes)
         matrix[axis - 1, axis - 1] = -1.0
         do = f"change the sign of q{axis}_deg, or correct axis {axis} of the rig file"
         ways.append(_meaning((axis,), f"J{axis} counted the other way", do, matrix))
-    return ways
-
-
-def _orders(axes: int) -> list[Meaning]:
-    ways = []
     for first, second in combinations(range(1, axes + 1), 2):
         rows = list(range(axes))
         rows[first - 1], rows[second - 1] = second - 1, first - 1
         words, do = f"J{first} and J{second} exchanged", f"exchange the columns q{first}_deg and q{second}_deg"
         ways.append(_meaning((first, second), words, do, np.eye(axes)[rows]))
-    return ways
-
-
-def _zeros(axes: int) -> list[Meaning]:
-    ways = []
-    for axis in range(1, axes + 1):
-        for off_deg in _ZEROS_DEG:
-            offset = np.zeros(axes)
-            offset[axis - 1] = np.radians(off_deg)
-            words = f"{off_deg:+.0f}° on J{axis}"
-            do = f"add {off_deg:.0f}° to q{axis}_deg, or to offset_deg of axis {axis} in the rig file"
-            ways.append(_meaning((axis,), words, do, np.eye(axes), offset))
+    for axis, off_deg in product(range(1, axes + 1), _ZEROS_DEG):
+        offset = np.zeros(axes)
+        offset[axis - 1] = np.radians(off_deg)
+        do = f"add {off_deg:.0f}° to q{axis}_deg, or to offset_deg of axis {axis} in the rig file"
+        ways.append(_meaning((axis,), f"{off_deg:+.0f}° on J{axis}", do, np.eye(axes), offset))
     return ways
 
 
@@ -143,12 +122,14 @@ those that fit as well as the best."""
 
 def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """What speaks against the labels of the joint columns of a table: their order, signs, zeros or coupling."""
-    best, as_labelled, as_good = _judged(table, rig)
+    if table.kind.cannot_tell(table, rig):
+        return
+    best, as_labelled, as_good = table.kind.judged_joints(table, rig)
     if best is None or as_labelled < _NOTHING_MM:
         return
     rows = table.kind.joints_fit
     words = " or ".join(judged.meaning.words for judged in (best, *as_good))
-    what = (
+    fact = (
         f"only with {words} do these {rows}: {_length(best.left_mm)} instead of {_length(as_labelled)}; order, signs, "
         "zeros and coupling of the joints are not those of the rig file"
     )
@@ -159,22 +140,18 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         remedy += (
             "; or correct robot.rail.direction, which a rail that leads or counts another way asks for, and looks alike"
         )
-    yield Finding(JOINTS, "decisive", best.meaning.columns, words, what, remedy, misfit)
+    yield Finding(JOINTS, "decisive", best.meaning.columns, words, fact, remedy, misfit)
 
 
 PLACE_UNKNOWN = "the rig file does not say where the test was driven"
-
-
-def _judged(table: Table, rig: Rig) -> Verdict:
-    """Which meaning of its joint columns fits a table."""
-    return (None, 0.0, []) if table.kind.cannot_tell(table, rig) else table.kind.judged_joints(table, rig)
 
 
 def judged_by_path(table: Table, rig: Rig) -> Verdict:
     """Which meaning of the joints puts the tool on the path that the rig file states, of a circle or of targets."""
     arm = arm_of(rig.robot)
     rows = slice(None, None, max(1, len(table.q) // _ROWS))
-    part = replace(table, **{name: getattr(table, name)[rows] for name in _row_wise(table)})
+    columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
+    part = replace(table, **{name: column[rows] for name, column in columns.items()})
 
     def off(read: Callable[[Array], Array]) -> tuple[float, bool]:
         path = part.kind.off_path(part, rig, forward(arm, read(part.q)))
@@ -214,14 +191,10 @@ def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Ve
 
 
 def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> Verdict:
-    first, *others = sorted(judged, key=lambda judged_meaning: judged_meaning.left_mm)
-    if first.left_mm > right_mm or as_labelled < CLEARLY * first.left_mm:
+    best, *others = sorted(judged, key=lambda meaning: meaning.left_mm)
+    if best.left_mm > right_mm or as_labelled < CLEARLY * best.left_mm:
         return None, as_labelled, []
-    return (
-        first,
-        as_labelled,
-        [judged_meaning for judged_meaning in others if judged_meaning.left_mm < AS_WELL * first.left_mm],
-    )
+    return best, as_labelled, [meaning for meaning in others if meaning.left_mm < AS_WELL * best.left_mm]
 
 
 def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
@@ -232,6 +205,8 @@ def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = 
 
 def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> tuple[float, PoseSetUp]:
     """What the nearest of places xyz_mm (n, 3) leave, as `left_mm`, and the base and tool that are fitted to them."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
     T = forward(bare, q)
     kept = np.arange(len(q))
     count = max(int(_KEPT * len(q)), 9)
@@ -239,25 +214,13 @@ def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | Non
         setup = fit_setup(T[kept], xyz_mm[kept], steps)
         distance = np.linalg.norm(position_error(T, xyz_mm, setup), axis=1)
         if rpy is not None:
-            distance = np.hypot(distance, _ARM_MM * _turned(T, rpy, setup.T_world_base, kept))
+            # Turns seen beside those of the arm, on a tool whose turn is the mean of the kept ones.
+            seen = Rotation.from_matrix(setup.T_world_base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
+            arm = Rotation.from_matrix(T[:, :3, :3])
+            tool = (arm[kept].inv() * seen[kept]).mean()
+            distance = np.hypot(distance, _ARM_MM * (seen * (arm * tool).inv()).magnitude())
         kept = np.sort(np.argsort(distance)[:count])
     return rms(distance[kept]), setup
-
-
-def _turned(T: Array, rpy: Array, base: Array, kept: Integers) -> Array:
-    """Angles (n,) rad between turns seen rpy (n, 3) rad and those of the arm, T (n, 4, 4), on a tool whose turn is the
-    mean of the kept ones."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-    seen = Rotation.from_matrix(base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
-    arm = Rotation.from_matrix(T[:, :3, :3])
-    tool = (arm[kept].inv() * seen[kept]).mean()
-    return np.asarray((seen * (arm * tool).inv()).magnitude())
-
-
-def _row_wise(table: Table) -> list[str]:
-    """The fields of a table that have a value for each row."""
-    return [name for name, value in vars(table).items() if isinstance(value, np.ndarray)]
 
 
 def _length(mm: float) -> str:

@@ -107,29 +107,24 @@ def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[F
         if as_labelled > max(_LEAST_MM, _CLEAR * as_meant, _CLEAR * rms(mean[k] - usual)):
             yield _finding(repeats[k], as_labelled, as_meant, negated=False)
             continue
-        shapes = [_without_first_order(curve) for curve in (apart[k], usual_apart, mean[k], usual)]
+        spectra = np.fft.rfft([apart[k], usual_apart, mean[k], usual])
+        spectra[:, 1] = 0.0  # the first order may be another place of the ball
+        shapes = np.fft.irfft(spectra, n=GRID)
         as_labelled, as_meant = (
-            np.hypot(rms(shapes[0] - shapes[1]), rms(shapes[2] - shapes[3])),
-            np.hypot(rms(shapes[0] + shapes[1]), rms(shapes[2] + shapes[3])),
+            float(np.hypot(rms(shapes[0] - side * shapes[1]), rms(shapes[2] - side * shapes[3])))
+            for side in (1.0, -1.0)
         )
         if as_labelled > max(_LEAST_MM, _CLEAR * as_meant):
-            yield _finding(repeats[k], float(as_labelled), float(as_meant), negated=True)
+            yield _finding(repeats[k], as_labelled, as_meant, negated=True)
 
 
 def _finding(lap: Lap, as_labelled: float, as_meant: float, *, negated: bool) -> Finding:
     name = lap.run.run.manifest.name
     misfit = Misfit(as_labelled, as_meant, GRID / 4 * float(np.log(as_labelled / max(as_meant, 1e-6))))
     if negated:
-        what = "compared with its repeats, its gauges g1 and g2 count the other way"
+        fact = "compared with its repeats, its gauges g1 and g2 count the other way"
         remedy = "give counts: towards in its rig file, or import it with both signs changed"
-        return Finding(SIGN, "decisive", ("g1_mm", "g2_mm"), "g1 and g2 negated", what, remedy, misfit, (name,))
-    what = "compared with its repeats, its gauges g1 and g2 are exchanged"
+        return Finding(SIGN, "decisive", ("g1_mm", "g2_mm"), "g1 and g2 negated", fact, remedy, misfit, (name,))
+    fact = "compared with its repeats, its gauges g1 and g2 are exchanged"
     remedy = "check the cables, or import it with the columns exchanged"
-    return Finding(ORDER, "decisive", ("g1_mm", "g2_mm"), "g1 and g2 exchanged", what, remedy, misfit, (name,))
-
-
-def _without_first_order(curve: Array) -> Array:
-    """A curve (GRID,) without its first order."""
-    spectrum = np.fft.rfft(curve)
-    spectrum[1] = 0.0
-    return np.fft.irfft(spectrum, n=len(curve))
+    return Finding(ORDER, "decisive", ("g1_mm", "g2_mm"), "g1 and g2 exchanged", fact, remedy, misfit, (name,))

@@ -6,7 +6,6 @@ rows from some row on, or every other row, are given a placing of their own and 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -39,7 +38,9 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
         return ""
     T = forward(fitted.arm, q)
     best, words = _SHARE * fitted.rms_mm, ""
-    for part, called in _parts(rows):
+    splits = np.unique(np.linspace(_FEWEST_ROWS, len(rows) - _FEWEST_ROWS, _SPLITS).astype(int)).tolist()
+    parts = [(np.arange(len(rows)) >= first, f"rows from about {rows[first]} on") for first in splits]
+    for part, called in [*parts, (rows % 2 == 0, "every other row")]:
         after = _left_mm(fitted, T, part)
         if after < best:
             best, words = after, called
@@ -49,14 +50,6 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
         f"{words} were measured with the target or the instrument elsewhere than the others: with a placing of their "
         f"own {best:.2g} mm are left of {fitted.rms_mm:.2g} mm"
     )
-
-
-def _parts(rows: Array) -> Iterator[tuple[Mask, str]]:
-    """Rows that may have a placing of their own, with how they are called."""
-    count = len(rows)
-    for first in np.unique(np.linspace(_FEWEST_ROWS, count - _FEWEST_ROWS, _SPLITS).astype(int)).tolist():
-        yield np.arange(count) >= first, f"rows from about {rows[first]} on"
-    yield rows % 2 == 0, "every other row"
 
 
 def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
@@ -70,5 +63,5 @@ def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
     shifted = np.tile(np.eye(3), (len(p), 1, 1))
     placing = (np.concatenate([shifted, turned, T[:, :3, :3]], axis=2) * part[:, None, None]).reshape(-1, 9)
     design = np.concatenate([fitted.design, placing], axis=1)
-    left = fitted.left_mm - design @ np.linalg.lstsq(design, fitted.left_mm, rcond=DETERMINED)[0]
-    return replace(fitted, left_mm=left, spare=fitted.spare - 9).rms_mm
+    residual = fitted.left_mm - design @ np.linalg.lstsq(design, fitted.left_mm, rcond=DETERMINED)[0]
+    return replace(fitted, left_mm=residual, spare=fitted.spare - 9).rms_mm

@@ -123,8 +123,8 @@ class _Judge:
     questions: list[Question] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
 
-    def map_of(self, joints: Angles, place: Lengths, residual: Residual | None = None, **more: Any) -> TableMap:
-        return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **more)
+    def map_of(self, joints: Angles, place: Lengths, residual: Residual | None = None, **keys: Any) -> TableMap:
+        return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **keys)
 
     def reading(self, table_map: TableMap, words: str, steps: int = _SCREEN_STEPS) -> Reading:
         """A reading of joints and place as it fits the arm."""
@@ -164,9 +164,13 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     bare = without_setup(arm_of(rig.robot))
     judge = _Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
     if len(raw.lines) < FEWEST:
-        what = f"has {len(raw.lines)} poses, too few for the arm to show what its columns mean ({FEWEST} are needed)"
-        raise FileError(raw.where, what, "write the map by hand, and give it with --map")
-    joints, commanded = _of_role(groups.joints)
+        problem = f"has {len(raw.lines)} poses, too few for the arm to show what its columns mean ({FEWEST} are needed)"
+        raise FileError(raw.where, problem, "write the map by hand, and give it with --map")
+    measured, unsaid, commanded = (
+        [group for group in groups.joints if group.role == role] for role in ("measured", "unsaid", "commanded")
+    )
+    # Joints to read, and those that were commanded beside them.
+    joints, commanded = (measured or unsaid, commanded) if measured or unsaid else (commanded, [])
     seen, residual = _places(groups)
     table_map, chosen = _placed(judge, joints, seen, residual)
     if commanded and table_map.joints and len(commanded) == 1:
@@ -207,32 +211,23 @@ def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
 
 
 def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
-    more = f" and {len(raw.numeric) - _NAMED} more" if len(raw.numeric) > _NAMED else ""
-    has = f"its columns of numbers are {', '.join(raw.numeric[:_NAMED])}{more}"
+    further = f" and {len(raw.numeric) - _NAMED} more" if len(raw.numeric) > _NAMED else ""
+    has = f"its columns of numbers are {', '.join(raw.numeric[:_NAMED])}{further}"
     if not groups.joints:
         if groups.near:
             nears = f"{len(groups.near)} columns of joints ({groups.near[0]} … {groups.near[-1]})"
-            what = f"has {nears}, the arm of the rig file {axes} axes"
-            raise FileError(raw.where, what, "give the rig file of the arm that was measured")
-        what = f"has no {axes} columns that may be joints; {has}"
+            problem = f"has {nears}, the arm of the rig file {axes} axes"
+            raise FileError(raw.where, problem, "give the rig file of the arm that was measured")
+        problem = f"has no {axes} columns that may be joints; {has}"
         remedy = (
             "add the joint angles of each pose (several files: --join), or name them in a map (--map); stops of the "
             "ISO 9283 cube need none, where the rig file has tests.iso9283"
         )
-        raise FileError(raw.where, what, remedy)
+        raise FileError(raw.where, problem, remedy)
     if not any(pose.place.role != "commanded" for pose in groups.seen) and not (groups.seen and groups.residuals):
         nears = "only places that were commanded" if groups.seen else "no columns x, y, z of a place"
-        what = f"has {nears}, so nothing that was measured; {has}"
-        raise FileError(raw.where, what, "name the measured ones in a map (--map)")
-
-
-def _of_role(groups: Sequence[Group]) -> tuple[list[Group], list[Group]]:
-    """Joints to read, and those that were commanded beside them."""
-    measured = [group for group in groups if group.role == "measured"] or [
-        group for group in groups if group.role == "unsaid"
-    ]
-    commanded = [group for group in groups if group.role == "commanded"]
-    return (measured, commanded) if measured else (commanded, [])
+        problem = f"has {nears}, so nothing that was measured; {has}"
+        raise FileError(raw.where, problem, "name the measured ones in a map (--map)")
 
 
 def _places(groups: Groups) -> tuple[list[Seen], Group | None]:
@@ -270,14 +265,14 @@ def _placed(
     if not best.fits:
         plain = next(reading for reading, _ in candidates if reading.value.sees == "the tool")
         if part := fits_in_parts(judge.raw, judge.bare, plain.value):
-            what = f"fits the arm of the rig file in {part}, and not as a whole; {plain.line()}"
+            problem = f"fits the arm of the rig file in {part}, and not as a whole; {plain.line()}"
             remedy = (
                 "give what was measured with another place of target or instrument in files of their own, a run each"
             )
-            raise FileError(judge.raw.where, what, remedy)
-        what = f"fits the arm of the rig file in no reading of its columns within {RIGHT_MM:g} mm; {best.line()}"
+            raise FileError(judge.raw.where, problem, remedy)
+        problem = f"fits the arm of the rig file in no reading of its columns within {RIGHT_MM:g} mm; {best.line()}"
         remedy = "check that the rig file is that of the arm; else write a map by hand (--map)"
-        raise FileError(judge.raw.where, what, remedy)
+        raise FileError(judge.raw.where, problem, remedy)
     if overruled:
         _ask(
             judge,
@@ -413,8 +408,8 @@ def _otherwise(
         return None, candidates
     best, base, named, pose = ways[0]
     if best.remedy:
-        what = f"fits the arm of the rig file only with {best.words}; {read[0][0].line()}"
-        raise FileError(judge.raw.where, what, best.remedy)
+        problem = f"fits the arm of the rig file only with {best.words}; {read[0][0].line()}"
+        raise FileError(judge.raw.where, problem, best.remedy)
     return (judge.reading(base, named, _STEPS), pose), [*read, *candidates]
 
 
@@ -435,8 +430,8 @@ def _turns(seen: Seen) -> list[Turn]:
 
 
 def _turn_words(turn: Turn) -> str:
-    what = f"{turn.form} {_short(turn.columns)}"
-    return f"{what} in {turn.unit}" if turn.unit else what
+    words = f"{turn.form} {_short(turn.columns)}"
+    return f"{words} in {turn.unit}" if turn.unit else words
 
 
 def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:

@@ -50,8 +50,8 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
     """The poses of a table by its map. Raises TableFileError for every bad cell, FileError for what the map lacks."""
     problems = Problems()
     if table_map.joints is None or table_map.place is None:
-        what = f"states no {'joints' if table_map.joints is None else 'place'}, which every pose needs"
-        raise FileError("the map", what, "add its columns and their unit")
+        problem = f"states no {'joints' if table_map.joints is None else 'place'}, which every pose needs"
+        raise FileError("the map", problem, "add its columns and their unit")
     q = _radians(raw, table_map.joints, problems)
     commanded = _radians(raw, table_map.commanded, problems) if table_map.commanded else None
     xyz = raw.numbers(table_map.place.columns, problems) * TO_MM[table_map.place.unit]
@@ -87,8 +87,8 @@ def turn_of(raw: RawTable, turn: Turn, problems: Problems) -> Rotation:
     else:
         off = np.zeros(len(values))
     for row in np.flatnonzero(off > _UNIT_WITHIN).tolist():
-        what = f"is no turn as {turn.form}: it is off by {off[row]:.2g}"
-        problems.add([TableProblem(int(raw.lines[row]), turn.columns[0], what)])
+        problem = f"is no turn as {turn.form}: it is off by {off[row]:.2g}"
+        problems.add([TableProblem(int(raw.lines[row]), turn.columns[0], problem)])
     values[off > _UNIT_WITHIN] = _none(turn)
     if turn.form == "quaternion":
         return Rotation.from_quat(values)
@@ -131,8 +131,10 @@ def table_by(
 def _poses(raw: RawTable, table_map: TableMap, axes: int) -> Columns:
     for part in filter(None, (table_map.joints, table_map.commanded)):
         if len(part.columns) != axes:
-            what = f"names {len(part.columns)} columns of joints, and the arm of the rig file has {axes} axes"
-            raise FileError("the map", what, "name a column for each axis, in order, or give the rig file of that arm")
+            problem = f"names {len(part.columns)} columns of joints, and the arm of the rig file has {axes} axes"
+            raise FileError(
+                "the map", problem, "name a column for each axis, in order, or give the rig file of that arm"
+            )
     poses = poses_of(raw, table_map)
     named: Columns = _columns("q{}_deg", np.degrees(poses.q))
     named |= dict(zip(PLACE, map(pa.array, poses.xyz_mm.T), strict=True))
@@ -154,12 +156,11 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direct
     missing = [name for name in layout.required if name not in stated and name not in joints]
     missing = [name for name in missing if not (direction and name == "direction")]
     if missing or (driven and table_map.joints is None):
-        what = f"names no column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
-        raise FileError("the map", what, "add it: columns: {NAME: {column: THAT OF THE FILE, unit: ITS UNIT}}")
+        problem = f"names no column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
+        raise FileError("the map", problem, "add it: columns: {NAME: {column: THAT OF THE FILE, unit: ITS UNIT}}")
     if unknown := [name for name in stated if name not in layout.known]:
-        raise UseError(
-            "the map", f"names {unknown[0]}, which no {test} table has", f"known are {', '.join(layout.known)}"
-        )
+        problem = f"names {unknown[0]}, which no {test} table has"
+        raise UseError("the map", problem, f"known are {', '.join(layout.known)}")
     problems = Problems()
     angles = np.degrees(_radians(raw, table_map.joints, problems)) if table_map.joints else np.empty((0, 0))
     named: Columns = {}

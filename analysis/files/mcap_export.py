@@ -127,16 +127,13 @@ def _arm(writer: Writer, run: Run, tables: Mapping[str, pa.Table]) -> list[Itera
     joints, described = (_channel(writer, topic, schema, SCHEMAS[schema]) for topic, schema in _ARM_CHANNELS)
     times = _log_times(name, tables[name], run)
     first_ns = int(times.min(initial=_END_NS - 1)) if len(times) else began
-    return [iter([_Message(first_ns, described, 0, {"data": urdf})]), _angles(tables[name], times, joints, rig)]
-
-
-def _angles(table: pa.Table, times: NDArray[np.uint64], channel: int, rig: Rig) -> Iterator[_Message]:
-    """The joint angles of each row, in order of time."""
-    names = [axis.name for axis in rig.robot.axes]
-    q_deg = np.stack([table[joint].to_numpy() for joint in _JOINTS], axis=1)
-    for number in np.argsort(times, kind="stable").tolist():
-        at_ns = int(times[number])
-        yield _Message(at_ns, channel, number, joint_states(names, q_deg[number].tolist(), at_ns))
+    axes, q_deg = [axis.name for axis in rig.robot.axes], [tables[name][joint].to_numpy() for joint in _JOINTS]
+    rows, at_ns = np.stack(q_deg, axis=1), times.tolist()
+    angles = (
+        _Message(at_ns[row], joints, row, joint_states(axes, rows[row].tolist(), at_ns[row]))
+        for row in np.argsort(times, kind="stable").tolist()
+    )
+    return [iter([_Message(first_ns, described, 0, {"data": urdf})]), angles]
 
 
 def _tables(run: Run) -> dict[str, pa.Table]:
@@ -144,9 +141,8 @@ def _tables(run: Run) -> dict[str, pa.Table]:
     if run.table is not None:
         if "t_s" in run.table.column_names and pa.types.is_floating(run.table.schema.field("t_s").type):
             return {TABLE: run.table}
-        raise FileError(
-            str(run.path), "has no column t_s, and MCAP needs the time of each row", "export it as CSV or Parquet"
-        )
+        problem = "has no column t_s, and MCAP needs the time of each row"
+        raise FileError(str(run.path), problem, "export it as CSV or Parquet")
     fault_schema = pa.schema(list(FAULT_COLUMNS.items()))
     streams = {name: pa.table(columns) for name, columns in run.streams.items()}
     return {**streams, FAULTS: pa.Table.from_pylist(run.faults, schema=fault_schema)}

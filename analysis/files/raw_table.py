@@ -123,9 +123,8 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
     try:
         import openpyxl  # noqa: PLC0415 - an extra, and slow to import
     except ModuleNotFoundError:
-        raise FileError(
-            where, "is a workbook, and openpyxl is not installed", f"{to_install('openpyxl')}, or save the sheet as CSV"
-        ) from None
+        problem = "is a workbook, and openpyxl is not installed"
+        raise FileError(where, problem, f"{to_install('openpyxl')}, or save the sheet as CSV") from None
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             if sum(member.file_size for member in archive.infolist()) > _MOST_UNPACKED:
@@ -136,9 +135,8 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
     except FileError:
         raise
     except Exception as error:  # noqa: BLE001 - of a damaged workbook, whatever its readers raise
-        raise FileError(
-            where, f"cannot be read as a workbook: {type(error).__name__}", "save the sheet as CSV"
-        ) from None
+        problem = f"cannot be read as a workbook: {type(error).__name__}"
+        raise FileError(where, problem, "save the sheet as CSV") from None
     return {name: text for name, text in sheets.items() if text.strip(b"\n,")}
 
 
@@ -164,18 +162,15 @@ def _rows_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, Itera
 def _sheet_text(rows: Iterable[tuple[Any, ...]]) -> bytes:
     import csv  # noqa: PLC0415
 
-    cells = [["" if cell is None else _point(re.sub(r"\s+", " ", str(cell))) for cell in row] for row in rows]
+    texts = [["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row] for row in rows]
+    # A point where a text is a number with a comma: columns are separated by commas.
+    cells = [[text.replace(",", ".") if _COMMA.fullmatch(text.strip()) else text for text in row] for row in texts]
     width = max(map(len, cells), default=0)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     for row in cells:
         writer.writerow([*row, *[""] * (width - len(row))]) if any(row) else text.write("\n")
     return text.getvalue().encode()
-
-
-def _point(cell: str) -> str:
-    """A cell of a workbook, with a point where its text is a number with a comma: columns are separated by commas."""
-    return cell.replace(",", ".") if _COMMA.fullmatch(cell.strip()) else cell
 
 
 def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list[str], Layout]:
@@ -367,9 +362,8 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
             columns[name if name not in columns else f"{name} (file {number})"] = table.cells[name].take(at[keep])
             units.append(unit)
     if not len(keep):
-        raise FileError(
-            others[0].where, f"shares no value of {join!r} with {first.where}", "check the column of the join"
-        )
+        problem = f"shares no value of {join!r} with {first.where}"
+        raise FileError(others[0].where, problem, "check the column of the join")
     cells = pa.table(columns)
     where = f"{first.where} and {len(others)} more"
     return RawTable(where, tuple(columns), tuple(units), cells, lines[keep], first.decimal_comma), left_out
@@ -388,9 +382,8 @@ def _index(table: RawTable, join: str) -> dict[str, int]:
         raise FileError(table.where, f"has no column {join!r} to join by", f"it has {', '.join(table.names[:20])}")
     keys = [str(key).strip() for key in table.cells[join].to_pylist()]
     if len(set(keys)) < len(keys):
-        raise FileError(
-            table.where, f"has a value of {join!r} twice", "join by a column whose values are all different"
-        )
+        problem = f"has a value of {join!r} twice"
+        raise FileError(table.where, problem, "join by a column whose values are all different")
     return {key: row for row, key in enumerate(keys)}
 
 

@@ -155,8 +155,8 @@ def parse_map(text: str, where: str) -> TableMap:
     for number, line in enumerate(text.splitlines(), start=1):
         key, _, value = line.partition(":")
         if not line.lstrip().startswith("#") and value.strip() in (f'"{OPEN}"', f"'{OPEN}'", OPEN):
-            what = f"line {number}, {key.strip()}: this question is not answered"
-            raise FileError(where, what, "write one of the answers listed above that line in place of the ?")
+            problem = f"line {number}, {key.strip()}: this question is not answered"
+            raise FileError(where, problem, "write one of the answers listed above that line in place of the ?")
     try:
         return TableMap.model_validate(data)
     except ValidationError as error:

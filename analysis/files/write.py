@@ -166,7 +166,13 @@ def write_new(path: Path, write: Writer) -> None:
         with temporary.open("xb") as file:
             opened = True
             write(file)
-        _name(temporary, path)
+        try:
+            path.hardlink_to(temporary)
+        except FileExistsError:
+            raise
+        except OSError:  # memory sticks and some network shares have no links
+            _hold_free(path)
+            temporary.rename(path)
     except FileExistsError:
         raise _exists(path) from None
     except OSError as error:
@@ -177,17 +183,6 @@ def write_new(path: Path, write: Writer) -> None:
     finally:
         with suppress(OSError):
             surely(lambda: temporary.unlink(missing_ok=True))
-
-
-def _name(temporary: Path, path: Path) -> None:
-    """Give a complete file its name. Raises FileExistsError if another file has it by now."""
-    try:
-        path.hardlink_to(temporary)
-    except FileExistsError:
-        raise
-    except OSError:  # memory sticks and some network shares have no links
-        _hold_free(path)
-        temporary.rename(path)
 
 
 def _hold_free(path: Path) -> None:

@@ -10,7 +10,6 @@ yields under the weight that it carries does. No arm is needed, only which joint
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,9 +65,14 @@ def axis_curves(
         u_deg = np.degrees(np.nanmax([up[1:].std(axis=0), down[1:].std(axis=0)], axis=0))
         at_deg = np.degrees([q[rows, joint][number == k].mean() for k in range(count)])
         curves.append(AxisCurve(joint + 1, radius_mm, at_deg, np.degrees(up[0]), np.degrees(down[0]), u_deg))
-        both = _figures(joint + 1, up, down)
+        # As ISO 230-2:2014 has them: the mean reversal error, here positive where the joint lags behind, as with play;
+        # and the largest less the smallest error of both ways, the bidirectional systematic deviation E.
+        wide, ways = f"axis{joint + 1}_bidirectional_deg", np.concatenate([up, down], axis=-1)
+        both = {
+            f"axis{joint + 1}_reversal_deg": np.degrees(np.nanmean(down - up, axis=-1)),
+            wide: np.degrees(np.nanmax(ways, axis=-1) - np.nanmin(ways, axis=-1)),
+        }
         values, draws = ({name: figure[part] for name, figure in both.items()} for part in (0, slice(1, None)))
-        wide = f"axis{joint + 1}_bidirectional_deg"
         too_wide = {wide: max(float(draws[wide].mean() - values[wide]), 0.0)}
         figures |= figures_of(values, draws, len(rows), too_wide, excess_u=0.5)
     return tuple(curves), figures
@@ -87,8 +91,7 @@ def _alone(q: Array, sides: Integers, joint: int) -> Integers:
         return rows
     others = np.delete(q[rows], joint, axis=1)
     alike = (np.abs(others - stood).max(axis=1) < _SAME_RAD for stood in others)  # of many rows, one at a time
-    most: Integers = rows[max(alike, key=np.count_nonzero)]
-    return most
+    return np.asarray(rows[max(alike, key=np.count_nonzero)])
 
 
 def _numbered(angles: Array) -> Integers:
@@ -122,14 +125,3 @@ def _means(off: Array, number: Integers, kept: Array, count: int) -> Array:
     rows = share.sum(axis=0)
     weight = np.divide(share, rows, out=np.full(share.shape, np.nan), where=rows > 0)
     return np.asarray(off @ weight)
-
-
-def _figures(axis: int, up: Array, down: Array) -> Mapping[str, Array]:
-    """Return the figures (...,) in degrees of curves (..., k) rad by way, as ISO 230-2:2014 has them: the mean reversal
-    error, here positive where the joint lags behind, as with play; and the largest less the smallest error of both
-    ways, the bidirectional systematic deviation E."""
-    both = np.concatenate([up, down], axis=-1)
-    return {
-        f"axis{axis}_reversal_deg": np.degrees(np.nanmean(down - up, axis=-1)),
-        f"axis{axis}_bidirectional_deg": np.degrees(np.nanmax(both, axis=-1) - np.nanmin(both, axis=-1)),
-    }

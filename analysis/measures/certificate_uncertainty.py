@@ -9,7 +9,6 @@ another is left alone, since both have the same gauges.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 from analysis.measures.quantity import PLACE, Quantity
@@ -28,43 +27,37 @@ def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: 
     """Figures of a run with what its certificates leave uncertain added in quadrature."""
     if systematic == NO_CERTIFICATE or test in WITHOUT_GAUGES:
         return figures
-    of_test = _of_circle(figures, systematic, rig) if test in CIRCLES else _of_targets(figures, systematic)
-    return {name: replace(one, u=math.hypot(one.u, of_test(name, one))) for name, one in figures.items()}
+    u = _u_of_circle if test in CIRCLES else _u_of_targets
+    return {
+        name: replace(figure, u=math.hypot(figure.u, u(name, figures, systematic, rig)))
+        for name, figure in figures.items()
+    }
 
 
-def _of_circle(figures: Figures, systematic: Systematic, rig: Rig) -> Callable[[str, Quantity], float]:
-    """Standard uncertainty of each figure of a circle, in its unit."""
+def _u_of_circle(name: str, figures: Figures, systematic: Systematic, rig: Rig) -> float:
+    """Standard uncertainty of a figure of a circle, in its unit."""
+    if name.endswith(PLACE):
+        return 0.0  # a place on the circle, which follows from the shape of the curve and not its size
     gauges_mm = math.hypot(*systematic.gauge_mm)
     angle_rad, distance_mm = gauges_mm / rig.gauges.baseline_mm, gauges_mm / 2
-    radius_mm = rig.tests.circle.radius_mm if rig.tests.circle else 0.0
-
-    def u(name: str, figure: Quantity) -> float:
-        if name.endswith(PLACE):
-            return 0.0  # a place on the circle, which follows from the shape of the curve and not its size
-        if name == "shift_deg":
-            amplitude_rad = math.radians(abs(figures["amplitude_deg"].value))
-            return math.degrees(angle_rad / amplitude_rad) if amplitude_rad else 0.0
-        if figure.unit == "deg":
-            ends = 2 if name.startswith("range") else 1  # of the whole curve, whose two ends may be wrong oppositely
-            return ends * math.degrees(angle_rad)
-        if "eccentricity" in name:
-            by_angle = f"distance_{name}" in figures
-            return radius_mm * angle_rad if by_angle else distance_mm
-        return math.hypot(distance_mm, math.sqrt(2) * systematic.ball_mm)
-
-    return u
+    if name == "shift_deg":
+        amplitude_rad = math.radians(abs(figures["amplitude_deg"].value))
+        return math.degrees(angle_rad / amplitude_rad) if amplitude_rad else 0.0
+    if figures[name].unit == "deg":
+        ends = 2 if name.startswith("range") else 1  # of the whole curve, whose two ends may be wrong oppositely
+        return ends * math.degrees(angle_rad)
+    if "eccentricity" in name:
+        radius_mm = rig.tests.circle.radius_mm if rig.tests.circle else 0.0
+        return radius_mm * angle_rad if f"distance_{name}" in figures else distance_mm
+    return math.hypot(distance_mm, math.sqrt(2) * systematic.ball_mm)
 
 
-def _of_targets(figures: Figures, systematic: Systematic) -> Callable[[str, Quantity], float]:
-    """Standard uncertainty of each figure of a radial or repeatability test, mm."""
-    gauge_mm, ball_mm, link_mm = systematic.gauge_mm[0], systematic.ball_mm, systematic.link_mm
-
-    def u(name: str, figure: Quantity) -> float:
-        if name in _LENGTHS:
-            return math.hypot(gauge_mm, ball_mm, link_mm)
-        apart_mm = figures.get("held_band_mm", figure) if name.startswith("centre_") else figure
-        difference_mm = math.sqrt(2) * gauge_mm * min(1.0, abs(apart_mm.value) / _SHORTEST_MM)
-        about_ball = name.startswith(("centre_", "band", "held_band"))  # from targets that touch it elsewhere
-        return math.hypot(difference_mm, math.sqrt(2) * ball_mm if about_ball else 0.0)
-
-    return u
+def _u_of_targets(name: str, figures: Figures, systematic: Systematic, rig: Rig) -> float:
+    """Standard uncertainty of a figure of a radial or repeatability test, mm."""
+    gauge_mm, ball_mm = systematic.gauge_mm[0], systematic.ball_mm
+    if name in _LENGTHS:
+        return math.hypot(gauge_mm, ball_mm, systematic.link_mm)
+    apart = figures.get("held_band_mm", figures[name]) if name.startswith("centre_") else figures[name]
+    difference_mm = math.sqrt(2) * gauge_mm * min(1.0, abs(apart.value) / _SHORTEST_MM)
+    about_ball = name.startswith(("centre_", "band", "held_band"))  # from targets that touch it elsewhere
+    return math.hypot(difference_mm, math.sqrt(2) * ball_mm if about_ball else 0.0)

@@ -15,8 +15,8 @@ def hold_numbers(where: str, **columns: Array) -> None:
             continue
         bad = np.asarray(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
         if bad.all():
-            what = f"{name} holds no valid number in any of its {len(bad)} rows"
-            raise FileError(where, what, "check that its instrument measures and sends, and measure again")
+            problem = f"{name} holds no valid number in any of its {len(bad)} rows"
+            raise FileError(where, problem, "check that its instrument measures and sends, and measure again")
         row = int(np.argmax(bad)) + 1
         raise FileError(where, f"{name} of row {row} is not a number ({bad.sum()} such rows)", "remove such rows")
 
@@ -25,11 +25,8 @@ def hold_alive(where: str, **readings: Array) -> None:
     """Raises FileError where a gauge read the same all along: nothing real stands so still."""
     for name, values in readings.items():
         if len(values) > 1 and np.ptp(values) == 0:
-            raise FileError(
-                where,
-                f"{name} reads {values[0]:g} mm in all {len(values)} rows",
-                "check that the gauge touches and sends (a simulation needs noise), and measure again",
-            )
+            remedy = "check that the gauge touches and sends (a simulation needs noise), and measure again"
+            raise FileError(where, f"{name} reads {values[0]:g} mm in all {len(values)} rows", remedy)
 
 
 def hold_radius(where: str, radius_mm: float) -> None:

@@ -55,24 +55,23 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Di
     radius = acw.laps.frame.radius
     rng = np.random.default_rng(SEED)
     lag_s = rng.normal(0.0, max(acw.u_lag_s, cw.u_lag_s), DRAWS)
-    turned = [one.curve.turned(lag_s) for one in (acw, cw)] * 2
+    turned = [run.curve.turned(lag_s) for run in (acw, cw)] * 2
     scale, unscaled = 1.0 + rng.normal(0.0, acw.u_scale, DRAWS), np.ones(DRAWS)
 
     def drawn(about: Sequence[Array]) -> list[Array]:
-        scales = (scale, scale, unscaled, unscaled)
-        parts = zip(curves, about, turned, scales, strict=True)
-        return [curve.drawn(y, orders, one) for curve, y, orders, one in parts]
+        parts = zip(curves, about, turned, (scale, scale, unscaled, unscaled), strict=True)
+        return [curve.drawn(y, orders, factor) for curve, y, orders, factor in parts]
 
     samples = acw.samples + cw.samples
     calm = [*_calm(acw.curve, cw.curve), *_calm(acw.distance.curve, cw.distance.curve)]
-    found = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES, calm)
-    found |= _largest(curves, drawn([curve.y for curve in curves]), samples, found["hysteresis_mean_deg"].noise)
+    of_pair = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES, calm)
+    of_pair |= _largest(curves, drawn([curve.y for curve in curves]), samples, of_pair["hysteresis_mean_deg"].noise)
     for unit in ("deg", "mm"):
-        largest_name, mean = f"hysteresis_max_{unit}", abs(found[f"hysteresis_mean_{unit}"].value)
+        largest_name, mean = f"hysteresis_max_{unit}", abs(of_pair[f"hysteresis_mean_{unit}"].value)
         # What is taken off for the noise may be more than there is; no largest value is below the mean.
-        found[largest_name] = replace(found[largest_name], value=max(found[largest_name].value, mean))
+        of_pair[largest_name] = replace(of_pair[largest_name], value=max(of_pair[largest_name].value, mean))
     lag = lag_of([(curves[0], curves[1]), (curves[2], curves[3])], [radius, 1.0], samples)
-    return DirectionPair(found, lag)
+    return DirectionPair(of_pair, lag)
 
 
 def _largest(
@@ -80,13 +79,13 @@ def _largest(
 ) -> dict[str, Quantity]:
     """The largest hysteresis of angle and distance, and the place of that of the angle, of curves and their draws
     (DRAWS, NODES) in the order of figures_at."""
-    found = []
+    sizes = []
     for k, unit, scale in ((0, "deg", np.degrees(1.0)), (2, "mm", 1.0)):
         between = scale * at_resolution(curves[k].y - curves[k + 1].y)
         errors = scale * at_resolution(draws[k] - draws[k + 1]) - between
         blur = float(np.hypot(curves[k].blur, curves[k + 1].blur) / np.sqrt(2))
-        found += [replace(figure, noise=noise) for figure in largest(between, errors, blur, unit, samples)]
-    return dict(zip(("hysteresis_max_deg", "hysteresis_max_at_deg", "hysteresis_max_mm"), found, strict=False))
+        sizes += [replace(figure, noise=noise) for figure in largest(between, errors, blur, unit, samples)]
+    return dict(zip(("hysteresis_max_deg", "hysteresis_max_at_deg", "hysteresis_max_mm"), sizes, strict=False))
 
 
 def _calm(acw: LapCurve, cw: LapCurve) -> tuple[Array, Array]:
@@ -131,11 +130,11 @@ def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
     by_angle = acw.laps.frame.radius * np.array([-(acw.sine.a - cw.sine.a), acw.sine.b - cw.sine.b])
     size, seen = float(np.linalg.norm(moved)), float(np.linalg.norm(by_angle))
     power = np.abs(np.fft.rfft(acw.distance.curve.y - cw.distance.curve.y) / NODES)[1:] ** 2
-    alone = float(power[0] / max(power.sum(), 1e-30))
-    if seen > BALL_ELSEWHERE_MM and float(np.linalg.norm(by_angle - moved)) < _ALIKE * seen and alone > _MOSTLY:
+    first_share = float(power[0] / max(power.sum(), 1e-30))
+    if seen > BALL_ELSEWHERE_MM and float(np.linalg.norm(by_angle - moved)) < _ALIKE * seen and first_share > _MOSTLY:
         return seen
     # In roll the ball's place does not show in the angle's sine.
-    return size if size > BALL_ELSEWHERE_MM and alone > _ALONE and seen < 0.1 * size else 0.0
+    return size if size > BALL_ELSEWHERE_MM and first_share > _ALONE and seen < 0.1 * size else 0.0
 
 
 def _hold(acw: CircleResult, cw: CircleResult, where: str) -> None:
@@ -144,8 +143,8 @@ def _hold(acw: CircleResult, cw: CircleResult, where: str) -> None:
         raise FileError(
             where, f"are {directions[0]} and {directions[1]}", "give an acw run and a cw run, in this order"
         )
-    one, other = acw.laps.frame, cw.laps.frame
-    if abs(one.radius - other.radius) > 1e-6 or np.linalg.norm(one.centre - other.centre) > 1e-6:
+    circle, second = acw.laps.frame, cw.laps.frame
+    if abs(circle.radius - second.radius) > 1e-6 or np.linalg.norm(circle.centre - second.centre) > 1e-6:
         raise FileError(where, "were driven on different circles", "compare runs of one rig file")
     if moved_mm := ball_moved_mm(acw, cw):
         raise FileError(

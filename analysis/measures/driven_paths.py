@@ -66,7 +66,14 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
     whole = {name: [move for move in cycles if move.whole] for name, cycles in every.items()}
     whole = {name: cycles for name, cycles in whole.items() if cycles}
     if not set(whole) - {"back"}:
-        raise FileError(where, _nothing(moves, commands), "check its unit, the cube of the rig file, and the recording")
+        problem = "it has no moves between stands"
+        if moves:
+            problem = (
+                f"none of its {len(moves)} moves between stands is as long as a path of the cube: the longest is "
+                f"{max(move.length_mm for move in moves):.4g} mm, and a line would be "
+                f"{commands['line'].length_mm:.4g} mm"
+            )
+        raise FileError(where, problem, "check its unit, the cube of the rig file, and the recording")
     places = {name: [table.xyz_mm[move.first : move.last] for move in cycles] for name, cycles in whole.items()}
     T = _fitted(places, commands) if T_world_instrument is None else T_world_instrument
     paths: dict[PathName, Driven] = {}
@@ -81,7 +88,11 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
     if not paths:
         problem = "its tracker wrote too few places along each path to judge it"
         raise FileError(where, problem, "record more places a second")
-    _hold_near(paths, cube, where, fitted=T_world_instrument is None)
+    far_mm = max(float(np.median(np.linalg.norm(driven.off_mm, axis=2))) for driven in paths.values())
+    if far_mm > _FAR * cube.side_mm:
+        problem = f"its paths lie {far_mm:.3g} mm from those of the cube in the rig file"
+        or_else = "" if T_world_instrument is None else ", tests.iso9283.instrument and the tool"
+        raise FileError(where, problem, f"give the rig file of its program; check the cube{or_else}")
     torn = sum(not move.whole for cycles in every.values() for move in cycles)
     notes = [f"{torn} paths are left out, where the tracker wrote nothing for a while"] if torn else []
     if coarse:
@@ -95,8 +106,16 @@ def _sorted(
     """The moves of each path, in order of time."""
     cycles: dict[PathName, list[Moved]] = {}
     around: Array | None = None
+    lengths = {name: command.length_mm for name, command in commands.items()}
+    ends = {name: command.at(np.array([0.0, command.length_mm])) for name, command in commands.items()}
+    chords = {name: float(np.linalg.norm(end - start)) for name, (start, end) in ends.items()}
     for move in moves:
-        name = next((name for name, command in commands.items() if _is_of(move, command)), None)
+        fits = (
+            name
+            for name, length in lengths.items()
+            if abs(move.length_mm - length) < _LENGTH * length and abs(move.chord_mm - chords[name]) < _CHORD * length
+        )
+        name = next(fits, None)
         if name == "circle":
             away = table.xyz_mm[move.first : move.last]
             away = away - away.mean(axis=0)
@@ -106,23 +125,6 @@ def _sorted(
         if name is not None:
             cycles.setdefault(name, []).append(move)
     return cycles
-
-
-def _is_of(move: Moved, command: CommandPath) -> bool:
-    length = command.length_mm
-    chord = float(np.linalg.norm(np.diff(command.at(np.array([0.0, length])), axis=0)))
-    return abs(move.length_mm - length) < _LENGTH * length and abs(move.chord_mm - chord) < _CHORD * length
-
-
-def _nothing(moves: list[Moved], commands: Mapping[PathName, CommandPath]) -> str:
-    length = commands["line"].length_mm
-    if not moves:
-        return "it has no moves between stands"
-    longest = max(move.length_mm for move in moves)
-    return (
-        f"none of its {len(moves)} moves between stands is as long as a path of the cube: the longest is {longest:.4g} "
-        f"mm, and a line would be {length:.4g} mm"
-    )
 
 
 def _fitted(places: Mapping[PathName, list[Array]], commands: Mapping[PathName, CommandPath]) -> Array:
@@ -148,31 +150,17 @@ def _driven(command: CommandPath, places: list[Array], times: list[Array]) -> Dr
         return None
     edges = np.linspace(_ENDS, 1 - _ENDS, stations + 1) * command.length_mm
     off, speeds = [], []
+    at = (edges[1:] + edges[:-1]) / 2
     for cycle, t_s in zip(places, times, strict=True):
         s = command.nearest(cycle)
-        off.append(_at_stations(s, cycle - command.at(s), edges))
+        # Mean deviations between the edges; where nothing was written, between the neighbours.
+        number = np.searchsorted(edges, s, side="right") - 1
+        inside = (number >= 0) & (number < stations)
+        count = np.bincount(number[inside], minlength=stations)
+        sums = [np.bincount(number[inside], column, minlength=stations) for column in (cycle - command.at(s))[inside].T]
+        written = count > 0
+        means = [np.interp(at, at[written], total[written] / count[written]) for total in sums]
+        off.append(np.stack(means, axis=1))
         middle = np.flatnonzero((s > 0.25 * command.length_mm) & (s < 0.75 * command.length_mm))
         speeds.append((s[middle[-1]] - s[middle[0]]) / (t_s[middle[-1]] - t_s[middle[0]]))
-    return Driven(command, tuple(places), (edges[1:] + edges[:-1]) / 2, np.array(off), np.array(speeds))
-
-
-def _at_stations(s_mm: Array, off_mm: Array, edges: Array) -> Array:
-    """Mean deviations (m, 3) mm between edges (m + 1,) of deviations (n, 3) at s_mm (n,); where nothing was written,
-    between the neighbours."""
-    number = np.searchsorted(edges, s_mm, side="right") - 1
-    inside = (number >= 0) & (number < len(edges) - 1)
-    count = np.bincount(number[inside], minlength=len(edges) - 1)
-    sums = [np.bincount(number[inside], off_mm[inside, k], minlength=len(edges) - 1) for k in range(3)]
-    written = count > 0
-    middle = (edges[1:] + edges[:-1]) / 2
-    means = [total[written] / count[written] for total in sums]
-    return np.stack([np.interp(middle, middle[written], mean) for mean in means], axis=1)
-
-
-def _hold_near(paths: Mapping[PathName, Driven], cube: Cube, where: str, *, fitted: bool) -> None:
-    """Raises FileError where the paths are elsewhere than the cube."""
-    far = max(float(np.median(np.linalg.norm(driven.off_mm, axis=2))) for driven in paths.values())
-    if far > _FAR * cube.side_mm:
-        problem = f"its paths lie {far:.3g} mm from those of the cube in the rig file"
-        or_else = "" if fitted else ", tests.iso9283.instrument and the tool"
-        raise FileError(where, problem, f"give the rig file of its program; check the cube{or_else}")
+    return Driven(command, tuple(places), at, np.array(off), np.array(speeds))

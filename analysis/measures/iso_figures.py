@@ -18,8 +18,7 @@ def rp(x: Array) -> Array:
     """ISO 9283, 7.2.2, position repeatability (...,) mm of attained points x (..., n, d) mm, NaN where one is missing:
     mean + 3 S of their distances from their barycentre, S with n - 1."""
     away = np.linalg.norm(x - np.nanmean(x, axis=-2, keepdims=True), axis=-1)
-    value: Array = np.nanmean(away, axis=-1) + 3.0 * np.nanstd(away, axis=-1, ddof=1)
-    return value
+    return np.asarray(np.nanmean(away, axis=-1) + 3.0 * np.nanstd(away, axis=-1, ddof=1))
 
 
 def reversal(x: Array) -> dict[str, Array]:

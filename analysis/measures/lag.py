@@ -45,7 +45,13 @@ def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float]
 
     radii_mm: of each kind, what turns a move of the ball into its unit: 1 for a distance, the circle's for an angle.
     """
-    kinds = [_evidence(acw, cw, _MOVED_MM / radius) for (acw, cw), radius in zip(pairs, radii_mm, strict=True)]
+    kinds = []
+    for (acw, cw), radius_mm in zip(pairs, radii_mm, strict=True):
+        forth, back = _harmonics(acw.y), _harmonics(cw.y)
+        speed, moved = abs(acw.rate) + abs(cw.rate), _MOVED_MM / radius_mm
+        drawn = sum(np.mean(np.abs(_harmonics(curve.errors)) ** 2, axis=0) / 2 for curve in (acw, cw))
+        of_lag = -speed * 1j * _HARMONICS * (forth + back) / 2
+        kinds.append(_Evidence(forth - back, of_lag, (moved / _HARMONICS) ** 2 + drawn))
     spreads = [0.0] * len(kinds)
     value_s = u_s = 0.0
     for _ in range(_ROUNDS):
@@ -55,24 +61,13 @@ def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float]
         if not information > 0:
             return Quantity(0.0, float("inf"), "ms", samples)
         value_s, u_s = pull / information, information**-0.5
-        spreads = [_spread(kind, value_s) for kind in kinds]
+        # The variance of the first harmonic of what reverses without being a lag.
+        beyond = [np.abs(kind.between - value_s * kind.of_lag) ** 2 / 2 - kind.noise for kind in kinds]
+        spreads = [float((np.maximum(power, 0.0) * _HARMONICS**2).mean()) for power in beyond]
     return Quantity(1e3 * value_s, 1e3 * u_s, "ms", samples)
-
-
-def _evidence(acw: LapCurve, cw: LapCurve, moved: float) -> _Evidence:
-    there, back = _harmonics(acw.y), _harmonics(cw.y)
-    speed = abs(acw.rate) + abs(cw.rate)
-    noise = (moved / _HARMONICS) ** 2 + sum(np.mean(np.abs(_harmonics(c.errors)) ** 2, axis=0) / 2 for c in (acw, cw))
-    return _Evidence(there - back, -speed * 1j * _HARMONICS * (there + back) / 2, noise)
 
 
 def _harmonics(y: Array) -> Complex:
     """(..., h) complex of curves (..., NODES): y = sum of their real parts, each times exp(i h phi)."""
     both: Complex = 2 * np.fft.rfft(y)[..., _HARMONICS] / NODES
     return both
-
-
-def _spread(kind: _Evidence, lag_s: float) -> float:
-    """Variance of the first harmonic of what reverses without being a lag."""
-    left = np.abs(kind.between - lag_s * kind.of_lag) ** 2 / 2 - kind.noise
-    return float((np.maximum(left, 0.0) * _HARMONICS**2).mean())

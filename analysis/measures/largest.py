@@ -35,22 +35,14 @@ def largest(curve: Array, errors: Array, blur: float, unit: str, samples: int) -
     lost = max(level - float(np.abs(blurred(flat, blur)).max()), 0.0)
     again = np.abs(flat + errors)
     u = float(np.sqrt(from_draws(0.0, again.max(axis=1), unit).u ** 2 + (RANGE_U * (top - level)) ** 2 + lost**2))
-    at, drawn = np.degrees(PHI), _places(curve, flat, errors)
-    place = figures_of({PLACE: float(at[peak])}, {PLACE: at[drawn]}, samples)[PLACE]
-    return Quantity(level + lost, u, unit, samples), place
-
-
-def _places(curve: Array, flat: Array, errors: Array) -> Array:
-    """Nodes (m,) at which a curve (NODES,), of which `flat` is as much as stands no higher than its level, may have its
-    largest size: those that lie no further below its maximum than one place of a plateau may be read."""
-    peak = int(np.argmax(np.abs(curve)))
-    size = np.abs(curve)
+    # Nodes may have the largest size that lie no further below the maximum than one place of a plateau may be read.
     for _ in range(_ROUNDS):
-        again = np.abs(flat + errors)
         below = float(np.quantile(again.max(axis=1) - again[:, peak], _SURE))
-        flat = np.where(size >= size[peak] - below, np.abs(flat[peak]) * np.sign(curve), flat)
-    found: Array = np.abs(flat + errors).argmax(axis=1)
-    return found
+        flat = np.where(np.abs(curve) >= top - below, np.abs(flat[peak]) * np.sign(curve), flat)
+        again = np.abs(flat + errors)
+    at = np.degrees(PHI)
+    place = figures_of({PLACE: float(at[peak])}, {PLACE: at[again.argmax(axis=1)]}, samples)[PLACE]
+    return Quantity(level + lost, u, unit, samples), place
 
 
 def _level(curve: Array, errors: Array) -> float:

@@ -73,8 +73,7 @@ class Sine:
 
     def __call__(self, phi: Array) -> Array:
         """Its value (n,) at phi (n,)."""
-        values: Array = self.A + self.a * np.sin(phi) + self.b * np.cos(phi)
-        return values
+        return np.asarray(self.A + self.a * np.sin(phi) + self.b * np.cos(phi))
 
     @property
     def amplitude(self) -> float:
@@ -154,7 +153,7 @@ class AngleTest:
 
     def figures_at(self, y: Array, radius_mm: float) -> dict[str, Array]:
         """The plain figures (...,) of all measures, from angles y (..., NODES) rad."""
-        return {name: value for one in self.measures for name, value in one.figures_at(y, radius_mm).items()}
+        return {name: value for measure in self.measures for name, value in measure.figures_at(y, radius_mm).items()}
 
     def evaluate(
         self,
@@ -185,14 +184,14 @@ class AngleTest:
         def drawn(curves: Sequence[Array]) -> list[Array]:
             return [curve.drawn(curves[0], turned, scale)]
 
-        ranges = frozenset[str]().union(*(one.ranges for one in self.measures))
-        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, run.samples, ranges)
+        ranges = frozenset[str]().union(*(measure.ranges for measure in self.measures))
+        of_angle = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, run.samples, ranges)
         sine = Sine(*(float(part) for part in sine_of(curve.y)))
         residual = at_resolution(curve.y - sine(PHI))
         distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
         notes = (*laps.notes, *run.notes, *_about_noise(curve))
         count = run.samples
-        result = CircleResult(laps, curve.y, residual, sine, found, count, notes, curve, distance, u_lag_s, u_scale)
+        result = CircleResult(laps, curve.y, residual, sine, of_angle, count, notes, curve, distance, u_lag_s, u_scale)
         return replace(result, notes=(*notes, *self.notes_of(result)))
 
     def plain_figures(self, phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
@@ -205,16 +204,14 @@ def _about_noise(curve: LapCurve) -> tuple[str, ...]:
     """Where the noise is not from laps of this run, and what happened between its laps, in words."""
     if curve.slips:
         sizes = ", ".join(f"{np.degrees(slip):+.4f}°" for slip in curve.slips)
-        return (
-            f"the angle steps by {sizes} between laps, which is more than noise and drift explain: check the clamps",
-        )
+        why = "which is more than noise and drift explain: check the clamps"
+        return (f"the angle steps by {sizes} between laps, {why}",)
     match curve.noise.source:
         case "borrowed":
             return ("the run has one lap: its slow noise is taken from another run of this cell, at an unknown level",)
         case "assumed":
-            return (
-                "the run has one lap, which cannot show slow noise: the noise of real cells is assumed; drive two laps",
-            )
+            why = "the noise of real cells is assumed; drive two laps"
+            return (f"the run has one lap, which cannot show slow noise: {why}",)
     return ()
 
 
@@ -249,8 +246,7 @@ def error_of(y: Array) -> tuple[Array, Array]:
 
 
 def _sines(A: Array, a: Array, b: Array) -> Array:
-    values: Array = A[..., None] + a[..., None] * np.sin(PHI) + b[..., None] * np.cos(PHI)
-    return values
+    return np.asarray(A[..., None] + a[..., None] * np.sin(PHI) + b[..., None] * np.cos(PHI))
 
 
 def _hold(laps: Laps, baseline_mm: float, where: str) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.geometry.circle import SENSE, CircleFrame, frame_of
+from analysis.geometry.circle import SENSE, frame_of
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, Integers, arm_of
 from analysis.measures.reduction import HatSums, LapRows, Reduced, base_of, of_rows, place_of, slopes_of, wild_of
@@ -102,7 +102,25 @@ def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
         pieces = list(_pieces(directory, run, rig))
     except (FileError, _AsAWhole):
         return None  # the whole run says what is wrong with it, and in which row
-    return _together(run, rig, beforehand, pieces)
+    parts = [piece.rows for piece in pieces if piece.rows is not None]
+    if not parts:
+        return None
+    first_ns, rows = parts[0].shown.t_s[0], [part.count for part in parts]
+    tables = [part.shown for part in parts]
+    t_s = (np.concatenate([table.t_s for table in tables]) - first_ns) / 1e9
+    q, g_mm = (np.concatenate([getattr(table, name) for table in tables]) for name in ("q", "g_mm"))
+    u_t_s = np.concatenate([table.u_t_s for table in tables if table.u_t_s is not None])
+    table = CircleTable(tables[0].test, tables[0].direction, t_s, q, g_mm, u_t_s)
+    laps = laps_of(table, rig, str(path))
+    seen = {name: reduce(Seen.then, (piece.seen[name] for piece in pieces)) for name in pieces[0].seen}
+    beyond = {name: sum(part.beyond[name] for part in parts) for name in parts[0].beyond}
+    doubts = doubts_of(seen, rows_of_gauge(manifest)) + beyond_certificates(rig, beyond, sum(rows))
+    u_lag_s = float(np.sqrt(np.average([part.u_lag_s**2 for part in parts], weights=rows)))
+    shown = [piece.robot for piece in pieces if piece.robot]
+    robot = {name: np.concatenate([columns[name] for columns in shown]) for name in (shown[0] if shown else ())}
+    condition = condition_of(robot) if robot else NOT_SHOWN
+    measured = measured_as(run, rig, table, u_lag_s, [*beforehand, *doubts], condition)
+    return measured, of_rows(laps, _rows_in(laps, parts, first_ns, np.radians(circle_of(rig).start_deg)))
 
 
 class _AsAWhole(Exception):
@@ -126,35 +144,12 @@ def _pieces(directory: Path, run: Run, rig: Rig) -> Iterator[_Piece]:
         taken += rows.count
 
 
-def _together(
-    run: Run, rig: Rig, beforehand: Sequence[str], pieces: Sequence[_Piece]
-) -> tuple[Measured, Reduced] | None:
-    """The run and its readings. Raises FileError where it holds no laps."""
-    parts = [piece.rows for piece in pieces if piece.rows is not None]
-    if not parts:
-        return None
-    first_ns, rows = parts[0].shown.t_s[0], [part.count for part in parts]
-    tables = [part.shown for part in parts]
-    t_s = (np.concatenate([table.t_s for table in tables]) - first_ns) / 1e9
-    q, g_mm = (np.concatenate([getattr(table, name) for table in tables]) for name in ("q", "g_mm"))
-    u_t_s = np.concatenate([table.u_t_s for table in tables if table.u_t_s is not None])
-    table = CircleTable(tables[0].test, tables[0].direction, t_s, q, g_mm, u_t_s)
-    laps = laps_of(table, rig, str(run.path))
-    seen = {name: reduce(Seen.then, (piece.seen[name] for piece in pieces)) for name in pieces[0].seen}
-    beyond = {name: sum(part.beyond[name] for part in parts) for name in parts[0].beyond}
-    doubts = doubts_of(seen, rows_of_gauge(run.manifest)) + beyond_certificates(rig, beyond, sum(rows))
-    u_lag_s = float(np.sqrt(np.average([part.u_lag_s**2 for part in parts], weights=rows)))
-    shown = [piece.robot for piece in pieces if piece.robot]
-    robot = {name: np.concatenate([columns[name] for columns in shown]) for name in (shown[0] if shown else ())}
-    condition = condition_of(robot) if robot else NOT_SHOWN
-    measured = measured_as(run, rig, table, u_lag_s, [*beforehand, *doubts], condition)
-    return measured, of_rows(laps, _rows_in(laps, parts, first_ns, np.radians(circle_of(rig).start_deg)))
-
-
 def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
     """What the rows of a part come to. taken: rows of the parts before."""
     circle, total, inside = circle_of(rig), rows_of_gauge(manifest), joined.inside
-    phi, g_mm = _angles(joined, frame_of(circle), rig), joined.g_mm
+    q, g_mm = joined.robot.values, joined.g_mm
+    of_robot = frame_of(circle).angle(places_along(arm_of(rig.robot), q, np.arange(len(q))))
+    phi = np.interp(joined.rows_ns, joined.robot.ns, of_robot)  # between those of the robot on a line
     lap = np.floor((phi - phi.min()) / (2 * np.pi)).astype(np.int64)
     wild = wild_of(phi, g_mm - g_mm.mean(axis=0), lap, _ROUNDS)[:, inside]
     is_new = (np.diff(g_mm, axis=0, prepend=np.nan) != 0)[inside]
@@ -175,13 +170,6 @@ def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
     )
 
 
-def _angles(joined: Joined, frame: CircleFrame, rig: Rig) -> Array:
-    """Circle angles (n,) rad of the rows: between those of the robot on a line."""
-    q = joined.robot.values
-    of_robot = frame.angle(places_along(arm_of(rig.robot), q, np.arange(len(q))))
-    return np.interp(joined.rows_ns, joined.robot.ns, of_robot)
-
-
 def _stretches(phi: Array, g_mm: Array, marks: Mask, slot: Integers, start: float) -> tuple[Integers, Integers, Array]:
     """The first rows (m,) of stretches of rows in one slot of time, their cells (m,) and their sums (m, len(_SUMS)).
 
@@ -196,23 +184,17 @@ def _stretches(phi: Array, g_mm: Array, marks: Mask, slot: Integers, start: floa
         changes = np.append(0, np.flatnonzero(np.diff(key)) + 1)
         firsts.append(begin + changes)
         keys.append(key[changes])
-        sums.append(np.add.reduceat(_summed_rows(share, g_mm[rows], marks[:, rows]), changes, axis=1))
+        summed, back, square = np.empty((len(_SUMS), len(share))), 1 - share, share**2
+        summed[:5] = back**2, share * back, square, square * share, square**2
+        summed[5:7], summed[7:9] = back * g_mm[rows].T, share * g_mm[rows].T
+        if marks[:2, rows].any():
+            summed[: len(_HATS)] *= ~marks[:2, rows].any(axis=0)
+        summed[9], summed[10:] = 1.0, marks[:, rows]
+        sums.append(np.add.reduceat(summed, changes, axis=1))
     key, first, stretch = np.unique(np.concatenate(keys), return_index=True, return_inverse=True)
     columns = np.concatenate(sums, axis=1)
     together = np.stack([np.bincount(stretch, column).astype(np.float64) for column in columns], axis=1)
     return np.concatenate(firsts)[first], key % (2 * NODES), together
-
-
-def _summed_rows(share: Array, g_mm: Array, marks: Mask) -> Array:
-    """What is summed, (len(_SUMS), n), of readings (n, 2) at a share (n,) of the way to the next node; marks (4, n)."""
-    sums = np.empty((len(_SUMS), len(share)))
-    back, square = 1 - share, share**2
-    sums[:5] = back**2, share * back, square, square * share, square**2
-    sums[5:7], sums[7:9] = back * g_mm.T, share * g_mm.T
-    if marks[:2].any():
-        sums[: len(_HATS)] *= ~marks[:2].any(axis=0)
-    sums[9], sums[10:] = 1.0, marks
-    return sums
 
 
 def _shown_of_robot(part: Part, manifest: Manifest) -> dict[str, Array]:

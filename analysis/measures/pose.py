@@ -154,8 +154,8 @@ def evaluate(
             turned = np.degrees(_padded(twisted, group, again))
             turn = scatter_of(turned, 0.0)
             figures |= of_scatter(turn_figures, turned, turn)
-        figures, said = _with_frame(figures, instrument, int(group.max()) + 1)
-        figures, notes = figures | distance_figures(pose, table.xyz_mm, cube), [*notes, *said]
+        figures, of_frame = _with_frame(figures, instrument, int(group.max()) + 1)
+        figures, notes = figures | distance_figures(pose, table.xyz_mm, cube), [*notes, *of_frame]
     figures = _position_figures(position, setup, _noise(place, group, again, u_mm, TARGET_MM)) | figures
     if rotation is not None:
         of_turn = _noise(turn, group, again, np.nan)
@@ -178,8 +178,8 @@ def _in_frame(arm: Arm, table: PoseTable, instrument: Instrument) -> tuple[Array
     place = table.xyz_mm @ to_base[:3, :3].T + to_base[:3, 3] - T[:, :3, 3]
     if table.rpy is None:
         return place, None
-    known = PoseSetUp(np.asarray(np.linalg.inv(to_base), dtype=float), np.eye(4), np.empty((0, 9)))
-    return place, _turns_left(T, _turns_seen(table.rpy, known), np.eye(3))
+    setup = PoseSetUp(np.asarray(np.linalg.inv(to_base), dtype=float), np.eye(4), np.empty((0, 9)))
+    return place, _turns_left(T, _turns_seen(table.rpy, setup), np.eye(3))
 
 
 def _with_frame(
@@ -191,11 +191,10 @@ def _with_frame(
         few = "AP is what a best fit of the tracker's frame to these poses leaves, which is less than ISO 9283 asks"
         remedy = "give tests.iso9283.instrument, a frame that was measured by itself"
         return figures, [f"{few}; {remedy}"] * (poses <= _FEW_POSES)
-    known = {
-        name: replace(one, u=float(np.hypot(one.u, instrument.u_mm))) if name[:3] == "ap_" and one.unit == "mm" else one
-        for name, one in figures.items()
-    }
-    return known, ["AP is by the tool and the tracker's frame of the rig file; rms and mean of all poses are fitted"]
+    of_places = [name for name, figure in figures.items() if name[:3] == "ap_" and figure.unit == "mm"]
+    for name in of_places:
+        figures[name] = replace(figures[name], u=float(np.hypot(figures[name].u, instrument.u_mm)))
+    return figures, ["AP is by the tool and the tracker's frame of the rig file; rms and mean of all poses are fitted"]
 
 
 def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Array | None]:
@@ -318,16 +317,15 @@ def turn_figures(x: Array) -> dict[str, Array]:
 def _thrice(x: Array) -> NDArray[np.bool_]:
     """Which groups (g,) of (..., g, n, 3) have three visits or more."""
     counts = np.isfinite(x[..., 0]).sum(axis=-1)
-    thrice: NDArray[np.bool_] = counts.reshape(-1, counts.shape[-1])[0] >= 3
-    return thrice
+    return np.asarray(counts.reshape(-1, counts.shape[-1])[0] >= 3)
 
 
 def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -> Array:
     """(groups, 3, visits), NaN where one is missing."""
     visits = [values[group == number] for number in again]
     x = np.full((len(again), 3, max(map(len, visits))), np.nan)
-    for row, found in enumerate(visits):
-        x[row, :, : len(found)] = found.T
+    for row, of_group in enumerate(visits):
+        x[row, :, : len(of_group)] = of_group.T
     return x
 
 
@@ -352,8 +350,7 @@ def _turns_left(T: Array, seen: Rotation, R_tool: Array) -> Array:
     """Rotation vectors (n, 3) rad from flanges T (n, 4, 4) with a tool turned by R_tool (3, 3) to what was seen."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
-    left: Array = (seen * (Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(R_tool)).inv()).as_rotvec()
-    return left
+    return np.asarray((seen * (Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(R_tool)).inv()).as_rotvec())
 
 
 def _blind(setup: PoseSetUp) -> tuple[str, ...]:
@@ -412,8 +409,15 @@ class Pose(PlaceKind[PoseTable]):
         return np.asarray(far | lost[1:] | lost[:-1])
 
     def averaged(self, table: PoseTable, first: Mask, mean: Callable[[Array], Array]) -> PoseTable:
-        rpy = None if table.rpy is None else _mean_turns(table.rpy, first)
-        return replace(super().averaged(table, first, mean), rpy=rpy, row=table.rows[first])
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+        averaged = replace(super().averaged(table, first, mean), row=table.rows[first])
+        if table.rpy is None:
+            return averaged
+        turns, stand = table.rpy[first].copy(), np.cumsum(first) - 1
+        for number in np.flatnonzero(np.bincount(stand) > 1).tolist():
+            turns[number] = Rotation.from_euler("xyz", table.rpy[stand == number]).mean().as_euler("xyz")
+        return replace(averaged, rpy=turns)
 
     def unit_findings(self, table: PoseTable, rig: Rig, T_tool: Array) -> Iterator[Finding]:
         yield from rail_findings(table, rig)
@@ -445,18 +449,7 @@ class Pose(PlaceKind[PoseTable]):
 
     def lost(self, table: PoseTable) -> Mask:
         """Places 0, 0, 0, as a tracker writes that lost its target."""
-        lost: Mask = (table.xyz_mm == 0).all(axis=1)
-        return lost
-
-
-def _mean_turns(rpy: Array, first: Mask) -> Array:
-    """Mean turns (s, 3) rad of rpy (n, 3) rad over each stand, which begins at the rows first (n,)."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-    means, stand = rpy[first].copy(), np.cumsum(first) - 1
-    for number in np.flatnonzero(np.bincount(stand) > 1).tolist():
-        means[number] = Rotation.from_euler("xyz", rpy[stand == number]).mean().as_euler("xyz")
-    return means
+        return np.asarray((table.xyz_mm == 0).all(axis=1))
 
 
 KIND = Pose("pose")

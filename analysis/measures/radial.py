@@ -79,10 +79,10 @@ class Cells:
     @property
     def rounds(self) -> bool:
         """Whether the visits of a target lie apart, as where the whole program was driven again."""
-        there = np.isfinite(self.t_s)
-        first = np.where(there, self.t_s, np.inf).min(axis=-1)
-        last = np.where(there, self.t_s, -np.inf).max(axis=-1)
-        apart = (last - first)[there.any(axis=-1)]
+        timed = np.isfinite(self.t_s)
+        first = np.where(timed, self.t_s, np.inf).min(axis=-1)
+        last = np.where(timed, self.t_s, -np.inf).max(axis=-1)
+        apart = (last - first)[timed.any(axis=-1)]
         return bool(np.median(apart) > _APART * (last.max() - first.min()))
 
     def only(self, rows: NDArray[np.bool_]) -> Cells:
@@ -108,8 +108,7 @@ class RadialResult:
     @property
     def deviation_mm(self) -> Array:
         """Distance (t,) of all targets from the least-squares sphere, positive outwards."""
-        away: Array = np.linalg.norm(self.points - self.free.centre, axis=1) - self.free.radius
-        return away
+        return np.asarray(np.linalg.norm(self.points - self.free.centre, axis=1) - self.free.radius)
 
     @property
     def as_curve(self) -> RadialCurve:
@@ -179,7 +178,17 @@ def _figures(cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, r
     values = {name: float(drawn[name].mean()) if name in _RANGES else value for name, value in plain.items()}
     figures = {name: Quantity(value, half_width(drawn[name] - value), "mm", samples) for name, value in values.items()}
     figures = {name: replace(figure, noise=scatter.noise) for name, figure in figures.items()}
-    return figures | _repeatability(cells, scatter)
+    # RP along the radius, by ISO 9283, 7.2.2, of the poses as they were attained: a drift between the visits is in it.
+    often = np.isfinite(cells.g_mm).sum(axis=-1) >= _RP_VISITS
+    if not often.any():
+        return figures
+
+    def largest_and_mean(readings: Array) -> dict[str, Array]:
+        repeat = rp(readings[..., often, :, None])
+        return {"rp_mm": repeat.max(axis=-1), "rp_mean_mm": repeat.mean(axis=-1)}
+
+    x = np.where(often[..., None], cells.g_mm, np.nan)
+    return figures | of_scatter(largest_and_mean, x, scatter, scatter.drift_mm)
 
 
 def _plain(
@@ -208,27 +217,11 @@ def _plain(
     return figures
 
 
-def _repeatability(cells: Cells, scatter: Scatter) -> dict[str, Quantity]:
-    """RP along the radius where there are three visits or more; its uncertainty as in the repeatability test.
-
-    By ISO 9283, 7.2.2, it is of the poses as they were attained: a drift between the visits is in it.
-    """
-    often = np.isfinite(cells.g_mm).sum(axis=-1) >= _RP_VISITS
-    if not often.any():
-        return {}
-    x = np.where(often[..., None], cells.g_mm, np.nan)
-
-    def largest_and_mean(readings: Array) -> dict[str, Array]:
-        found = rp(readings[..., often, :, None])
-        return {"rp_mm": found.max(axis=-1), "rp_mean_mm": found.mean(axis=-1)}
-
-    return of_scatter(largest_and_mean, x, scatter, scatter.drift_mm)
-
-
 def _cells(table: RadialTable, where: str) -> Cells:
     targets, row = np.unique(table.target, return_inverse=True)
     orientations, column = np.unique(table.orientation, return_inverse=True)
-    direction = _direction(table.polar, table.azimuth)
+    sine, cosine = np.sin(table.polar), np.cos(table.polar)
+    direction = np.stack([sine * np.cos(table.azimuth), sine * np.sin(table.azimuth), cosine], axis=1)
     first = np.array([direction[row == k][0] for k in range(len(targets))])
     moved = np.linalg.norm(direction - first[row], axis=1) > 1e-3
     if moved.any():
@@ -240,68 +233,52 @@ def _cells(table: RadialTable, where: str) -> Cells:
     for k, place in enumerate(zip(row.tolist(), column.tolist(), strict=True)):
         visits.setdefault(place, []).append(k)
     g_mm = np.full((len(targets), len(orientations), max(map(len, visits.values()))), np.nan)
-    t_s, times = g_mm.copy(), _times(table.t_s)
+    t_s, times = g_mm.copy(), table.t_s if _has_time(table.t_s) else np.arange(len(table.t_s), dtype=float)
     for (target, orientation), rows in visits.items():
         g_mm[target, orientation, : len(rows)] = table.g_mm[rows]
         t_s[target, orientation, : len(rows)] = times[rows]
     return Cells(targets, first, g_mm, t_s)
 
 
-def _times(t_s: Array) -> Array:
-    """Times (n,) of the rows; of a table without time, their numbers."""
-    return t_s if _has_time(t_s) else np.arange(len(t_s), dtype=float)
-
-
 def _has_time(t_s: Array) -> bool:
     return bool(np.ptp(t_s) > 0)
 
 
-def _direction(polar: Array, azimuth: Array) -> Array:
-    """Unit vectors (n, 3) in the hemisphere's frame."""
-    return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1)
-
-
 def _mean(x: Array) -> Array:
     """Mean over the last axis of what is there; NaN, without a warning, where nothing is."""
-    there = np.isfinite(x)
-    count = there.sum(axis=-1)
-    values: Array = np.where(count > 0, np.where(there, x, 0.0).sum(axis=-1) / np.maximum(count, 1), np.nan)
-    return values
+    measured = np.isfinite(x)
+    count = measured.sum(axis=-1)
+    return np.where(count > 0, np.where(measured, x, 0.0).sum(axis=-1) / np.maximum(count, 1), np.nan)
 
 
 def _missing(cells: Cells, expected: Collection[int], orientations: int) -> tuple[str, ...]:
     notes = []
-    wanted = set(expected) or set(range(1, int(cells.target.max()) + 1))
-    missing = sorted(wanted - set(cells.target.tolist()))
-    if missing:
-        notes.append(f"target {listed(missing)} missing: {len(cells.target)} of {len(wanted)} measured")
-    partial = cells.target[np.isnan(cells.by_orientation).any(axis=1)].tolist()
-    if partial:
-        notes.append(f"not all {cells.g_mm.shape[1]} orientations were measured at target {listed(partial)}")
-    have = cells.g_mm.shape[1]
+    targets, have = len(cells.target), cells.g_mm.shape[1]
+    numbers = set(expected) or set(range(1, int(cells.target.max()) + 1))
+    if missing := sorted(numbers - set(cells.target.tolist())):
+        notes.append(f"target {listed(missing)} missing: {targets} of {len(numbers)} measured")
+    if partial := cells.target[np.isnan(cells.by_orientation).any(axis=1)].tolist():
+        notes.append(f"not all {have} orientations were measured at target {listed(partial)}")
     if have < orientations:
-        notes.append(
-            f"{have} of {orientations} orientations measured{', so their range is not reported' if have == 1 else ''}"
-        )
+        without = ", so their range is not reported" if have == 1 else ""
+        notes.append(f"{have} of {orientations} orientations measured{without}")
     return tuple(notes)
 
 
 def _left_out(cells: Cells, far: NDArray[np.bool_], readings: Array, free: Sphere) -> tuple[str, ...]:
     """readings (t, o, 3) mm from the ball."""
     off = np.linalg.norm(readings - free.centre, axis=-1) - free.radius
-    rest = float(np.nanmax(np.abs(off[~far])))
+    most = float(np.nanmax(np.abs(off[~far])))
     return tuple(
         f"target {cells.target[k]} left out: a reading {off[k, np.nanargmax(np.abs(off[k]))]:+.3f} mm off the sphere, "
-        f"those of the others within {rest:.3f} mm"
+        f"those of the others within {most:.3f} mm"
         for k in np.flatnonzero(far)
     )
 
 
 def _unknown(free: Sphere) -> tuple[str, ...]:
-    if not free.unknown:
-        return ()
-    what = f"{', '.join(free.unknown)} left out: these targets, near one plane or place, do not determine them"
-    return (f"{what}; measure at more polar angles",)
+    why = "these targets, near one plane or place, do not determine them; measure at more polar angles"
+    return (f"{', '.join(free.unknown)} left out: {why}",) if free.unknown else ()
 
 
 def _hold(table: RadialTable, radius_mm: float, where: str) -> None:

@@ -73,17 +73,28 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     targets; rp_mm and rp_mean_mm (ISO 9283, within one side); r_out_mm (↓), r_in_mm (↑), r_mm, reversal_mm (largest
     |B|) and reversal_mean_mm (mean B = mean from inside less mean from outside), ISO 230-2. Raises FileError.
     """
-    _hold(table, where)
+    if len(table.g_mm) == 0:
+        raise FileError(where, "has no rows", "give a table with readings")
+    hold_numbers(where, g1_mm=table.g_mm)
+    hold_alive(where, g1_mm=table.g_mm)
+    if unknown := sorted({str(name) for name in table.approach} - {"none", *SIDES}):
+        remedy = "write out, in or none, the side that the tool came from"
+        raise FileError(where, f"approach {unknown[0]!r} is not a side", remedy)
     targets, x, notes = _sides(table, where)
     scatter = scatter_of(x, u_mm, step_mm=step_of_stops(table.g_mm)) if u_mm > 0 else None
     figures = of_scatter(plain_figures, x, scatter) if scatter else exact(plain_figures, x)
-    notes += _wild(targets, x) + _few(x) + assumed(scatter) + coarse(scatter)
+    notes += _wild(targets, x)
+    least = int(np.isfinite(x).sum(axis=-1).min())
+    standards = (("ISO 230-2", RANGE_VISITS), ("ISO 9283", RP_VISITS))
+    if asked := ", ".join(f"{name} asks {count}" for name, count in standards if least < count):
+        notes += (f"{least} readings a side; {asked}",)
+    notes += assumed(scatter) + coarse(scatter)
     return RepeatabilityResult(targets, x, figures, int(np.isfinite(x).sum()), notes)
 
 
 def plain_figures(x: Array) -> dict[str, Array]:
     """The figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN where one is missing."""
-    uni, bi, repeat = _range(x), _range(_both(x)), rp(x[..., None])
+    uni, bi, repeat = _range(x), _range(x.reshape(*x.shape[:-2], -1)), rp(x[..., None])
     return {
         "uni_mm": uni.max(axis=(-2, -1)),
         "uni_mean_mm": uni.mean(axis=(-2, -1)),
@@ -95,13 +106,8 @@ def plain_figures(x: Array) -> dict[str, Array]:
     }
 
 
-def _both(x: Array) -> Array:
-    return x.reshape(*x.shape[:-2], -1)
-
-
 def _range(x: Array) -> Array:
-    values: Array = np.nanmax(x, axis=-1) - np.nanmin(x, axis=-1)
-    return values
+    return np.asarray(np.nanmax(x, axis=-1) - np.nanmin(x, axis=-1))
 
 
 def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tuple[str, ...]]:
@@ -113,11 +119,8 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
     }
     kept = [target for target, sides in cells.items() if min(len(side) for side in sides) >= 2]
     if not kept:
-        raise FileError(
-            where,
-            "no target was read twice from each side",
-            "approach each target three times from outside and from inside",
-        )
+        remedy = "approach each target three times from outside and from inside"
+        raise FileError(where, "no target was read twice from each side", remedy)
     width = max(len(side) for target in kept for side in cells[target])
     x = np.full((len(kept), 2, width), np.nan)
     for row, target in enumerate(kept):
@@ -134,9 +137,9 @@ def _wild(targets: Integers, x: Array) -> tuple[str, ...]:
     """Name the reading of x (targets, 2, n) mm that is furthest from its like, where no robot scatters so; it stays in
     the figures, since the standards leave none out."""
     away = np.abs(x - np.nanmedian(x, axis=-1, keepdims=True))
-    known = np.isfinite(away)
+    measured = np.isfinite(away)
     spreads = np.zeros(x.shape)
-    spreads[known] = spreads_of(away[known], TARGET_MM.high)
+    spreads[measured] = spreads_of(away[measured], TARGET_MM.high)
     wild = int((spreads > SPREADS).sum())
     if not wild:
         return ()
@@ -147,28 +150,6 @@ def _wild(targets: Integers, x: Array) -> tuple[str, ...]:
         f"{are} {most} (target {targets[row]}, {SIDES[side]}), and in the figures: check that the plunger touched and "
         "that the robot stood",
     )
-
-
-def _few(x: Array) -> tuple[str, ...]:
-    least = int(np.isfinite(x).sum(axis=-1).min())
-    asked = [
-        f"{name} asks {count}"
-        for name, count in (("ISO 230-2", RANGE_VISITS), ("ISO 9283", RP_VISITS))
-        if least < count
-    ]
-    return (f"{least} readings a side; {', '.join(asked)}",) if asked else ()
-
-
-def _hold(table: RepeatabilityTable, where: str) -> None:
-    if len(table.g_mm) == 0:
-        raise FileError(where, "has no rows", "give a table with readings")
-    hold_numbers(where, g1_mm=table.g_mm)
-    hold_alive(where, g1_mm=table.g_mm)
-    other = sorted({str(name) for name in table.approach} - {"none", *SIDES})
-    if other:
-        raise FileError(
-            where, f"approach {other[0]!r} is not a side", "write out, in or none, the side that the tool came from"
-        )
 
 
 def _came_from(at: Sequence[tuple[Stand, int]], outwards_mm: Array, limit_mm: float) -> list[str]:

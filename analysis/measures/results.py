@@ -113,7 +113,7 @@ class Result(Tabular):
                 "figures": {name: asdict(figure) for name, figure in self.figures.items()},
                 "doubts": list(self.doubts),
                 **({"axes": [asdict(axis) for axis in axes]} if (axes := getattr(self.found, "axes", ())) else {}),
-                **({"warmth": {str(axis): asdict(one) for axis, one in warmth.items()}} if warmth else {}),
+                **({"warmth": {str(axis): asdict(warm) for axis, warm in warmth.items()}} if warmth else {}),
             }
         )
         return plain
@@ -172,12 +172,12 @@ def evaluated_again(borrower: Borrower) -> tuple[int, Result]:
 def borrowers(results: Sequence[Result]) -> list[Borrower]:
     """The runs of a single lap with the noise of the first of their test that has more, where there is one."""
     places = {id(result): place for place, result in enumerate(results)}
-    found = []
+    runs: list[Borrower] = []
     for group in by_test(results):
         noise = next((result.lap_noise for result in group if result.lap_noise), None)
-        alone = (run for run in group if isinstance(run.found, CircleResult) and run.found.laps.count == 1)
-        found += [Borrower(places[id(run)], run.measured, noise) for run in alone if noise]
-    return sorted(found, key=lambda one: one.place)
+        single = (run for run in group if isinstance(run.found, CircleResult) and run.found.laps.count == 1)
+        runs += [Borrower(places[id(run)], run.measured, noise) for run in single if noise]
+    return sorted(runs, key=lambda borrower: borrower.place)
 
 
 def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None) -> Result:
@@ -202,16 +202,16 @@ _KEPT: WeakValueDictionary[int, Result] = WeakValueDictionary()
 def _evaluated(measured: Measured, like: tuple[LapNoise, LapNoise] | None, reduced: Reduced | None = None) -> Result:
     """Evaluate a run; reduced: the readings of all rows, where its table has but some of them. Raises FileError."""
     where = str(measured.path)
-    found = evaluate(measured.table, measured.rig, measured.u_lag_s, where, like=like, reduced=reduced)
-    figures = dict(found.figures)
-    if isinstance(found, CircleResult):
+    evaluated = evaluate(measured.table, measured.rig, measured.u_lag_s, where, like=like, reduced=reduced)
+    figures = dict(evaluated.figures)
+    if isinstance(evaluated, CircleResult):
         # The angle and the distance both show where the ball is; robot errors make them differ.
-        distance = found.distance.figures
+        distance = evaluated.distance.figures
         figures |= {f"distance_{name}" if name in figures else name: figure for name, figure in distance.items()}
     figures = with_certificates(figures, measured.systematic, measured.rig, measured.run.manifest.test)
     friction = measured.condition.friction or {}
-    figures |= {f"friction_j{axis}_a": Quantity(one.current_a, one.u_a, "a") for axis, one in friction.items()}
-    return Result(measured, found, figures)
+    figures |= {f"friction_j{axis}_a": Quantity(joint.current_a, joint.u_a, "a") for axis, joint in friction.items()}
+    return Result(measured, evaluated, figures)
 
 
 def by_test(results: Sequence[Result]) -> list[list[Result]]:
@@ -227,13 +227,13 @@ def by_test(results: Sequence[Result]) -> list[list[Result]]:
     return groups
 
 
-def _same_cell(one: Result, other: Result) -> bool:
-    rig, its = one.measured.rig, other.measured.rig
+def _same_cell(first: Result, second: Result) -> bool:
+    rig, its = first.measured.rig, second.measured.rig
     # What is quick to compare comes first: a year of a plant has a thousand runs and more.
-    if one.test != other.test or rig.name != its.name:
+    if first.test != second.test or rig.name != its.name:
         return False
-    if one.measured.run.manifest.placement != other.measured.run.manifest.placement:
+    if first.measured.run.manifest.placement != second.measured.run.manifest.placement:
         return False
-    kind = one.measured.table.kind  # without gauges there is no place that a rig file knows
+    kind = first.measured.table.kind  # without gauges there is no place that a rig file knows
     same_place = not (kind.gauges and kind.part) or getattr(rig.tests, kind.part) == getattr(its.tests, kind.part)
     return same_place and rig.robot == its.robot

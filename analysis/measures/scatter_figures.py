@@ -34,10 +34,10 @@ def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array 
     what of them drifted, which is not scatter and happens in each of these tests.
     """
     rng = np.random.default_rng(_SEED)
-    there = np.isfinite(readings)
-    still = np.where(there, readings - drift_mm, 0.0)
-    mean = still.sum(axis=-1, keepdims=True) / np.maximum(there.sum(axis=-1, keepdims=True), 1)
-    middle = np.where(there, mean + drift_mm, np.nan)
+    measured = np.isfinite(readings)
+    still = np.where(measured, readings - drift_mm, 0.0)
+    mean = still.sum(axis=-1, keepdims=True) / np.maximum(measured.sum(axis=-1, keepdims=True), 1)
+    middle = np.where(measured, mean + drift_mm, np.nan)
     few = replace(scatter, sd_mm=scatter.sd_mm[::2], tail=scatter.tail[::2]).beneath(rng)
     if scatter.step_mm:
         middle = middle + scatter.step_mm * rng.uniform(-0.5, 0.5, (len(few.tail), *mean.shape))

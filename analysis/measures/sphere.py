@@ -59,7 +59,14 @@ def conditioned(points: Array) -> bool:
 
 def far_off(points: Array) -> NDArray[np.bool_]:
     """Which targets (t,) are left out, by the rule above; points (t, o, 3) mm of o readings, NaN where none is."""
-    distance = _off_robust(points)
+    # From a sphere that a few bad readings barely move: soft_l1 by reweighting.
+    read = points[np.isfinite(points).all(axis=-1)]
+    x = np.append(np.zeros(3), np.median(np.linalg.norm(read, axis=1)))
+    for _ in range(_ROBUST_STEPS):
+        off, design = _off(read, x), _design(read, x[:3])
+        root = (1 + (off / max(_spread(off), 1e-6)) ** 2) ** -0.25
+        x = x + _slopes(design * root[:, None]) @ (off * root)
+    distance = _off(points, x)
     gross = max(_GROSS_MM, SPREADS * _spread(distance[np.isfinite(distance)]))
     far = np.any(np.abs(distance) > gross, axis=1)
     means = np.nanmean(points[~far], axis=1)
@@ -68,21 +75,9 @@ def far_off(points: Array) -> NDArray[np.bool_]:
     return np.asarray(far)
 
 
-def _off_robust(points: Array) -> Array:
-    """Distance (t, o) mm of each reading from a sphere that a few bad ones barely move: soft_l1 by reweighting."""
-    there = points[np.isfinite(points).all(axis=-1)]
-    x = np.append(np.zeros(3), np.median(np.linalg.norm(there, axis=1)))
-    for _ in range(_ROBUST_STEPS):
-        off, design = _off(there, x), _design(there, x[:3])
-        root = (1 + (off / max(_spread(off), 1e-6)) ** 2) ** -0.25
-        x = x + _slopes(design * root[:, None]) @ (off * root)
-    return _off(points, x)
-
-
 def _off(points: Array, x: Array) -> Array:
     """Distance (...,) of points (..., 3) from the sphere x: centre and radius."""
-    values: Array = np.linalg.norm(points - x[:3], axis=-1) - x[3]
-    return values
+    return np.asarray(np.linalg.norm(points - x[:3], axis=-1) - x[3])
 
 
 def _design(points: Array, centre: Array) -> Array:

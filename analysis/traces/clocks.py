@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.traces.lower_hull import Mask
 from analysis.traces.own_clock import FittedClock, stands, through_clock
 from analysis.traces.own_cycle import anywhere_in_a_cycle, through_cycle
 from analysis.traces.steady_pace import through_pace
@@ -115,9 +114,9 @@ class Instants:
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
     """When each reading of a gauge was taken, in the middle of what its filter averages."""
     stream, doubts = _without_standing_clock(stream)
-    found, timing = _answered(stream, gauge), gauge.timing
-    u_s = math.hypot(found.u_s, timing.filter_uncertainty_ms / 1e3)
-    return replace(found, ns=found.ns - timing.filter_ms * 1e6, u_s=u_s, doubts=doubts + found.doubts)
+    latched, timing = _answered(stream, gauge), gauge.timing
+    u_s = math.hypot(latched.u_s, timing.filter_uncertainty_ms / 1e3)
+    return replace(latched, ns=latched.ns - timing.filter_ms * 1e6, u_s=u_s, doubts=doubts + latched.doubts)
 
 
 def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[TimingDoubt, ...]]:
@@ -149,10 +148,21 @@ def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Tim
     window = np.maximum(set_out - went_through, 0.0)
     if timing.latched_within_ms is not None:
         window = np.minimum(window, timing.latched_within_ms * 1e6)
-    held = _is_held(window, stream["requested_ns"][1:] > stream["last_byte_ns"][:-1])
-    if np.isfinite(stream["device_time_s"]).all():
-        return _asked_with_clock(stream["device_time_s"], went_through, set_out, held)
-    return asked_instants(went_through, window, held)
+    # An adapter holds bytes back where answers to requests that came out of step took less even times. By the quarters
+    # in the middle: a busy host holds up some of either kind, an adapter most of those out of step.
+    idle_before = stream["requested_ns"][1:] > stream["last_byte_ns"][:-1]
+    in_step, stirred = window[1:][~idle_before], window[1:][idle_before]
+    held = min(len(in_step), len(stirred)) >= _STIRRED and _spread(stirred) > 2 * _spread(in_step) + _STIRRED_NS
+    device_s = stream["device_time_s"]
+    if not np.isfinite(device_s).all():
+        return asked_instants(went_through, window, held)
+    # The instrument's clock runs between two lines: no reading was taken before its request or after its answer. A
+    # gauge that answers with a reading from before the request breaks the first; then the second alone holds.
+    after = through_clock(device_s, set_out)
+    before = through_clock(-device_s[::-1], -went_through[::-1])
+    width = float(np.median(after.ns + before.ns[::-1]))
+    u_s = math.hypot(_anywhere_in(abs(width)), _HIDDEN_S if held else _HOST_S)
+    return Instants(after.ns - max(width, 0.0) / 2, u_s, after.u_s, after.restarted, after.wrong, held)
 
 
 def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
@@ -183,17 +193,6 @@ def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
     )
 
 
-def _is_held(window: Array, idle_before: Mask) -> bool:
-    """Whether answers (n,) to requests that came out of step, (n-1,) of all but the first, took less even times.
-
-    By the quarters in the middle: a busy host holds up some of either kind, an adapter most of those out of step.
-    """
-    in_step, stirred = window[1:][~idle_before], window[1:][idle_before]
-    if min(len(in_step), len(stirred)) < _STIRRED:
-        return False
-    return _spread(stirred) > 2 * _spread(in_step) + _STIRRED_NS
-
-
 def _spread(window: Array) -> float:
     low, high = np.quantile(window, (0.25, 0.75))
     return float(high - low)
@@ -211,16 +210,10 @@ def robot_instants(stream: Columns) -> Instants:
     stream, doubts = _without_standing_clock(stream)
     fitted = _by_any_clock(stream["device_time_s"], stream["first_byte_ns"].astype(float))
     arrived = not np.isfinite(stream["device_time_s"]).all()
-    return replace(_listened(fitted, _cycle_ns(fitted.ns)), arrived=arrived, doubts=doubts)
-
-
-def _cycle_ns(instants: Array) -> float:
-    """The usual time in ns from one message to the next, at instants (n,) ns; those that a network bundles share the
-    time since the bundle before."""
-    at, count = np.unique(instants, return_counts=True)
-    if len(at) < 2:
-        return 0.0
-    return float(np.median(np.repeat(np.diff(at) / count[1:], count[1:])))
+    # The usual time from one message to the next; those that a network bundles share the time since the bundle before.
+    at, count = np.unique(fitted.ns, return_counts=True)
+    cycle_ns = float(np.median(np.repeat(np.diff(at) / count[1:], count[1:]))) if len(at) > 1 else 0.0
+    return replace(_listened(fitted, cycle_ns), arrived=arrived, doubts=doubts)
 
 
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
@@ -292,20 +285,6 @@ def asked_instants(went_through: Array, window: Array, held: bool) -> Instants:
         return Instants(went_through + window / 2, math.hypot(_anywhere_in(shortest), _HIDDEN_S), own_u_s, held=held)
     own_u_s = _anywhere_in(np.sqrt(np.maximum(window**2 - shortest**2, 0.0)))
     return Instants(went_through + window / 2, math.hypot(_anywhere_in(shortest), _HOST_S), own_u_s)
-
-
-def _asked_with_clock(device_s: Array, went_through: Array, set_out: Array, held: bool) -> Instants:
-    """The instrument's clock runs between two lines: no reading was taken before its request or after its answer.
-
-    A gauge that answers with a reading from before the request breaks the first; then the second alone holds.
-    """
-    after = through_clock(device_s, set_out)
-    before = through_clock(-device_s[::-1], -went_through[::-1])
-    between = after.ns + before.ns[::-1]
-    width = float(np.median(between))
-    ns = after.ns - max(width, 0.0) / 2
-    u_s = math.hypot(_anywhere_in(abs(width)), _HIDDEN_S if held else _HOST_S)
-    return Instants(ns, u_s, after.u_s, after.restarted, after.wrong, held)
 
 
 def _anywhere_in(window_ns: Any) -> Any:

@@ -102,7 +102,12 @@ def fitted(bounds: Bounds, number: Integers, period_ns: float) -> CycleLine:
             line_ns = np.interp(number, knots, at_ns)
             ticks, _, inside = _expected(bounds.low_ns - line_ns, bounds.high_ns - line_ns, scatter_ns)
             ticks, weight = ticks + line_ns, _likely(inside, width_ns / period_ns)
-        least_ns, scatter_ns = _scatter(bounds, np.interp(number, knots, at_ns), period_ns)
+        # How far ticks lie from the line: the least and the most that are likely, since wide bounds show little of it.
+        low, high = _sampled(bounds, np.interp(number, knots, at_ns))
+        scatters = np.geomspace(1e-4, 0.5, _SCATTERS) * period_ns
+        log = np.array([_log_likelihood(low, high, scatter, period_ns) for scatter in scatters])
+        likely = scatters[log >= log.max() - _LOG_LIKELY]
+        least_ns, scatter_ns = float(likely[0]), float(likely[-1])
     line_ns = np.interp(number, knots, at_ns)
     phases = (_phase(bounds, line_ns, likely_ns, period_ns) for likely_ns in (least_ns, scatter_ns))
     u_phase_ns, shift_ns = max(phases)
@@ -118,12 +123,12 @@ def _broken(x: Array, y: Array, weight: Array, knots: Array) -> Array:
     from scipy.linalg import solveh_banded  # noqa: PLC0415 - slow to import, needed for such gauges only
 
     weight = weight + 1e-6  # a knot whose changes all agree with no tick
-    left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-    right_share = (x - knots[left]) / (knots[left + 1] - knots[left])
+    knot = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+    right_share = (x - knots[knot]) / (knots[knot + 1] - knots[knot])
     left_share = 1 - right_share
-    diagonal = _summed(left, weight * left_share**2, knots) + _summed(left + 1, weight * right_share**2, knots)
-    beside = _summed(left + 1, weight * left_share * right_share, knots)
-    pull = _summed(left, weight * left_share * y, knots) + _summed(left + 1, weight * right_share * y, knots)
+    diagonal = _summed(knot, weight * left_share**2, knots) + _summed(knot + 1, weight * right_share**2, knots)
+    beside = _summed(knot + 1, weight * left_share * right_share, knots)
+    pull = _summed(knot, weight * left_share * y, knots) + _summed(knot + 1, weight * right_share * y, knots)
     return np.asarray(solveh_banded(np.stack([beside, diagonal]), pull))
 
 
@@ -158,15 +163,6 @@ def _sampled(bounds: Bounds, line_ns: Array) -> tuple[Array, Array]:
 def _log_likelihood(low: Array, high: Array, scatter_ns: float, period_ns: float) -> float:
     inside = _expected(low, high, scatter_ns)[2]
     return float(np.log((1 - _WRONG) * inside + _WRONG * (high - low) / period_ns).sum())
-
-
-def _scatter(bounds: Bounds, line_ns: Array, period_ns: float) -> tuple[float, float]:
-    """How far ticks lie from the line: the least and the most that are likely, since wide bounds show little of it."""
-    low, high = _sampled(bounds, line_ns)
-    scatters = np.geomspace(1e-4, 0.5, _SCATTERS) * period_ns
-    log = np.array([_log_likelihood(low, high, scatter, period_ns) for scatter in scatters])
-    likely = scatters[log >= log.max() - _LOG_LIKELY]
-    return float(likely[0]), float(likely[-1])
 
 
 def _phase(bounds: Bounds, line_ns: Array, scatter_ns: float, period_ns: float) -> tuple[float, float]:

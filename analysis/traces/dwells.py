@@ -49,7 +49,16 @@ def visits_of(
 ) -> Visits:
     """Return the visits among stands at targets, each with its row of the program; places: what each is of, order:
     those of the program in turn, once: of one pass of it. Raises FileError where no stand is at a target."""
-    fits, doubts = _in_order(places, order, once)
+    pairs = _longest_common(places, order)
+    if len(pairs) > 1 and pairs[-1][1] > 0 and pairs[-1][1] % once == 0:
+        pairs.pop()  # a pass that ends with its first place is not counted: the robot went back
+    fits, doubts = [k for k, _ in pairs], list[str]()
+    if len(fits) < _FOLLOWED * len(places):
+        fits = list(range(len(places)))
+        doubts.append("targets were visited in another order than in the rig file: all stands are used")
+    elif others := len(places) - len(fits):
+        outside = "outside the order of the program (before it, after it, or once too often) are not used"
+        doubts.append(f"{others} stands {outside}")
     stands = [at[k][0] for k in fits]
     if not stands:
         remedy = "correct tests.hemisphere, or record its program"
@@ -63,23 +72,6 @@ def visits_of(
         doubts.append(f"{outliers} readings lie far from the others of their stand and are not used")
     t_s, q, g_mm = zip(*((stand.t_s, stand.q, stand.g_mm[0]) for stand in stands), strict=True)
     return Visits(fits, rows, np.array(t_s), np.array(q), np.array(g_mm), doubts)
-
-
-def _in_order(places: Sequence[Hashable], order: Sequence[Hashable], once: int) -> tuple[list[int], list[str]]:
-    """Which of the places, by number, follow the order, and what is to be said of the others.
-
-    once: places of one pass of the program. A pass that ends with its first place is not counted: the robot went back.
-    """
-    pairs = _longest_common(places, order)
-    if len(pairs) > 1 and pairs[-1][1] > 0 and pairs[-1][1] % once == 0:
-        pairs.pop()
-    others = len(places) - len(pairs)
-    if len(pairs) < _FOLLOWED * len(places):
-        return list(range(len(places))), [
-            "targets were visited in another order than in the rig file: all stands are used"
-        ]
-    words = f"{others} stands outside the order of the program (before it, after it, or once too often) are not used"
-    return [k for k, _ in pairs], [words] if others else []
 
 
 def _longest_common(places: Sequence[Hashable], order: Sequence[Hashable]) -> list[tuple[int, int]]:

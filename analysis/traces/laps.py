@@ -71,15 +71,8 @@ class Laps:
     @property
     def first(self) -> Laps:
         """The first lap alone."""
-        own = np.abs(self.phi - self.start) < 2 * np.pi
-        return replace(
-            self,
-            count=1,
-            t_s=self.t_s[own],
-            phi=self.phi[own],
-            q=self.q[own],
-            g_mm=self.g_mm[own],
-        )
+        rows = np.abs(self.phi - self.start) < 2 * np.pi
+        return replace(self, count=1, **{name: getattr(self, name)[rows] for name in ("t_s", "phi", "q", "g_mm")})
 
     @property
     def without_rows(self) -> Laps:
@@ -103,8 +96,8 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     if (kept := _LAPS.get(key)) is not None and kept[0]() is table and kept[1] == cell and (laps := kept[2]()):
         return laps
     laps = _cut_out(table, rig, where)
-    held: Callable[[], Laps | None] = ref(laps) if len(table.q) > _KEPT_ROWS else lambda: laps
-    _LAPS[key] = (ref(table, lambda _: _LAPS.pop(key, None)), cell, held)
+    asked: Callable[[], Laps | None] = ref(laps) if len(table.q) > _KEPT_ROWS else lambda: laps
+    _LAPS[key] = (ref(table, lambda _: _LAPS.pop(key, None)), cell, asked)
     return laps
 
 
@@ -165,8 +158,7 @@ def is_on_circle(tool: Array, frame: CircleFrame) -> Mask:
     """Whether (n,) the tool at (n, 3) mm is on the circle, as near as a program drives it."""
     from_centre = tool - frame.centre
     radius, height = np.linalg.norm(from_centre, axis=1), from_centre @ frame.n
-    on: Mask = np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM
-    return on
+    return np.asarray(np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM)
 
 
 def _ways(ahead: Array) -> list[tuple[int, int]]:
@@ -204,10 +196,10 @@ def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
 
     In order of time, so that standing, or coming to the start from elsewhere, is not part of it.
     """
-    own = ahead - begins
-    end = int(np.argmax(own >= 2 * np.pi)) or len(own)
-    begin = int(np.flatnonzero(own[:end] < 0).max(initial=-1)) + 1
-    return slice(rows.start + begin, rows.start + end), own[begin:end]
+    since = ahead - begins
+    end = int(np.argmax(since >= 2 * np.pi)) or len(since)
+    begin = int(np.flatnonzero(since[:end] < 0).max(initial=-1)) + 1
+    return slice(rows.start + begin, rows.start + end), since[begin:end]
 
 
 def _rows_seen(t_s: Array) -> Integers:
@@ -265,63 +257,53 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
             end = row + 1
             break
         else:
-            raise FileError(
-                where,
-                f"{rig.robot.axis_words(axis + 1)} jumps by {np.degrees(step):.1f}° at {t_s[row + 1]:.3f} s",
-                "check the feedback's units and wrap-around, or remove the bad rows",
-            )
+            jump = f"{rig.robot.axis_words(axis + 1)} jumps by {np.degrees(step):.1f}° at {t_s[row + 1]:.3f} s"
+            raise FileError(where, jump, "check the feedback's units and wrap-around, or remove the bad rows")
     return slice(rows.start + begin, rows.start + end)
 
 
 def leaps_of(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
     """Row before, axis and size, rad, of each step between two rows of q (n, 6) rad at t_s (n,) s that no joint can
     run; axis by axis, since a run may be long."""
-    found = []
+    leaps = []
     for axis, joint in enumerate(q.T):
         step = np.abs(np.diff(joint))
         if step.max(initial=0.0) > _JUMP_RAD:
             run_rad = np.radians(rig.robot.axes[axis].speed_deg_s) * np.abs(np.diff(t_s))
             over = np.flatnonzero(step > _JUMP_RAD + _JUMP_SPEEDS * run_rad)
-            found += [(row, axis, float(step[row])) for row in over.tolist()]
-    return sorted(found)
+            leaps += [(row, axis, float(step[row])) for row in over.tolist()]
+    return sorted(leaps)
 
 
 def _is_this_direction(where: str, forth: float, back: float, direction: str) -> None:
     """forth, back: how far the robot went along the circle, rad, in the run's direction and against it. One that drives
     a lap and then goes the whole way back, so that its wrist unwinds, goes as far in both: there the label decides."""
     if back > forth + np.radians(10):
-        other: Direction = "acw" if direction == "cw" else "cw"
-        raise DirectionError(
-            where,
-            f"is labelled {direction}, the robot moved {other}",
-            f"correct it: rig relabel {as_argument(where)} --direction {other}, or import the table again without a "
-            "direction column",
-            other,
-        )
+        drove: Direction = "acw" if direction == "cw" else "cw"
+        relabel = f"rig relabel {as_argument(where)} --direction {drove}"
+        remedy = f"correct it: {relabel}, or import the table again without a direction column"
+        raise DirectionError(where, f"is labelled {direction}, the robot moved {drove}", remedy, drove)
 
 
 def _is_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool) -> None:
     radius = float(np.median(np.linalg.norm(tool - frame.centre, axis=1)))
     height = float(np.median(np.abs((tool - frame.centre) @ frame.n)))
     if not ever or abs(radius - frame.radius) > _RADIUS_OFF_MM or height > _RADIUS_OFF_MM:
-        raise FileError(
-            where,
+        problem = (
             f"the robot stayed {radius:.1f} mm from the centre and {height:.1f} mm out of the plane of the "
-            f"circle in the rig file (radius {frame.radius:g} mm)",
-            "correct tests.circle, robot.tool or the units of the feedback",
+            f"circle in the rig file (radius {frame.radius:g} mm)"
         )
+        raise FileError(where, problem, "correct tests.circle, robot.tool or the units of the feedback")
 
 
 def _is_covered(where: str, ahead: Array, sense: float, start: float) -> None:
-    some = ahead[:: max(1, len(ahead) // _COVER)]
-    edges = np.concatenate([[0.0], np.sort(some), [2 * np.pi]])
+    edges = np.concatenate([[0.0], np.sort(ahead[:: max(1, len(ahead) // _COVER)]), [2 * np.pi]])
     gaps = np.diff(edges)
     widest = int(np.argmax(gaps))
-    usual = float(np.median(gaps))
-    if gaps[widest] > max(_GAP_RAD, min(_STEPS * usual, _WIDEST_RAD)):
+    if gaps[widest] > max(_GAP_RAD, min(_STEPS * float(np.median(gaps)), _WIDEST_RAD)):
         begin, end = (np.degrees(start + sense * edges[k]) % 360 for k in (widest, widest + 1))
-        raise FileError(
-            where,
-            f"the lap has no data from {begin:.0f}° to {end:.0f}° ({np.degrees(gaps[widest]):.0f}° wide)",
-            "record the whole circle, from before the lead-in to after the lead-out, on a computer that is less busy",
+        problem = f"the lap has no data from {begin:.0f}° to {end:.0f}° ({np.degrees(gaps[widest]):.0f}° wide)"
+        remedy = (
+            "record the whole circle, from before the lead-in to after the lead-out, on a computer that is less busy"
         )
+        raise FileError(where, problem, remedy)

@@ -40,16 +40,16 @@ def highest_under(pull: Array, right: Integers, share: Array, corners: Array) ->
             return heights * size
         stiff = price / space
         diagonal = _summed(right - 1, (1 - share) ** 2 * stiff, knots) + _summed(right, share**2 * stiff, knots)
-        beside = _summed(right, share * (1 - share) * stiff, knots)[1:]
-        wanted, target = -space * price, np.zeros(len(bound))
+        off_diagonal = _summed(right, share * (1 - share) * stiff, knots)[1:]
+        aim, target = -space * price, np.zeros(len(bound))
         for _ in range(2):  # the step to the bounds themselves, then one that keeps in the middle on the way there
-            rise = _solved(diagonal, beside, unpaid - at_knots(wanted / space))
+            rise = _solved(diagonal, off_diagonal, unpaid - at_knots(aim / space))
             taken = -at_corners(rise)
-            paid = (wanted - price * taken) / space
+            paid = (aim - price * taken) / space
             ahead, dearer = _most(space, taken), _most(price, paid)
-            left = float((space + ahead * taken) @ (price + dearer * paid))
-            target = (left / gap) ** 3 * gap / len(bound) - taken * paid
-            wanted, last = -space * price + target, (rise, ahead, paid, dearer)
+            gap_after = float((space + ahead * taken) @ (price + dearer * paid))
+            target = (gap_after / gap) ** 3 * gap / len(bound) - taken * paid
+            aim, last = -space * price + target, (rise, ahead, paid, dearer)
         rise, ahead, paid, dearer = last
         heights, price = heights + ahead * rise, price + dearer * paid
         space = bound - at_corners(heights)
@@ -69,10 +69,10 @@ def _most(values: Array, change: Array) -> float:
     return min(1.0, _SHORT * float((-values[falls] / change[falls]).min(initial=np.inf)))
 
 
-def _solved(diagonal: Array, beside: Array, wanted: Array) -> Array:
+def _solved(diagonal: Array, off_diagonal: Array, target: Array) -> Array:
     """The solution (k,) of symmetric equations with a diagonal (k,) and what is beside it (k - 1,), by elimination. A
     knot that nothing binds stays where it is."""
-    pivots, values, sides = np.where(diagonal > 0, diagonal, 1.0).tolist(), wanted.tolist(), beside.tolist()
+    pivots, values, sides = np.where(diagonal > 0, diagonal, 1.0).tolist(), target.tolist(), off_diagonal.tolist()
     for k, side in enumerate(sides):
         share = side / pivots[k]
         pivots[k + 1] = max(pivots[k + 1] - share * side, 1e-14 * pivots[k + 1])

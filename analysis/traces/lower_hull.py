@@ -77,8 +77,8 @@ def low_outliers(x: Array, y: Array) -> Mask:
     for block in np.flatnonzero(above < level).tolist():
         rows = slice(block * size, (block + 1) * size)
         low[rows] = y[rows] - slope * x[rows] < level[block]
-    rest = slice(blocks * size, None)
-    low[rest] = y[rest] - slope * x[rest] < level[-1]
+    tail = slice(blocks * size, None)
+    low[tail] = y[tail] - slope * x[tail] < level[-1]
     return low if low.sum() <= max(3, _FEW * len(x)) else none
 
 

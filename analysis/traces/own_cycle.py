@@ -66,12 +66,16 @@ def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Tic
         return None
     line = fitted(narrow, number, period_ns)
     if line.agreeing.mean() >= _AGREE and line.scatter_ns < _STEADY * line.period_ns:
-        found = _at_ticks(asked_ns, bounds, close, line)
-    elif bounds.repeating:
-        found = _at_changes(asked_ns, bounds)
-    else:
+        ticks = _at_ticks(asked_ns, bounds, close, line)
+        return replace(ticks, ns=start_ns + ticks.ns)
+    if not bounds.repeating:
         return None
-    return replace(found, ns=start_ns + found.ns)
+    # On the move every answer was read where its value first showed; else within a usual cycle.
+    run = np.searchsorted(bounds.row, np.arange(len(asked_ns)), side="right") - 1
+    seen = (run >= 0) & bounds.jumps[np.maximum(run, 0)]
+    ns = np.where(seen, bounds.middle_ns[run], asked_ns - bounds.usual_ns / 2)
+    own_ns = np.where(seen, bounds.width_ns[run], bounds.usual_ns) / math.sqrt(12)
+    return Ticks(start_ns + ns, own_ns / 1e9, 0.0, bounds.usual_ns, steady=False)
 
 
 def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> Ticks:
@@ -101,16 +105,6 @@ def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> 
     ns = np.where(later, line.tick_ns(seen.astype(float)), tick_ns[of_run])
     own_ns = np.where(later, line.scatter_ns, u_ns[of_run])
     return Ticks(ns, own_ns / 1e9, line.u_phase_ns / 1e9, line.period_ns, steady=True)
-
-
-def _at_changes(asked_ns: Array, bounds: Bounds) -> Ticks:
-    """On the move every answer at asked_ns (n,) was read where its value first showed; else within a usual cycle."""
-    run = np.searchsorted(bounds.row, np.arange(len(asked_ns)), side="right") - 1
-    cycle_ns = bounds.usual_ns
-    seen = (run >= 0) & bounds.jumps[np.maximum(run, 0)]
-    ns = np.where(seen, bounds.middle_ns[run], asked_ns - cycle_ns / 2)
-    own_ns = np.where(seen, bounds.width_ns[run], cycle_ns) / math.sqrt(12)
-    return Ticks(ns, own_ns / 1e9, 0.0, cycle_ns, steady=False)
 
 
 def anywhere_in_a_cycle(asked_ns: Array, cycle_ns: float) -> tuple[Array, float]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.kinematics.arm import Array, Integers
+from analysis.kinematics.arm import Array
 
 _SPAN_S, _SAMPLES = 0.05, 4
 """Places are averaged over this time, and over so many of them at the least."""
@@ -55,19 +55,15 @@ def moves_of(t_s: Array, xyz_mm: Array) -> list[Moved]:
     noise_mm = float(_NORMAL * np.median(bends) / np.sqrt(6))  # the standard deviation of a coordinate
     noise = noise_mm * np.sqrt(6 / max(float(np.median(count)), 1.0)) / span_s
     rests = speed < max(_SLOW * float(np.quantile(speed, 0.9)), _NOISES * noise)
-    begins, ends = _stands(rests, when)
-    gaps = np.concatenate([[0], np.cumsum(np.diff(t_s) > max(_GAP_S, 3 * span_s))])
-    found = []
-    for out, back in zip(ends[:-1].tolist(), begins[1:].tolist(), strict=True):
-        rows = int(first[out]), int(first[back])
-        chord = float(np.linalg.norm(at[back] - at[out]))
-        found.append(Moved(*rows, float(way[out:back].sum()), chord, bool(gaps[rows[1]] == gaps[rows[0]])))
-    return found
-
-
-def _stands(rests: np.ndarray, when: Array) -> tuple[Integers, Integers]:
-    """The first and the last span (k,) of each stand."""
+    # The first and the last span (k,) of each stand.
     edges = np.diff(np.concatenate([[False], rests, [False]]).astype(np.int64))
     begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     long = when[ends] - when[begins] > _STAND_S
-    return begins[long], ends[long]
+    begins, ends = begins[long], ends[long]
+    gaps = np.concatenate([[0], np.cumsum(np.diff(t_s) > max(_GAP_S, 3 * span_s))])
+    moves = []
+    for out, back in zip(ends[:-1].tolist(), begins[1:].tolist(), strict=True):
+        rows = int(first[out]), int(first[back])
+        chord = float(np.linalg.norm(at[back] - at[out]))
+        moves.append(Moved(*rows, float(way[out:back].sum()), chord, bool(gaps[rows[1]] == gaps[rows[0]])))
+    return moves

@@ -91,11 +91,11 @@ class _Window:
     def time_after(self, begin_ns: float, rows: int) -> float:
         """When the row came that is so many behind the first from begin_ns on; inf where hardly half as many more are
         left from there."""
-        wanted = rows + rows // 2
+        most = rows + rows // 2
         while True:
             came_ns = [chunk["last_byte_ns"] for chunk in self._kept]
             first = [int(np.searchsorted(stamps, begin_ns, side="left")) for stamps in came_ns]
-            if sum(len(stamps) for stamps in came_ns) - sum(first) > wanted:
+            if sum(len(stamps) for stamps in came_ns) - sum(first) > most:
                 return float(np.concatenate([stamps[k:] for stamps, k in zip(came_ns, first, strict=True)])[rows])
             if not self._reads_on():
                 return math.inf

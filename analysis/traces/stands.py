@@ -62,14 +62,14 @@ def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tu
     moved = np.maximum(np.abs(q[ahead] - q), np.abs(q[(rows + ahead) // 2] - q)).max(axis=1)
     still = (moved < still_rad) & (t_s[ahead] - t_s >= 0.9 * window_s)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    found: list[tuple[int, int]] = []
+    periods: list[tuple[int, int]] = []
     for begin, last in edges.reshape(-1, 2).tolist():
         end = int(ahead[last - 1]) + 1
-        if found and begin < found[-1][1]:
-            found[-1] = (found[-1][0], end)
+        if periods and begin < periods[-1][1]:
+            periods[-1] = (periods[-1][0], end)
         else:
-            found.append((begin, end))
-    return found
+            periods.append((begin, end))
+    return periods
 
 
 def _settled(begin: int, end: int) -> slice:

@@ -63,7 +63,10 @@ def through_pace(host_ns: Array) -> FittedClock:
         return FittedClock(host_ns, _uneven_s(host_ns))
     number = np.arange(len(host_ns), dtype=np.int64)
     for apart in _APART:
-        period_ns = _period_ns(number, host_ns, min(apart, len(number) // 4))
+        # By pairs of messages so far apart, `_PAIRS` or a few more of them.
+        lag, every = min(apart, len(number) // 4), max(1, len(host_ns) // _PAIRS)
+        later, earlier = slice(lag, None, every), slice(None, -lag, every)
+        period_ns = float(np.median((host_ns[later] - host_ns[earlier]) / (number[later] - number[earlier])))
         if not period_ns > 0:
             return FittedClock(host_ns, _uneven_s(host_ns))  # most came at once, after a stall
         former, number = number, numbered(host_ns, period_ns)
@@ -99,9 +102,7 @@ def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
     steps_ns = np.diff(least_ns)
     level_ns = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(least_ns, 1, mode="edge"), 3), axis=1)
     few = max(1, min(_COMES_BACK, len(level_ns) // 4))
-    stayed_ns = _floor_around(np.pad(level_ns, few, mode="edge"), few)[
-        few:-few
-    ]  # at an end its recovery cannot be seen
+    stayed_ns = _floor_around(np.pad(level_ns, few, mode="edge"), few)[few:-few]  # at an end no recovery can be seen
     off_ns = np.abs(stayed_ns - np.median(stayed_ns)).max()
     scatter_ns = np.median(np.abs(steps_ns)) / 0.6745 / math.sqrt(2)  # 0.6745: the median of a normal one's size
     stays = np.mean(steps_ns**2) < _STAYS * 2 * np.var(least_ns) or off_ns > _WANDERS * scatter_ns
@@ -109,12 +110,8 @@ def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
         return replace(fitted, shared_u_s=float(stayed_ns.std()) / 1e9)
     wanders_s = float(np.ptp(level_ns)) / 1e9
     # One reading or the other is true: the root mean square error of the one that is taken.
-    return replace(
-        fitted,
-        ns=fitted.ns + _floor_around(late_ns, block),
-        shared_u_s=wanders_s / math.sqrt(2),
-        wanders_s=wanders_s,
-    )
+    ns = fitted.ns + _floor_around(late_ns, block)
+    return replace(fitted, ns=ns, shared_u_s=wanders_s / math.sqrt(2), wanders_s=wanders_s)
 
 
 def _least_of_blocks(values: Array, block: int) -> Array:
@@ -134,7 +131,12 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
     Any may be late for its own reasons, but hardly all of the next `_AHEAD`. Among the last of a run nothing missing
     can be seen. There are at least `_AHEAD` arrivals.
     """
-    missing = _missing(_least_delays(host_ns, period_ns), period_ns)
+    least = np.empty(len(host_ns) - _AHEAD + 1)  # the least of `_AHEAD` delays against the period in turn
+    for begin in range(0, len(least), _BLOCK):
+        rows = slice(begin, begin + _BLOCK + _AHEAD - 1)
+        delays_ns = host_ns[rows] - np.arange(begin, begin + len(host_ns[rows])) * period_ns
+        least[begin : begin + _BLOCK] = _least_of_next(delays_ns)
+    missing = _missing(least, period_ns)
     along = np.arange(len(host_ns), dtype=np.int64)
     if not missing.any():
         return along
@@ -142,17 +144,6 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
     # What is missing stays so: a stall longer than the look ahead was none.
     along += np.minimum.accumulate(missing[::-1])[::-1]
     return along
-
-
-def _least_delays(host_ns: Array, period_ns: float) -> Array:
-    """The least of `_AHEAD` delays against a period in turn, (n - _AHEAD + 1,)."""
-    least = np.empty(len(host_ns) - _AHEAD + 1)
-    for begin in range(0, len(least), _BLOCK):
-        rows = slice(begin, begin + _BLOCK + _AHEAD - 1)
-        least[begin : begin + _BLOCK] = _least_of_next(
-            host_ns[rows] - np.arange(begin, begin + len(host_ns[rows])) * period_ns
-        )
-    return least
 
 
 def _changes(least: Array, period_ns: float) -> list[int]:
@@ -194,17 +185,17 @@ def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
 
     behind (_AHEAD,): the least delays of the rows before, without the periods that were missing until then.
     """
-    known, counts, alike = deque(behind.tolist(), maxlen=_AHEAD), list[int](), 0
-    lowest = min(known)
+    before, counts, alike = deque(behind.tolist(), maxlen=_AHEAD), list[int](), 0
+    lowest = min(before)
     for row in range(len(least)):
         ahead = float(least[row])
         count = math.floor((ahead - lowest) / period_ns + _EARLY)
-        leaves, comes = known[0], ahead - count * period_ns
-        known.append(comes)
+        leaves, comes = before[0], ahead - count * period_ns
+        before.append(comes)
         if comes <= lowest:
             lowest = comes
         elif leaves == lowest:
-            lowest = min(known)
+            lowest = min(before)
         alike = alike + 1 if counts and count == counts[-1] else 1
         counts.append(count)
         if alike == _AHEAD:
@@ -230,10 +221,3 @@ def _uneven_s(host_ns: Array) -> Array:
     off = np.abs(steps - np.median(steps))
     usual = off[off <= np.quantile(off, 0.9)].mean()
     return np.asarray(np.hypot(usual, np.concatenate([off[:1], off])) / math.sqrt(3) / 1e9)
-
-
-def _period_ns(number: Integers, host_ns: Array, apart: int) -> float:
-    """The period by pairs of messages so far apart, `_PAIRS` or a few more of them."""
-    every = max(1, len(host_ns) // _PAIRS)
-    later, earlier = slice(apart, None, every), slice(None, -apart, every)
-    return float(np.median((host_ns[later] - host_ns[earlier]) / (number[later] - number[earlier])))

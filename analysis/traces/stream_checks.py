@@ -26,7 +26,7 @@ _LONGEST_MESSAGE = 65_536
 """Bytes; the longest message of any protocol is a UDP datagram."""
 
 
-def require_sound(path: Path, what: str, columns: Mapping[str, np.ndarray[Any, Any]]) -> None:
+def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[Any, Any]]) -> None:
     """Raises FileError for columns (n,), stamps in ns and sizes in bytes, that `rigd` cannot have written."""
     requested, first, last = (columns[name] for name in ("requested_ns", "first_byte_ns", "last_byte_ns"))
     rules = {
@@ -39,7 +39,7 @@ def require_sound(path: Path, what: str, columns: Mapping[str, np.ndarray[Any, A
     for words, broken in rules.items():
         if broken.any():
             row = int(broken.argmax()) + 1
-            raise FileError(str(path), f"row {row} of {what} has {words}", "restore the run from a copy")
+            raise FileError(str(path), f"row {row} of {instrument} has {words}", "restore the run from a copy")
 
 
 def is_reading(values: Array, largest: float) -> Mask:
