@@ -20,7 +20,7 @@ from rigs.errors import CellError, FileError
 from rigs.files import read_text
 
 if TYPE_CHECKING:
-    from pytransform3d.urdf import Joint
+    from pytransform3d.urdf import Joint as LibraryJoint
 
 _MOST_BYTES = 10_000_000
 """The URDF of a humanoid has half a megabyte; meshes are files of their own."""
@@ -95,7 +95,6 @@ def read_urdf(path: Path) -> Urdf:
 
     where = str(path)
     root = _root(path)
-    _leave_out_shapes(root)
     for part in root:
         _require_numbers(part, where)
     for joint in root.findall("joint"):
@@ -116,7 +115,7 @@ def read_urdf(path: Path) -> Urdf:
 
 
 def _root(path: Path) -> Any:
-    """The <robot> of a URDF, bounded and without macros."""
+    """The <robot> of a URDF, bounded, without macros and shapes."""
     from lxml import etree  # noqa: PLC0415
 
     where = str(path)
@@ -141,11 +140,7 @@ def _root(path: Path) -> Any:
         raise FileError(where, "is xacro, not URDF", _XACRO)
     if (count := len(root.findall("link")) + len(root.findall("joint"))) > _MOST_PARTS:
         raise FileError(where, f"has {count} links and joints, more than {_MOST_PARTS}", "give that of one arm")
-    return root
-
-
-def _leave_out_shapes(root: Any) -> None:
-    """Remove from a <robot> all that is not a link with its mass, or a joint."""
+    # All is left out that is not a link with its mass, or a joint.
     for parent, kept in ((root, ("link", "joint")), *((link, ("inertial",)) for link in root.findall("link"))):
         for part in list(parent):
             if part.tag not in kept:
@@ -153,6 +148,7 @@ def _leave_out_shapes(root: Any) -> None:
     for inertial in root.findall("link/inertial"):
         for inertia in inertial.findall("inertia"):
             inertial.remove(inertia)
+    return root
 
 
 def _require_numbers(part: Any, where: str) -> None:
@@ -163,29 +159,22 @@ def _require_numbers(part: Any, where: str) -> None:
                 raise FileError(where, "is xacro, not URDF: it has ${…} for numbers", _XACRO)
             if not (count := _NUMBERS.get((element.tag, key))):
                 continue
-            numbers = _numbers(words)
-            if len(numbers) != count or (element.tag == "mass" and numbers[0] < 0):
-                problem = f"{part.tag} {part.get('name')} has {element.tag} {key}={words!r}"
-                raise FileError(
-                    where, problem, f"write {'three numbers' if count == 3 else 'a number'} that an arm has"
-                )
+            try:
+                numbers = [float(word) for word in words.split()]
+            except ValueError:
+                numbers = []
+            possible = len(numbers) == count and all(abs(number) < _LARGEST for number in numbers)
+            if not possible or (element.tag == "mass" and numbers[0] < 0):
+                fact = f"{part.tag} {part.get('name')} has {element.tag} {key}={words!r}"
+                raise FileError(where, fact, f"write {'three numbers' if count == 3 else 'a number'} that an arm has")
             element.set(key, " ".join(map(repr, numbers)))
-
-
-def _numbers(words: str) -> list[float]:
-    """The numbers of an attribute, or none of them if one is not a possible number."""
-    try:
-        numbers = [float(word) for word in words.split()]
-    except ValueError:
-        return []
-    return numbers if all(math.isfinite(number) and abs(number) < _LARGEST for number in numbers) else []
 
 
 def _twice(names: Sequence[str | None]) -> str | None:
     return next((name for name in names if names.count(name) > 1), None)
 
 
-def _joint(joint: Joint, element: Any) -> UrdfJoint:
+def _joint(joint: LibraryJoint, element: Any) -> UrdfJoint:
     """A joint of the library, with what it does not read from the element."""
     limit, mimic = element.find("limit"), element.find("mimic")
     return UrdfJoint(

@@ -16,9 +16,7 @@ from analysis.conventions.place import PLACE, SOURCE, STAMPS, STANDS, stand_find
 from analysis.conventions.repeats import repeat_findings
 from analysis.conventions.units import UNITS, unit_findings
 from analysis.traces.loading import Measured
-from analysis.traces.tables import Table
 from rigs.errors import FileError
-from rigs.rig import Rig
 
 Runs = Sequence[Measured]
 
@@ -85,12 +83,12 @@ def refuse_impossible(run: Measured, where: str) -> None:
                 raise FileError(where, finding.what, finding.remedy)
 
 
-def _each(of_table: Callable[[Table, Rig], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:
-    """The findings of each run by its table and rig."""
+def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:
+    """The findings of each run by itself."""
 
     def find(runs: Runs) -> Iterator[Finding]:
         for run in runs:
-            for finding in of_table(run.table, run.rig):
+            for finding in of_run(run):
                 yield replace(finding, runs=(run.run.manifest.name,))
 
     return find
@@ -98,13 +96,7 @@ def _each(of_table: Callable[[Table, Rig], Iterable[Finding]]) -> Callable[[Runs
 
 def _by_kind(convention: str) -> Callable[[Runs], Iterator[Finding]]:
     """The findings about a convention that only some kinds of test can break."""
-    return _each(lambda table, rig: table.kind.findings(convention, table, rig))
-
-
-def _stands(runs: Runs) -> Iterator[Finding]:
-    for run in runs:
-        for finding in stand_findings(run):
-            yield replace(finding, runs=(run.run.manifest.name,))
+    return _each(lambda run: run.table.kind.findings(convention, run.table, run.rig))
 
 
 def _gauges(runs: Runs) -> Iterator[Finding]:
@@ -160,14 +152,14 @@ CONVENTIONS = (
 _SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
 _OF_PATHS = tuple(map(_by_kind, _SHOWN_BY_PATHS))
 _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
-    _each(unit_findings),
-    _each(joint_findings),
+    _each(lambda run: unit_findings(run.table, run.rig)),
+    _each(lambda run: joint_findings(run.table, run.rig)),
     _gauges,
     # Places of an arm that was simulated are meant to be computed.
     lambda runs: _by_kind(SOURCE)([run for run in runs if not run.is_simulated]),
     _by_kind(STAMPS),
     _by_kind(PLACE),
-    _stands,
+    _each(stand_findings),
     _by_kind(WILDNESS),
     _by_kind(DUPLICATES),
 )

@@ -72,7 +72,14 @@ def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
     elif labelled.size_mm > _SEEN_MM:
         for number, meaning_of_sign in ((1, first), (2, second)):
             if meaning_of_sign.apart_mm <= _NEGATED * meaning_of_sign.size_mm and labelled.apart_mm > labelled.size_mm:
-                yield _negated(number)
+                name, second_name = f"g{number}", f"g{3 - number}"
+                fact = (
+                    f"{name} may count the other way than {second_name}: only then do the mean of the gauges and their "
+                    "difference show the ball in one place"
+                )
+                remedy = f"press {name} and see whether it counts as {second_name} does; give counts in the rig file, "
+                remedy += "or change its sign"
+                yield Finding(SIGN, "likely", (f"{name}_mm",), negated(number), fact, remedy)
 
 
 @dataclass(frozen=True)
@@ -108,13 +115,3 @@ class _Eccentricities:
 def negated(number: int) -> str:
     """What may be meant where one gauge, 1 or 2, is negated."""
     return f"g{number} may count the other way"
-
-
-def _negated(number: int) -> Finding:
-    name, second = f"g{number}", f"g{3 - number}"
-    fact = (
-        f"{name} may count the other way than {second}: only then do the mean of the gauges and their difference show "
-        "the ball in one place"
-    )
-    remedy = f"press {name} and see whether it counts as {second} does; give counts in the rig file, or change its sign"
-    return Finding(SIGN, "likely", (f"{name}_mm",), negated(number), fact, remedy)

@@ -25,6 +25,7 @@ import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -311,19 +312,13 @@ class Placed(NamedTuple):
     turn: tuple[float, ...]
 
 
-def _point(data: bytes) -> Iterator[Placed]:
+def _placed(data: bytes, *, turn: int = 4, child: bool = False) -> Iterator[Placed]:
+    """One place with a turn of so many numbers; child: the message names what it places."""
     message = Cdr(data)
-    yield Placed(message.header(), "", message.take("d", 3), ())
-
-
-def _pose(data: bytes) -> Iterator[Placed]:
-    message = Cdr(data)
-    yield Placed(message.header(), "", message.take("d", 3), message.take("d", 4))
-
-
-def _transform(data: bytes) -> Iterator[Placed]:
-    message = Cdr(data)
-    yield Placed(message.header(), "", (message.text(), message.take("d", 3))[1], message.take("d", 4))
+    stamp_ns = message.header()
+    if child:
+        message.text()
+    yield Placed(stamp_ns, "", message.take("d", 3), message.take("d", turn))
 
 
 def _transforms(data: bytes) -> Iterator[Placed]:
@@ -333,10 +328,10 @@ def _transforms(data: bytes) -> Iterator[Placed]:
 
 
 PLACED: Mapping[str, Callable[[bytes], Iterator[Placed]]] = {
-    "geometry_msgs/msg/PointStamped": _point,
-    "geometry_msgs/msg/PoseStamped": _pose,
-    "geometry_msgs/msg/PoseWithCovarianceStamped": _pose,
-    "geometry_msgs/msg/TransformStamped": _transform,
+    "geometry_msgs/msg/PointStamped": partial(_placed, turn=0),
+    "geometry_msgs/msg/PoseStamped": _placed,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": _placed,
+    "geometry_msgs/msg/TransformStamped": partial(_placed, child=True),
     TF: _transforms,
 }
 """What places something, by the type of the message; all but TF place one thing a topic."""

@@ -119,25 +119,10 @@ def value(column: str, text: str) -> Value:
         near = [direction] if direction in words else difflib.get_close_matches(lower, words, n=1)
         hint = f"; did you mean {near[0]}?" if near else ""
         raise ValueError(f"{quoted(text)} is not {', '.join(words[:-1])} or {words[-1]}{hint}")
-    if column not in COUNTS:
-        return _number(text)
-    if not _COUNT.fullmatch(text) or float(text) < 1:
-        raise ValueError(f"{quoted(text)} is not a positive integer: 1, 2, 3, …")
-    return int(float(text))
-
-
-def numbers(texts: Sequence[str]) -> Array | None:
-    """The values (n,) of cells of a column of numbers; None where `value` has to look at them one by one."""
-    if not _OF_NUMBERS.fullmatch(",".join(texts)):
-        return None
-    try:
-        parsed = np.fromiter(map(float, texts), dtype=float, count=len(texts))
-    except ValueError:
-        return None
-    return parsed if np.abs(parsed).max(initial=0.0) <= LARGEST else None
-
-
-def _number(text: str) -> float:
+    if column in COUNTS:
+        if not _COUNT.fullmatch(text) or float(text) < 1:
+            raise ValueError(f"{quoted(text)} is not a positive integer: 1, 2, 3, …")
+        return int(float(text))
     if not _NUMBER.fullmatch(text):
         problem = "not a number"
         if re.fullmatch(r"[+-]?(nan|inf|infinity)(\(.*\))?", text, re.IGNORECASE):
@@ -149,6 +134,17 @@ def _number(text: str) -> float:
     if abs(number) > LARGEST:
         raise ValueError(f"{quoted(text)} is too large for a measured value; check the unit")
     return number
+
+
+def numbers(texts: Sequence[str]) -> Array | None:
+    """The values (n,) of cells of a column of numbers; None where `value` has to look at them one by one."""
+    if not _OF_NUMBERS.fullmatch(",".join(texts)):
+        return None
+    try:
+        parsed = np.fromiter(map(float, texts), dtype=float, count=len(texts))
+    except ValueError:
+        return None
+    return parsed if np.abs(parsed).max(initial=0.0) <= LARGEST else None
 
 
 _BATCH_CELLS = 100_000

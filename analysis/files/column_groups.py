@@ -131,7 +131,13 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
     taken = {column for group in joints for column in group.columns}
     unused = [name for name in named if name.column not in taken]
     places, turns = _lettered(unused)
-    seen = [_beside(place, turns) for place in places if place.role != "residual"] + list(_vectors(unused))
+    seen = []
+    for place in (place for place in places if place.role != "residual"):
+        alike = [turn for turn in turns if turn[0].role == place.role]
+        units = {group.unit for group, _ in alike}
+        readings = tuple(reading for _, ways in alike for reading in ways)
+        seen.append(Seen(place, readings, units.pop() if len(units) == 1 else ""))
+    seen += _vectors(unused)
     residuals = tuple(place for place in places if place.role == "residual")
     used = (
         taken | {column for pose in seen for column in pose.place.columns} | {c for g in residuals for c in g.columns}
@@ -176,9 +182,8 @@ def _group(names: Sequence[_Name]) -> Group:
     units = {name.unit for name in names}
     words = {word for name in names for word in name.words}
     of_controller = bool(words & _CONTROLLER) and not words & _INSTRUMENT
-    return Group(
-        tuple(name.column for name in names), names[0].role, units.pop() if len(units) == 1 else "", of_controller
-    )
+    unit = units.pop() if len(units) == 1 else ""
+    return Group(tuple(name.column for name in names), names[0].role, unit, of_controller)
 
 
 def _templates(names: Sequence[_Name]) -> dict[tuple[str, ...], dict[int, _Name]]:
@@ -313,16 +318,6 @@ def _matrices(names: Sequence[_Name]) -> _Turns:
             group = _group([by_place[place] for place in places])
             return [(group, (TurnReading(group.columns, "matrix"),))]
     return []
-
-
-def _beside(place: Group, turns: _Turns) -> Seen:
-    """A place with the turn of the same role, or the only one."""
-    same_role = [turn for turn in turns if turn[0].role == place.role]
-    if not same_role:
-        return Seen(place)
-    readings = tuple(reading for _, ways in same_role for reading in ways)
-    units = {group.unit for group, _ in same_role}
-    return Seen(place, readings, units.pop() if len(units) == 1 else "")
 
 
 def _vectors(names: Sequence[_Name]) -> Iterator[Seen]:

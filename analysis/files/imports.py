@@ -105,12 +105,8 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[P
         if is_workbook(data):
             sheets = sheets_of(data, str(path))
             if len(sheets) != 1:
-                problem = (
-                    f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}), and one is a measurement"
-                )
-                raise FileError(
-                    str(path), problem, "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]"
-                )
+                fact = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}), and one is a measurement"
+                raise FileError(str(path), fact, "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]")
             sheet, data = next(iter(sheets.items()))
         lines, text_layout = text_of(data, str(path))
         layout = layout_of(lines, text_layout.encoding, str(path)).model_copy(update={"sheet": sheet, "topic": chosen})
@@ -155,10 +151,8 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     rig, rig_text = load(rig_file)
     where = str(files[0])
     if len(files) != len(table_map.files):
-        problem = f"describes {len(table_map.files)} files, and {len(files)} are given"
-        raise FileError(
-            "the map", problem, "give the files of one measurement, in its order; several are joined (--join)"
-        )
+        fact = f"describes {len(table_map.files)} files, and {len(files)} are given"
+        raise FileError("the map", fact, "give the files of one measurement, in its order; several are joined (--join)")
     if joints == "commanded":
         if table_map.commanded is None:
             raise FileError("the map", "names no commanded joints, which --joints commanded reads", "add `commanded`")

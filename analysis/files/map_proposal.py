@@ -96,10 +96,8 @@ class Proposal:
 
     def answered(self, question: Question, reading: Reading) -> Proposal:
         """The proposal with an answer to a question."""
-        others = tuple(open_question for open_question in self.questions if open_question is not question)
-        return replace(
-            self, table_map=self.table_map.model_copy(update={question.key: reading.value}), questions=others
-        )
+        table_map = self.table_map.model_copy(update={question.key: reading.value})
+        return replace(self, table_map=table_map, questions=tuple(q for q in self.questions if q is not question))
 
     def assumed(self) -> Proposal:
         """The proposal with the likeliest answer to every question, each named in the map and so in every analysis."""

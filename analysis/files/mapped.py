@@ -131,10 +131,8 @@ def table_by(
 def _poses(raw: RawTable, table_map: TableMap, axes: int) -> Columns:
     for part in filter(None, (table_map.joints, table_map.commanded)):
         if len(part.columns) != axes:
-            problem = f"names {len(part.columns)} columns of joints, and the arm of the rig file has {axes} axes"
-            raise FileError(
-                "the map", problem, "name a column for each axis, in order, or give the rig file of that arm"
-            )
+            fact = f"names {len(part.columns)} columns of joints, and the arm of the rig file has {axes} axes"
+            raise FileError("the map", fact, "name a column for each axis, in order, or give the rig file of that arm")
     poses = poses_of(raw, table_map)
     named: Columns = _columns("q{}_deg", np.degrees(poses.q))
     named |= dict(zip(PLACE, map(pa.array, poses.xyz_mm.T), strict=True))

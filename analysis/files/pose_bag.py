@@ -201,9 +201,8 @@ def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
     if any(_is_nameless(message.data) for message in messages):
         problem = "holds messages of joints that name none of them: nothing says which angle is whose"
         raise FileError(where, problem, "publish JointState with names, or give joints and places as a table")
-    raise FileError(
-        where, f"has no message with {axes} to {_MOST_JOINTS} joints", "give the rig file of the arm that was measured"
-    )
+    problem = f"has no message with {axes} to {_MOST_JOINTS} joints"
+    raise FileError(where, problem, "give the rig file of the arm that was measured")
 
 
 def _chosen(placed: dict[str, _Track], topic: str, where: str) -> tuple[str, _Track]:

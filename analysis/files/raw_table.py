@@ -74,7 +74,13 @@ class RawTable:
                 column[good] = array_of(pc.filter(plain, pa.array(good)).cast(pa.float64()))
             large = good & ~(np.abs(column) <= LARGEST)
             for row in np.flatnonzero(~good | large).tolist():
-                bad_cells.add([TableProblem(int(self.lines[row]), name, _why(str(plain[row].as_py())))])
+                text = str(plain[row].as_py())
+                why = f"{text!r} is not a number"
+                try:
+                    value("x_mm", text)
+                except ValueError as error:
+                    why = str(error)
+                bad_cells.add([TableProblem(int(self.lines[row]), name, why)])
         if problems is None and bad_cells.count:
             raise TableFileError(self.where, bad_cells.first, count=bad_cells.count)
         return columns
@@ -93,9 +99,7 @@ class RawTable:
         if not len(sound_rows):
             raise FileError(self.where, "has no row without a bad cell", "correct the file")
         chosen = sound_rows[np.unique(np.linspace(0, len(sound_rows) - 1, min(rows, len(sound_rows))).astype(int))]
-        return RawTable(
-            self.where, self.names, self.units, self.cells.take(chosen), self.lines[chosen], self.decimal_comma
-        )
+        return replace(self, cells=self.cells.take(chosen), lines=self.lines[chosen])
 
     def _plain(self, name: str) -> pa.ChunkedArray:
         cells = self.cells[name]
@@ -103,14 +107,6 @@ class RawTable:
 
     def _is_number(self, name: str) -> pa.ChunkedArray:
         return pc.match_substring_regex(self._plain(name), _NUMBER)
-
-
-def _why(text: str) -> str:
-    try:
-        value("x_mm", text)
-    except ValueError as error:
-        return str(error)
-    return f"{text!r} is not a number"
 
 
 def is_workbook(data: bytes) -> bool:

@@ -32,14 +32,7 @@ from analysis.files.sequence import check_sequence
 from analysis.files.table_map import MAPPED
 from analysis.files.write import as_it_was
 from analysis.traces.kind import kind_named, kinds
-from analysis.traces.table_layout import (
-    COMMANDED,
-    JOINTS,
-    RAIL,
-    WORDS,
-    JointSource,
-    Layout,
-)
+from analysis.traces.table_layout import COMMANDED, JOINTS, RAIL, WORDS, JointSource, Layout
 from daq.store.chunk import table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes, read_from
@@ -131,14 +124,12 @@ _BEGINNINGS = (
 
 def refuse_other_formats(where: str, data: bytes) -> None:
     """Raise FileError for the bytes of a file that is known to be no table."""
-    for magic, problem, remedy in _BEGINNINGS:
+    for magic, fact, remedy in _BEGINNINGS:
         if data.startswith(magic):
-            raise FileError(where, problem, remedy.format(file=as_argument(where)))
+            raise FileError(where, fact, remedy.format(file=as_argument(where)))
     if data.lstrip().startswith(ROS_KINEMATICS.encode()):
-        problem = "is the kinematics of an arm, as ur_calibration of ROS writes it, and no table of measurements"
-        raise FileError(
-            where, problem, "for the arm, give calibration.conf of the controller: rig arms ARM --calibration"
-        )
+        fact = "is the kinematics of an arm, as ur_calibration of ROS writes it, and no table of measurements"
+        raise FileError(where, fact, "for the arm, give calibration.conf of the controller: rig arms ARM --calibration")
 
 
 def refuse_comments(where: str, data: bytes, test: TestName) -> None:

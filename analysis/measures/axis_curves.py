@@ -51,7 +51,9 @@ def axis_curves(
     curves, figures, rng = list[AxisCurve](), dict[str, Quantity](), np.random.default_rng(SEED)
     for joint in range(axes):
         rows = _alone(q, sides, joint)
-        number, way = _numbered(q[rows, joint]), sides[rows, joint]
+        # The number of each angle, in increasing order; those that are alike have one.
+        order, number, way = np.argsort(q[rows, joint]), np.zeros(len(rows), dtype=np.int64), sides[rows, joint]
+        number[order[1:]] = np.cumsum(np.diff(q[rows, joint][order]) > _SAME_RAD)
         count = int(number.max(initial=-1)) + 1
         if count < _FEWEST_ANGLES or np.ptp(q[rows, joint]) < _LEAST_RAD:
             continue
@@ -92,14 +94,6 @@ def _alone(q: Array, sides: Integers, joint: int) -> Integers:
     others = np.delete(q[rows], joint, axis=1)
     alike = (np.abs(others - stood).max(axis=1) < _SAME_RAD for stood in others)  # of many rows, one at a time
     return np.asarray(rows[max(alike, key=np.count_nonzero)])
-
-
-def _numbered(angles: Array) -> Integers:
-    """Return the number (n,) of each of some angles (n,) rad, in increasing order; those that are alike have one."""
-    order = np.argsort(angles)
-    number = np.zeros(len(angles), dtype=np.int64)
-    number[order[1:]] = np.cumsum(np.diff(angles[order]) > _SAME_RAD)
-    return number
 
 
 def _about_circle(angle: Array, xyz_mm: Array) -> tuple[float, Array, Array]:

@@ -25,7 +25,7 @@ from analysis.measures.largest import largest
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.quantity import Quantity
 from analysis.measures.reduction import PHI, nodes_of
-from analysis.noise.cell import BALL_ELSEWHERE_MM, NoiseSource
+from analysis.noise.cell import BALL_ELSEWHERE_MM
 from analysis.noise.spectrum import DRAWS, NODES
 from rigs.errors import FileError
 
@@ -65,27 +65,21 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Di
     samples = acw.samples + cw.samples
     calm = [*_calm(acw.curve, cw.curve), *_calm(acw.distance.curve, cw.distance.curve)]
     of_pair = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES, calm)
-    of_pair |= _largest(curves, drawn([curve.y for curve in curves]), samples, of_pair["hysteresis_mean_deg"].noise)
+    # The largest hysteresis of angle and distance, and the place of that of the angle.
+    draws, noise = drawn([curve.y for curve in curves]), of_pair["hysteresis_mean_deg"].noise
+    sizes = []
+    for k, unit, per_unit in ((0, "deg", np.degrees(1.0)), (2, "mm", 1.0)):
+        between = per_unit * at_resolution(curves[k].y - curves[k + 1].y)
+        errors = per_unit * at_resolution(draws[k] - draws[k + 1]) - between
+        blur = float(np.hypot(curves[k].blur, curves[k + 1].blur) / np.sqrt(2))
+        sizes += [replace(figure, noise=noise) for figure in largest(between, errors, blur, unit, samples)]
+    of_pair |= zip(("hysteresis_max_deg", "hysteresis_max_at_deg", "hysteresis_max_mm"), sizes, strict=False)
     for unit in ("deg", "mm"):
         largest_name, mean = f"hysteresis_max_{unit}", abs(of_pair[f"hysteresis_mean_{unit}"].value)
         # What is taken off for the noise may be more than there is; no largest value is below the mean.
         of_pair[largest_name] = replace(of_pair[largest_name], value=max(of_pair[largest_name].value, mean))
     lag = lag_of([(curves[0], curves[1]), (curves[2], curves[3])], [radius, 1.0], samples)
     return DirectionPair(of_pair, lag)
-
-
-def _largest(
-    curves: Sequence[LapCurve], draws: Sequence[Array], samples: int, noise: NoiseSource
-) -> dict[str, Quantity]:
-    """The largest hysteresis of angle and distance, and the place of that of the angle, of curves and their draws
-    (DRAWS, NODES) in the order of figures_at."""
-    sizes = []
-    for k, unit, scale in ((0, "deg", np.degrees(1.0)), (2, "mm", 1.0)):
-        between = scale * at_resolution(curves[k].y - curves[k + 1].y)
-        errors = scale * at_resolution(draws[k] - draws[k + 1]) - between
-        blur = float(np.hypot(curves[k].blur, curves[k + 1].blur) / np.sqrt(2))
-        sizes += [replace(figure, noise=noise) for figure in largest(between, errors, blur, unit, samples)]
-    return dict(zip(("hysteresis_max_deg", "hysteresis_max_at_deg", "hysteresis_max_mm"), sizes, strict=False))
 
 
 def _calm(acw: LapCurve, cw: LapCurve) -> tuple[Array, Array]:
@@ -140,16 +134,12 @@ def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
 def _hold(acw: CircleResult, cw: CircleResult, where: str) -> None:
     directions = (acw.laps.direction, cw.laps.direction)
     if directions != ("acw", "cw"):
-        raise FileError(
-            where, f"are {directions[0]} and {directions[1]}", "give an acw run and a cw run, in this order"
-        )
+        problem = f"are {directions[0]} and {directions[1]}"
+        raise FileError(where, problem, "give an acw run and a cw run, in this order")
     circle, second = acw.laps.frame, cw.laps.frame
     if abs(circle.radius - second.radius) > 1e-6 or np.linalg.norm(circle.centre - second.centre) > 1e-6:
         raise FileError(where, "were driven on different circles", "compare runs of one rig file")
     if moved_mm := ball_moved_mm(acw, cw):
-        raise FileError(
-            where,
-            f"have their balls {moved_mm:.2f} mm apart: the ball or a gauge was moved between them, so that acw - cw "
-            "does not show the hysteresis",
-            "record acw and cw without touching the ball or the gauges in between",
-        )
+        fact = f"have their balls {moved_mm:.2f} mm apart: the ball or a gauge was moved between them"
+        remedy = "record acw and cw without touching the ball or the gauges in between"
+        raise FileError(where, f"{fact}, so that acw - cw does not show the hysteresis", remedy)

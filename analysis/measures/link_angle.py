@@ -253,11 +253,8 @@ def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
     if laps.g_mm.ndim != 2 or laps.g_mm.shape[1] != 2:
         raise FileError(where, "does not have two gauges, and an angle needs two", "give g1_mm and g2_mm")
     if baseline_mm == 0:
-        raise FileError(
-            where,
-            "the two gauges have the same offset_mm, which measures no angle",
-            "correct offset_mm of g1 and g2 in the rig file",
-        )
+        problem = "the two gauges have the same offset_mm, which measures no angle"
+        raise FileError(where, problem, "correct offset_mm of g1 and g2 in the rig file")
     hold_radius(where, laps.frame.radius)
     hold_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
     hold_alive(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
@@ -284,10 +281,7 @@ class CircleKind(Kind[CircleTable]):
     part, along = "circle", "phi_deg"
 
     def __init__(
-        self,
-        test: CircleTest,
-        angle: AngleTest,
-        *finders: tuple[str, Callable[[CircleTable, Rig], Iterable[Finding]]],
+        self, test: CircleTest, angle: AngleTest, *finders: tuple[str, Callable[[CircleTable, Rig], Iterable[Finding]]]
     ) -> None:
         super().__init__(test)
         self._test: CircleTest = test

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.kinematics.arm import Array
 from analysis.kinematics.limits import wrapped
 from analysis.measures.direction_pair import pair
 from analysis.measures.link_angle import CircleResult
@@ -124,7 +123,8 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
     why = f"its poses are not those of {together[0].measured.path}: left out of the mean"
     copies += [(run, why) for run in single if not any(run is kept for kept in together)]
     single = together
-    balls = [ball for ball in map(_ball_mm, single) if ball is not None]
+    balls = [run.found.distance.ball_mm for run in single if isinstance(run.found, CircleResult)]
+    balls += [run.found.free.centre for run in single if isinstance(run.found, RadialResult)]
     if len(balls) < max(2, len(single)):
         return single, copies
     away = np.linalg.norm(np.array(balls) - np.median(balls, axis=0), axis=1)
@@ -149,16 +149,6 @@ def _are_same_poses(first: Result, run: Result) -> bool:
     if not (isinstance(table, PlaceTable) and isinstance(its, PlaceTable)):
         return True
     return table.q.shape == its.q.shape and float(np.abs(wrapped(table.q - its.q)).max()) < _SAME_POSE_RAD
-
-
-def _ball_mm(run: Result) -> Array | None:
-    """Where a run has its ball, mm; None in tests that do not show it."""
-    match run.found:
-        case CircleResult():
-            return run.found.distance.ball_mm
-        case RadialResult():
-            return run.found.free.centre
-    return None
 
 
 def pairs_of(group: Sequence[Result]) -> Pairs | None:

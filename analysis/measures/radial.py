@@ -141,8 +141,8 @@ def evaluate(
     cells = _cells(table, where)
     measured = cells.by_orientation
     if len(measured) < _FEWEST:
-        what = f"has {len(measured)} targets, too few for a sphere"
-        raise FileError(where, what, f"measure at least {_FEWEST}, well apart")
+        problem = f"has {len(measured)} targets, too few for a sphere"
+        raise FileError(where, problem, f"measure at least {_FEWEST}, well apart")
     readings = (radius_mm + cells.by_visit)[..., None] * cells.direction[:, None, :]
     far = far_off(readings)
     used = cells.only(~far)
@@ -155,13 +155,11 @@ def evaluate(
     points = (radius_mm + _mean(measured))[:, None] * cells.direction
     free = free_sphere(points[~far])
     figures = _figures(used, measured[~far], free, scatter, radius_mm)
-    notes = (
-        _missing(cells, expected, orientations)
-        + _left_out(cells, far, readings, free)
-        + _unknown(free)
-        + assumed(scatter)
-        + coarse(scatter)
-    )
+    notes = _missing(cells, expected, orientations) + _left_out(cells, far, readings, free)
+    if free.unknown:
+        why = "these targets, near one plane or place, do not determine them; measure at more polar angles"
+        notes += (f"{', '.join(free.unknown)} left out: {why}",)
+    notes += assumed(scatter) + coarse(scatter)
     spread = np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1)
     samples = int(np.isfinite(used.g_mm).sum())
     return RadialResult(cells, spread, ~far, points, free, scatter, figures, samples, notes)
@@ -226,9 +224,8 @@ def _cells(table: RadialTable, where: str) -> Cells:
     moved = np.linalg.norm(direction - first[row], axis=1) > 1e-3
     if moved.any():
         target = int(table.target[np.argmax(moved)])
-        raise FileError(
-            where, f"target {target} has two directions", "give each target one polar angle and one azimuth"
-        )
+        problem = f"target {target} has two directions"
+        raise FileError(where, problem, "give each target one polar angle and one azimuth")
     visits: dict[tuple[int, int], list[int]] = {}
     for k, place in enumerate(zip(row.tolist(), column.tolist(), strict=True)):
         visits.setdefault(place, []).append(k)
@@ -276,26 +273,17 @@ def _left_out(cells: Cells, far: NDArray[np.bool_], readings: Array, free: Spher
     )
 
 
-def _unknown(free: Sphere) -> tuple[str, ...]:
-    why = "these targets, near one plane or place, do not determine them; measure at more polar angles"
-    return (f"{', '.join(free.unknown)} left out: {why}",) if free.unknown else ()
-
-
 def _hold(table: RadialTable, radius_mm: float, where: str) -> None:
     if len(table.g_mm) == 0:
         raise FileError(where, "has no rows", "give a table with readings")
     hold_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)
     hold_alive(where, g1_mm=table.g_mm)
     if np.abs(table.polar).max() > np.pi + 1e-6 or np.abs(table.azimuth).max() > 2 * np.pi + 1e-6:
-        raise FileError(
-            where, "has targets beyond 180° polar or 360° azimuth", "check the units of polar_deg and azimuth_deg"
-        )
-    if np.abs(table.g_mm).max() > 0.5 * radius_mm:
-        raise FileError(
-            where,
-            f"a reading of {np.abs(table.g_mm).max():g} mm is too large for a radius of {radius_mm:g} mm",
-            "give g1_mm as the distance less the link's set length",
-        )
+        problem = "has targets beyond 180° polar or 360° azimuth"
+        raise FileError(where, problem, "check the units of polar_deg and azimuth_deg")
+    if (most_mm := np.abs(table.g_mm).max()) > 0.5 * radius_mm:
+        problem = f"a reading of {most_mm:g} mm is too large for a radius of {radius_mm:g} mm"
+        raise FileError(where, problem, "give g1_mm as the distance less the link's set length")
 
 
 class Radial(TargetKind[RadialTable]):

@@ -112,7 +112,9 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
     circle = circle_of(rig)
     _is_motion(where, table)
     frame, sense = frame_of(circle), SENSE[table.direction]
-    rows_seen = _rows_seen(table.t_s)
+    # No closer than a controller reports: rows between lie on the way from one to the next.
+    step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(table.t_s[:_SEEN]))), 1e-9)))
+    rows_seen = np.append(np.arange(0, len(table.t_s) - 1, step), len(table.t_s) - 1)
     tool = places_along(arm_of(rig.robot), table.q, rows_seen)
     phi = frame.angle(tool)
     stretches = _on_circle(table.t_s, tool, frame, rows_seen)
@@ -140,18 +142,11 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
     inside = laps[0][0] if len(laps) == 1 else np.concatenate([np.arange(rows.start, rows.stop) for rows, _ in laps])
     begins = np.array([table.t_s[rows.start] for rows, _ in laps])
     lap_s = float(np.mean([table.t_s[rows.stop - 1] - table.t_s[rows.start] for rows, _ in laps]))
-    return Laps(
-        table.direction,
-        frame,
-        table.t_s[inside],
-        start + sense * np.concatenate([2 * np.pi * k + ahead for k, (_, ahead) in enumerate(laps)]),
-        table.q[inside],
-        table.g_mm[inside],
-        lap_s,
-        float(np.diff(begins).mean()) if len(laps) > 1 else lap_s,
-        len(laps),
-        0.0 if table.u_t_s is None else rms(table.u_t_s[inside]),
-    )
+    apart_s = float(np.diff(begins).mean()) if len(laps) > 1 else lap_s
+    phi = start + sense * np.concatenate([2 * np.pi * k + ahead for k, (_, ahead) in enumerate(laps)])
+    u_t_s, rows_of_laps = table.u_t_s, (phi, table.q[inside], table.g_mm[inside])
+    u_s = 0.0 if u_t_s is None else rms(u_t_s[inside])
+    return Laps(table.direction, frame, table.t_s[inside], *rows_of_laps, lap_s, apart_s, len(laps), u_s)
 
 
 def is_on_circle(tool: Array, frame: CircleFrame) -> Mask:
@@ -200,12 +195,6 @@ def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
     end = int(np.argmax(since >= 2 * np.pi)) or len(since)
     begin = int(np.flatnonzero(since[:end] < 0).max(initial=-1)) + 1
     return slice(rows.start + begin, rows.start + end), since[begin:end]
-
-
-def _rows_seen(t_s: Array) -> Integers:
-    """The rows (m,) that are no closer than a controller reports: those between lie on the way from one to the next."""
-    step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(t_s[:_SEEN]))), 1e-9)))
-    return np.append(np.arange(0, len(t_s) - 1, step), len(t_s) - 1)
 
 
 def places_along(arm: Arm, q: Array, rows: Integers) -> Array:

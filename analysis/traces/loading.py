@@ -82,16 +82,6 @@ def measured_in(directory: Path, path: Path) -> Measured:
     return measured_of(replace(run, path=path), calibrated_beside(rig_of(run), directory))
 
 
-def _hold_rail(rig: Rig, table: Table, where: str) -> None:
-    """Raise FileError where one of rig file and table knows of a rail and the other does not."""
-    if RAIL not in table.kind.layout(rail=True).known or table.rail == (rig.robot.rail is not None):
-        return
-    if table.rail:
-        raise FileError(where, f"has {RAIL}, and the arm of the rig file stands on no rail", "add robot.rail to it")
-    problem = f"has no {RAIL}, and the arm of the rig file stands on a rail"
-    raise FileError(where, problem, f"add {RAIL}, where the rail stood in each row")
-
-
 def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
     """Raise FileError where two runs, each with the digest of its readings, hold the same readings.
 
@@ -124,7 +114,12 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
         return measured_as(run, rig, table, data.u_lag_s, [*doubts, *of_stands], condition)
     doubts = [*known_doubts(run, rig), *_taken_as_corrected(run, rig)]
     table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
-    _hold_rail(rig, table, str(path))
+    if RAIL in table.kind.layout(rail=True).known and table.rail != (rig.robot.rail is not None):
+        if table.rail:
+            problem = f"has {RAIL}, and the arm of the rig file stands on no rail"
+            raise FileError(str(path), problem, "add robot.rail to it")
+        problem = f"has no {RAIL}, and the arm of the rig file stands on a rail"
+        raise FileError(str(path), problem, f"add {RAIL}, where the rail stood in each row")
     table = one_row_a_stand(table)
     return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
 
