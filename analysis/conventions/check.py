@@ -9,11 +9,10 @@ from typing import Any
 
 from analysis.conventions.finding import Convention, Finding
 from analysis.conventions.gauge_order import ORDER, SIGN
-from analysis.conventions.gauge_sign import sign_findings
+from analysis.conventions.gauge_sign import repeat_findings, sign_findings
 from analysis.conventions.joints import JOINTS, joint_findings
 from analysis.conventions.lost_poses import DUPLICATES, WILDNESS
 from analysis.conventions.place import PLACE, SOURCE, STAMPS, STANDS, stand_findings
-from analysis.conventions.repeats import repeat_findings
 from analysis.conventions.units import UNITS, unit_findings
 from analysis.traces.loading import Measured
 from rigs.errors import FileError

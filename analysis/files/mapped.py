@@ -119,28 +119,27 @@ def table_by(
     raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None = None
 ) -> pa.Table:
     """The table of docs/tables.md of a test, with every other column of the file as the text it is."""
-    named = _poses(raw, table_map, axes) if test == MAPPED else _named(raw, table_map, test, direction)
+    if test == MAPPED:
+        for part in filter(None, (table_map.joints, table_map.commanded)):
+            if len(part.columns) != axes:
+                fact = f"names {len(part.columns)} columns of joints, and the arm of the rig file has {axes} axes"
+                remedy = "name a column for each axis, in order, or give the rig file of that arm"
+                raise FileError("the map", fact, remedy)
+        poses = poses_of(raw, table_map)
+        named = _columns("q{}_deg", np.degrees(poses.q))
+        named |= dict(zip(PLACE, map(pa.array, poses.xyz_mm.T), strict=True))
+        if poses.turn is not None:
+            named |= dict(zip(TURN, map(pa.array, poses.turn.as_euler("xyz", degrees=True).T), strict=True))
+        if poses.commanded is not None:
+            named |= _columns("q{}_commanded_deg", np.degrees(poses.commanded))
+    else:
+        named = _named(raw, table_map, test, direction)
     used = set(table_map.used())
     for name in raw.names:
         if name not in used:
             named[name if name not in named else f"{name} (file)"] = raw.cells[name]
     types = {name: str(column.type) for name, column in named.items()}
     return pa.table(named, schema=table_schema(types))  # type: ignore[arg-type]
-
-
-def _poses(raw: RawTable, table_map: TableMap, axes: int) -> Columns:
-    for part in filter(None, (table_map.joints, table_map.commanded)):
-        if len(part.columns) != axes:
-            fact = f"names {len(part.columns)} columns of joints, and the arm of the rig file has {axes} axes"
-            raise FileError("the map", fact, "name a column for each axis, in order, or give the rig file of that arm")
-    poses = poses_of(raw, table_map)
-    named: Columns = _columns("q{}_deg", np.degrees(poses.q))
-    named |= dict(zip(PLACE, map(pa.array, poses.xyz_mm.T), strict=True))
-    if poses.turn is not None:
-        named |= dict(zip(TURN, map(pa.array, poses.turn.as_euler("xyz", degrees=True).T), strict=True))
-    if poses.commanded is not None:
-        named |= _columns("q{}_commanded_deg", np.degrees(poses.commanded))
-    return named
 
 
 def _columns(template: str, values: Array) -> Columns:

@@ -38,7 +38,15 @@ class Turn:
 
 def turns(laps: Laps) -> list[Turn]:
     """The turns of all joints of the first lap, by axis and phi."""
-    phi, q, rows = _extended(laps.first)
+    lap = laps.first
+    order = np.argsort(lap.phi, kind="stable")
+    phi, q = lap.phi[order], lap.q[order]
+    # A piece of the lap again at both ends: it is closed, and a turn near its start has both its flanks. A joint that
+    # makes full turns goes on by its full turns.
+    whole = 2 * np.pi * np.round((q[-1] - q[0]) / (2 * np.pi))
+    head, tail = phi < phi[0] + _BEYOND, phi > phi[-1] - _BEYOND
+    phi = np.concatenate([phi[tail] - 2 * np.pi, phi, phi[head] + 2 * np.pi])
+    q, rows = np.concatenate([q[tail] - whole, q, q[head] + whole]), np.concatenate([order[tail], order, order[head]])
     seen: list[Turn] = []
     start = float(phi[0] + _BEYOND)  # the lap's own
     for axis, joint in enumerate(q.T, start=1):
@@ -71,20 +79,6 @@ def beside(seen: Sequence[Turn], nominal: Sequence[Reversal]) -> list[tuple[Reve
 def apart(phi: float, other_phi: float) -> float:
     """phi - other_phi, from -pi to pi."""
     return float((phi - other_phi + np.pi) % (2 * np.pi) - np.pi)
-
-
-def _extended(lap: Laps) -> tuple[Array, Array, Array]:
-    """phi (m,) growing, q (m, 6) and rows (m,) of the lap, with a piece of it again at both ends: the lap is closed,
-    and a turn near its start has both its flanks. A joint that makes full turns goes on by its full turns."""
-    order = np.argsort(lap.phi, kind="stable")
-    phi, q = lap.phi[order], lap.q[order]
-    whole = 2 * np.pi * np.round((q[-1] - q[0]) / (2 * np.pi))
-    head, tail = phi < phi[0] + _BEYOND, phi > phi[-1] - _BEYOND
-    return (
-        np.concatenate([phi[tail] - 2 * np.pi, phi, phi[head] + 2 * np.pi]),
-        np.concatenate([q[tail] - whole, q, q[head] + whole]),
-        np.concatenate([order[tail], order, order[head]]),
-    )
 
 
 def _vertex(phi: Array, joint: Array, about: float) -> tuple[float, float]:

@@ -34,8 +34,7 @@ from analysis.noise.target_scatter import scatter_of
 from analysis.noise.wild import SPREADS, spreads_of
 from analysis.traces.align import Aligned
 from analysis.traces.csv_tables import Rows, joint_cells
-from analysis.traces.dwells import at_targets, visits_of
-from analysis.traces.stands import Stand, stands_of
+from analysis.traces.stands import at_targets, stands_of, visits_of
 from analysis.traces.table_layout import JOINTS, Layout
 from analysis.traces.tables import RepeatabilityTable
 from rigs.errors import FileError
@@ -152,17 +151,6 @@ def _wild(targets: Integers, x: Array) -> tuple[str, ...]:
     )
 
 
-def _came_from(at: Sequence[tuple[Stand, int]], outwards_mm: Array, limit_mm: float) -> list[str]:
-    """The side of approach of each stand at a row of the program: where the tool was, beyond a limit, since the last at
-    the same row."""
-    sides = ["none"]
-    for (before, last), (now, row) in pairwise(at):
-        way = outwards_mm[before.end : now.begin]
-        furthest = way[np.argmax(np.abs(way))] if len(way) else 0.0
-        sides.append("none" if last != row or abs(furthest) < limit_mm else "out" if furthest > 0 else "in")
-    return sides[: len(at)]
-
-
 class Repeatability(TargetKind[RepeatabilityTable]):
     """The repeatability test."""
 
@@ -202,7 +190,12 @@ class Repeatability(TargetKind[RepeatabilityTable]):
         outwards_mm = np.linalg.norm(forward(arm, data.q)[:, :3, 3] - frame.centre, axis=1) - frame.radius
         at = at_targets(stands, program, rig, np.pi)
         at = [(stand, row) for stand, row in at if abs(outwards_mm[stand.begin : stand.end].mean()) < limit_mm]
-        sides = _came_from(at, outwards_mm, limit_mm)
+        sides = ["none"]  # where the tool was, beyond the limit, since the last stand at the same row
+        for (before, last), (now, row) in pairwise(at):
+            way = outwards_mm[before.end : now.begin]
+            furthest = way[np.argmax(np.abs(way))] if len(way) else 0.0
+            sides.append("none" if last != row or abs(furthest) < limit_mm else "out" if furthest > 0 else "in")
+        sides = sides[: len(at)]
         places = [(row, side) for (_, row), side in zip(at, sides, strict=True)]
         ways = ["none", *["out", "in"] * repeatability_of(rig).rounds]
         order = [(row, side) for row in range(len(program.target)) for side in ways]

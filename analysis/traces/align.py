@@ -2,6 +2,11 @@
 
 Gauge 1 sets the rows; the other gauge and the robot are interpolated to its instants. A row is left out,
 and counted, where either has a gap there: a straight line across missing data is not a measurement.
+
+Whether the columns of a stream can have been recorded: stamps of one computer's clock in order, values in bounds.
+
+`rigd` stamps what it reads by a clock that never goes back. What breaks this rule was changed since, whatever the
+checksums say, and no time can be made of it. A value that cannot be a reading is left out instead, and counted.
 """
 
 from __future__ import annotations
@@ -10,17 +15,52 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.traces.clocks import Columns, Instants, TimingDoubt, gauge_instants, robot_instants
 from analysis.traces.lower_hull import Mask
-from analysis.traces.stream_checks import LARGEST_DEG, LONGEST_MM, is_reading, require_sound
 from daq.store import Run
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, TestName
+
+LONGEST_MM = 1e5
+"""No gauge measures further than 100 m, the bound of lengths in a rig file (`rigs.schema.part.Length`)."""
+LARGEST_DEG = 36e3
+"""No joint of a robot makes more than 100 turns."""
+_LATEST_NS = 2**61
+"""A monotonic clock begins with its computer: 73 years."""
+_LONGEST_MESSAGE = 65_536
+"""Bytes; the longest message of any protocol is a UDP datagram."""
+
+
+def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[Any, Any]]) -> None:
+    """Raises FileError for columns (n,), stamps in ns and sizes in bytes, that `rigd` cannot have written."""
+    requested, first, last = (columns[name] for name in ("requested_ns", "first_byte_ns", "last_byte_ns"))
+    rules = {
+        "an impossible stamp": (first < 0) | (last > _LATEST_NS),
+        "a first byte later than the last": first > last,
+        "a request later than its answer": requested > last,
+        "a stamp earlier than that of the row before": np.append(False, last[1:] < last[:-1]),
+        "an impossible message size": (columns["size"] < 0) | (columns["size"] > _LONGEST_MESSAGE),
+    }
+    for words, broken in rules.items():
+        if broken.any():
+            row = int(broken.argmax()) + 1
+            raise FileError(str(path), f"row {row} of {instrument} has {words}", "restore the run from a copy")
+
+
+def is_reading(values: Array, largest: float) -> Mask:
+    """Which rows of values (n, k) hold nothing but numbers up to the largest that can be."""
+    sound = np.ones(len(values), dtype=bool)
+    for column in values.T:  # column by column, in no more memory than the answer takes
+        sound &= column <= largest
+        sound &= column >= -largest
+    return sound
+
 
 _GAP = 4.0
 """A gap is this many times the usual distance between samples, …"""
@@ -272,7 +312,8 @@ def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
 
 
 def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
-    """Values (n, k) of all tracks side by side at the times of the rows (n,), which each track spans, in blocks."""
+    """Values (n, k) of all tracks side by side, on the chords between their rows, at the times of the rows (n,), which
+    increase and which each track spans; in blocks."""
     at_rows = np.empty((len(rows_ns), sum(track.values.shape[1] for track in tracks)))
     first = 0
     for track in tracks:
@@ -282,27 +323,23 @@ def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
                 track.values[:, 0] if track.ns is rows_ns else np.interp(rows_ns, track.ns, track.values[:, 0])
             )
             continue
-        for begin in range(0, len(rows_ns), _BLOCK):
-            rows = slice(begin, begin + _BLOCK)
-            at_rows[rows, columns] = _values_at(rows_ns[rows], track)
+        for first_row in range(0, len(rows_ns), _BLOCK):
+            rows = slice(first_row, first_row + _BLOCK)
+            at_ns = rows_ns[rows]
+            begin = max(int(np.searchsorted(track.ns, at_ns[0], side="right")) - 1, 0)
+            end = int(np.searchsorted(track.ns, at_ns[-1], side="left")) + 1
+            ns, values = track.ns[begin:end], track.values[begin:end]
+            if len(ns) < 2:
+                at_rows[rows, columns] = values[:1]
+                continue
+            # Where each row of the track lies among the rows says for all rows between which two they are.
+            passed = np.searchsorted(at_ns, ns[1:-1], side="left")
+            before = np.repeat(np.arange(len(ns) - 1), np.diff(passed, prepend=0, append=len(at_ns)))
+            chords = np.diff(values, axis=0)[before]
+            chords *= ((at_ns - ns[before]) / np.diff(ns)[before])[:, None]
+            chords += values[before]
+            at_rows[rows, columns] = chords
     return at_rows
-
-
-def _values_at(rows_ns: Array, track: Track) -> Array:
-    """Values (n, k) of a track on the chords between its rows, at times (n,) that increase and that it spans."""
-    begin = max(int(np.searchsorted(track.ns, rows_ns[0], side="right")) - 1, 0)
-    end = int(np.searchsorted(track.ns, rows_ns[-1], side="left")) + 1
-    ns, values = track.ns[begin:end], track.values[begin:end]
-    if len(ns) < 2:
-        return np.broadcast_to(values[:1], (len(rows_ns), values.shape[1]))
-    # Where each row of the track lies among the rows says for all rows between which two they are.
-    passed = np.searchsorted(rows_ns, ns[1:-1], side="left")
-    before = np.repeat(np.arange(len(ns) - 1), np.diff(passed, prepend=0, append=len(rows_ns)))
-    share = (rows_ns - ns[before]) / np.diff(ns)[before]
-    chords = np.diff(values, axis=0)[before]
-    chords *= share[:, None]
-    chords += values[before]
-    return chords
 
 
 def are_many(gaps: int, longest_ns: float, rows: int) -> bool:

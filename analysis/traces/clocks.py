@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.traces.own_clock import FittedClock, stands, through_clock
-from analysis.traces.own_cycle import anywhere_in_a_cycle, through_cycle
-from analysis.traces.steady_pace import through_pace
-from analysis.traces.value_changes import changes, repeats
+from analysis.traces.own_clock import FittedClock, stands, through_clock, through_pace
+from analysis.traces.own_cycle import anywhere_in_a_cycle, changes, repeats, through_cycle
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import tcp_address
 from rigs.schema.probe import Timing
@@ -219,7 +217,13 @@ def robot_instants(stream: Columns) -> Instants:
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
     """A reading sent without a request was latched as its answer set out, or up to a character before."""
     fitted = _by_any_clock(device_s, set_out)
-    late, timer_ns = set_out - fitted.ns, _timer_ns(set_out)
+    # The timer of an adapter that holds back bytes which come unasked and unevenly: all arrive multiples of it apart.
+    late, timer_ns, steps = set_out - fitted.ns, 0.0, np.diff(set_out[:_SAMPLE])
+    if len(steps) >= 2 * _STIRRED:
+        timers = np.arange(_HOLDS_NS, _TIMER_NS, -1e6)
+        uneven = timers[np.ptp(np.quantile(steps, _MOST)) > timers / 2]
+        in_step = np.abs(np.exp(2j * np.pi * steps / uneven[:, None]).mean(axis=1)) > _IN_STEP
+        timer_ns = float(uneven[in_step].max(initial=0.0))
     if np.isfinite(device_s).all() or _keeps_pace(late, timer_ns):
         return _listened(fitted, character_ns)
     # It is unknown when in the timer's run it came, and how much of the unevenness is the way's.
@@ -251,18 +255,6 @@ def _keeps_pace(late: Array, timer_ns: float) -> bool:
     from_one_to_next = float(np.median(np.abs(np.diff(late))))
     about = float(np.median(np.abs(late - np.median(late))))
     return from_one_to_next > _DRIFTING * about
-
-
-def _timer_ns(arrived_ns: Array) -> float:
-    """The timer in ns of an adapter that holds back bytes which come unasked and unevenly at (n,) ns: all arrive
-    multiples of it apart; 0 where there is no such timer."""
-    steps = np.diff(arrived_ns[:_SAMPLE])
-    if len(steps) < 2 * _STIRRED:
-        return 0.0
-    timers = np.arange(_HOLDS_NS, _TIMER_NS, -1e6)
-    uneven = timers[np.ptp(np.quantile(steps, _MOST)) > timers / 2]
-    in_step = np.abs(np.exp(2j * np.pi * steps / uneven[:, None]).mean(axis=1)) > _IN_STEP
-    return float(uneven[in_step].max(initial=0.0))
 
 
 def _by_any_clock(device_s: Array, host_ns: Array) -> FittedClock:

@@ -73,7 +73,16 @@ def condition_of(robot: Mapping[str, np.ndarray[Any, Any]]) -> Condition:
     away, to_come = (np.abs(q_deg - q_deg[row]).max(axis=1) > _MOVED_DEG for row in (0, -1))
     begun = np.maximum.accumulate(away)
     moving = begun & np.maximum.accumulate(to_come[::-1])[::-1]  # between the first motion and the last
-    return Condition(tuple(_doubts(robot, t_s, moving, begun)), dict(_warmth(robot)), friction_of(robot, t_s))
+    warmth = {}
+    for axis, name in enumerate(TEMPERATURES, 1):
+        shown = robot.get(name, np.empty(0))
+        shown = shown[np.isfinite(shown)]
+        if len(shown):
+            part = max(1, round(_PART * len(shown)))
+            first, last = shown[:part], shown[-part:]
+            rise_c, u_rise_c = float(last.mean() - first.mean()), math.hypot(first.std(), last.std())
+            warmth[axis] = Warmth(float(shown.mean()), float(shown.std()), rise_c, u_rise_c)
+    return Condition(tuple(_doubts(robot, t_s, moving, begun)), warmth, friction_of(robot, t_s))
 
 
 def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask, begun: Mask) -> Iterator[str]:
@@ -127,14 +136,3 @@ def _when(t_s: Array, lasts: Mask) -> str:
     if len(begins) == 1:
         return f"from {t_s[begins[0]]:.1f} s on for {lasted_s:.1f} s"
     return f"{len(begins)} times, first from {t_s[begins[0]]:.1f} s on, {lasted_s:.1f} s in all"
-
-
-def _warmth(robot: Mapping[str, np.ndarray[Any, Any]]) -> Iterator[tuple[int, Warmth]]:
-    for axis, name in enumerate(TEMPERATURES, 1):
-        shown = robot.get(name, np.empty(0))
-        shown = shown[np.isfinite(shown)]
-        if len(shown):
-            part = max(1, round(_PART * len(shown)))
-            first, last = shown[:part], shown[-part:]
-            rise_c, u_rise_c = float(last.mean() - first.mean()), math.hypot(first.std(), last.std())
-            yield axis, Warmth(float(shown.mean()), float(shown.std()), rise_c, u_rise_c)

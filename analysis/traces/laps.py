@@ -95,6 +95,13 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     key, cell = id(table), (rig.robot, rig.tests.circle)
     if (kept := _LAPS.get(key)) is not None and kept[0]() is table and kept[1] == cell and (laps := kept[2]()):
         return laps
+    if len(table.q) < 2:
+        raise FileError(where, f"has {len(table.q)} rows, too few for a circle", "record the whole circle")
+    if not np.isfinite(table.q).all():
+        row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
+        raise FileError(where, f"row {row} has a joint angle that is not a number", "remove such rows")
+    if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < STOOD_RAD:
+        raise FileError(where, "the robot stood still", "start the recording first, then the circle program")
     laps = _cut_out(table, rig, where)
     asked: Callable[[], Laps | None] = ref(laps) if len(table.q) > _KEPT_ROWS else lambda: laps
     _LAPS[key] = (ref(table, lambda _: _LAPS.pop(key, None)), cell, asked)
@@ -110,7 +117,6 @@ _KEPT_ROWS = 50_000
 def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
     """Return the laps of a table. Raises FileError."""
     circle = circle_of(rig)
-    _is_motion(where, table)
     frame, sense = frame_of(circle), SENSE[table.direction]
     # No closer than a controller reports: rows between lie on the way from one to the next.
     step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(table.t_s[:_SEEN]))), 1e-9)))
@@ -216,17 +222,6 @@ def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> l
     away = np.flatnonzero((np.diff(on) > 1) & (np.diff(t_s[rows]) > _AWAY_S))
     begins, ends = np.append(rows[0], rows[away + 1]), np.append(rows[away], rows[-1])
     return [slice(begin, end + 1) for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]
-
-
-def _is_motion(where: str, table: CircleTable) -> None:
-    """Raises FileError for angles that no robot runs through: none at all, or no numbers."""
-    if len(table.q) < 2:
-        raise FileError(where, f"has {len(table.q)} rows, too few for a circle", "record the whole circle")
-    if not np.isfinite(table.q).all():
-        row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
-        raise FileError(where, f"row {row} has a joint angle that is not a number", "remove such rows")
-    if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < STOOD_RAD:
-        raise FileError(where, "the robot stood still", "start the recording first, then the circle program")
 
 
 def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig: Rig) -> slice:
