@@ -67,8 +67,7 @@ def meanings(axes: int) -> list[Meaning]:
         words, do = f"J{first} and J{second} exchanged", f"exchange the columns q{first}_deg and q{second}_deg"
         ways.append(_meaning((first, second), words, do, np.eye(axes)[rows]))
     for axis, off_deg in product(range(1, axes + 1), _ZEROS_DEG):
-        offset = np.zeros(axes)
-        offset[axis - 1] = np.radians(off_deg)
+        offset = np.radians(off_deg) * np.eye(axes)[axis - 1]
         do = f"add {off_deg:.0f}° to q{axis}_deg, or to offset_deg of axis {axis} in the rig file"
         ways.append(_meaning((axis,), f"{off_deg:+.0f}° on J{axis}", do, np.eye(axes), offset))
     return ways

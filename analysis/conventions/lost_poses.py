@@ -9,11 +9,6 @@ Readings so far from all others that no robot explains them, and those that only
 
 Places and rows that were written more than once: an instrument that sent its last place again, a file put together
 twice.
-
-Poses of one run that were measured with the target, or the instrument, in two places.
-
-Beside an arm with all constants fitted, what remains is noise and the little that constants do not explain. Where the
-rows from some row on, or every other row, are given a placing of their own and far less remains, something was moved.
 """
 
 from __future__ import annotations
@@ -25,66 +20,14 @@ import numpy as np
 
 from analysis.conventions.finding import Finding
 from analysis.conventions.path_places import places_of
-from analysis.geometry.pose_setup import DETERMINED, FittedArm, fit_arm, fit_setup, position_error, socket_design
+from analysis.conventions.two_placings import FITTED, SPARE, two_placings
+from analysis.geometry.pose_setup import fit_arm, fit_setup, position_error, socket_design
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, without_setup
 from analysis.noise.cell import TARGET_MM
 from analysis.noise.wild import FITTED_SPREADS, NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
 from analysis.traces.tables import PathTable, PoseTable, Table, TouchTable
 from rigs.rig import Rig
 from rigs.text import listed
-
-_FEWEST_ROWS, _SPLITS = 8, 24
-"""Rows of a part, of which the nine unknowns of a placing leave some, and how many rows are tried as its first."""
-SPARE, FITTED = 30, 300
-"""Readings beyond the unknowns without which a fit of all constants shows nothing, and poses that are enough for it."""
-_SHARE = 0.6
-"""Share of what remains that a second placing has to leave at most. Of a UR10 and a UR5, measured over hours, the best
-of all splits leaves 0.86 and more, of 30 to 1495 poses."""
-_LEAST_MM = 0.05
-"""Below what the noise of a tracker is, nothing was moved."""
-
-
-def two_placings(table: PoseTable, bare: Arm) -> str:
-    """Return which rows were measured with target or instrument elsewhere than the others, in words; empty where none
-    were, or the poses are too few to show it."""
-    count = len(table.q)
-    chosen = np.unique(np.linspace(0, count - 1, min(FITTED, count)).astype(int))
-    if count < 2 * _FEWEST_ROWS:
-        return ""
-    q, xyz_mm, rows = table.q[chosen], table.xyz_mm[chosen], table.rows[chosen]
-    fitted = fit_arm(bare, q, xyz_mm)
-    if fitted.spare < SPARE or fitted.rms_mm < _LEAST_MM:
-        return ""
-    T = forward(fitted.arm, q)
-    best, words = _SHARE * fitted.rms_mm, ""
-    splits = np.unique(np.linspace(_FEWEST_ROWS, len(rows) - _FEWEST_ROWS, _SPLITS).astype(int)).tolist()
-    parts = [(np.arange(len(rows)) >= first, f"rows from about {rows[first]} on") for first in splits]
-    for part, called in [*parts, (rows % 2 == 0, "every other row")]:
-        after = _left_mm(fitted, T, part)
-        if after < best:
-            best, words = after, called
-    if not words:
-        return ""
-    return (
-        f"{words} were measured with the target or the instrument elsewhere than the others: with a placing of their "
-        f"own {best:.2g} mm are left of {fitted.rms_mm:.2g} mm"
-    )
-
-
-def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
-    """What is left, rms mm corrected for the unknowns, where a part of the tool poses T (n, 4, 4) is shifted, turned
-    and has its target elsewhere, the constants fitted beside it."""
-    if min(part.sum(), (~part).sum()) < _FEWEST_ROWS:
-        return np.inf
-    p = (T[:, :3, 3] - T[:, :3, 3].mean(axis=0)) / 1000.0
-    (x, y, z), zero = p.T, np.zeros(len(p))
-    turned = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)
-    shifted = np.tile(np.eye(3), (len(p), 1, 1))
-    placing = (np.concatenate([shifted, turned, T[:, :3, :3]], axis=2) * part[:, None, None]).reshape(-1, 9)
-    design = np.concatenate([fitted.design, placing], axis=1)
-    residual = fitted.left_mm - design @ np.linalg.lstsq(design, fitted.left_mm, rcond=DETERMINED)[0]
-    return replace(fitted, left_mm=residual, spare=fitted.spare - 9).rms_mm
-
 
 _LEAST_RAD = 0.001
 """The least that a turn counts as a standard deviation: ten times what trackers resolve."""
