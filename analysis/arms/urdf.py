@@ -319,12 +319,6 @@ def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
     return tuple(joints)
 
 
-def others_of(urdf: Urdf, chain: Chain) -> tuple[str, ...]:
-    """Return the names of joints that move and are not of the chain."""
-    within = {joint.name for joint in chain.down}
-    return tuple(joint.name for joint in urdf.joints if joint.moves and joint.name not in within)
-
-
 def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
     """One joint as a rig file can have it, or the rail."""
     place = f"joint {joint.name}"
@@ -433,7 +427,8 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
             f"the tip is not on axis {len(robot.axes)}: the way there is in tool; keep it as part of yours, or choose "
             "another --tip"
         )
-    if others := others_of(urdf, chain):
+    within = {joint.name for joint in chain.down}
+    if others := [joint.name for joint in urdf.joints if joint.moves and joint.name not in within]:
         doubts.append(f"further moving joints are left out, with the masses on them: {listed(others)}")
     if endless := [joint.name for joint in chain.turning if joint.type == "continuous"]:
         limits = "limits_deg are a turn to either side; correct them where the controller counts otherwise"

@@ -18,6 +18,7 @@ Places in a left-handed frame: a tracker's export with one axis turned round, wh
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import product
 
 import numpy as np
 
@@ -57,7 +58,17 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
     # The eccentricity along phi = 0° and 90° that each gauge shows, turned in a yaw test by w/R to either side.
     design = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
     waves: Array = -np.linalg.lstsq(design, table.g_mm, rcond=None)[0][1:].T
-    yield from _one_other_unit(waves, table.g_mm)
+    # Both gauges follow the one ball, and so see waves of the same size that point to the same side, and travel as far:
+    # errors of a robot may cancel the wave of one gauge, but not what else it shows.
+    low, high = np.quantile(table.g_mm, [0.05, 0.95], axis=0)  # a chip under a probe is no travel
+    travel, size = high - low, np.linalg.norm(waves, axis=1)
+    seen = size.min() > 0 and size.max() >= _ECCENTRIC_MM and waves[0] @ waves[1] >= 0
+    for (unit, factor), k in product(FACTORS.items(), (0, 1)) if seen else ():
+        ratio = size[k] / size[1 - k]
+        as_far = 1 / _AS_FAR < travel[k] / factor / max(travel[1 - k], 1e-9) < _AS_FAR
+        if abs(ratio / factor - 1) < 0.1 and as_far:
+            fact = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times the other gauge's"
+            yield fact, "convert it to mm"
     # Where the rig file states the eccentricity: the data show the same one, in another unit.
     stated_mm = np.array([np.dot(circle.eccentricity_mm, frame.u), np.dot(circle.eccentricity_mm, frame.v)])
     size_mm = float(np.linalg.norm(stated_mm))
@@ -65,22 +76,6 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
         if np.linalg.norm(waves.mean(axis=0) / factor - stated_mm) < _LIKE_STATED * size_mm:
             fact = f"g1_mm and g2_mm are in {unit}: their wave is the rig file's eccentricity times {factor:.3g}"
             yield fact, "convert them to mm"
-
-
-def _one_other_unit(waves: Array, g_mm: Array) -> Iterator[tuple[str, str]]:
-    """Both gauges (n, 2) follow the one ball, and so see waves of the same size that point to the same side, and travel
-    as far: errors of a robot may cancel the wave of one gauge, but not what else it shows."""
-    low, high = np.quantile(g_mm, [0.05, 0.95], axis=0)  # a chip under a probe is no travel
-    travel = high - low
-    size = np.linalg.norm(waves, axis=1)
-    if size.min() <= 0 or size.max() < _ECCENTRIC_MM or waves[0] @ waves[1] < 0:
-        return
-    for unit, factor in FACTORS.items():
-        for k, ratio in enumerate((size[0] / size[1], size[1] / size[0])):
-            as_far = 1 / _AS_FAR < travel[k] / factor / max(travel[1 - k], 1e-9) < _AS_FAR
-            if abs(ratio / factor - 1) < 0.1 and as_far:
-                fact = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times the other gauge's"
-                yield fact, "convert it to mm"
 
 
 def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:

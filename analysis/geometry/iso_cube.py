@@ -176,7 +176,11 @@ def _postures(arm: Arm, places: Array, ahead: Array) -> _Starts:
     """The postures at places (n, 3) mm of the world with the tool pointing down or ahead (2,) of the base, in four
     rolls: clear, regular, none further round than half a turn, the elbow on the side of the place; most regular
     first."""
-    turns = [_pointing(np.array(z), ahead, roll) for z in ((0.0, 0.0, -1.0), (*ahead, 0.0)) for roll in range(4)]
+    turns = []
+    down, level, upwards = np.array([0.0, 0.0, -1.0]), np.array([*ahead, 0.0]), np.array([0.0, 0.0, 1.0])
+    for z, x in ((down, level), (level, upwards)):
+        y = np.cross(z, x)
+        turns += [np.stack([*rolled, z], axis=1) for rolled in ((x, y), (y, -x), (-x, -y), (-y, x))]
     poses = np.tile(np.eye(4), (len(places) * len(turns), 1, 1))
     poses[:, :3, 3] = np.repeat(places, len(turns), axis=0)
     poses[:, :3, :3] = np.tile(arm.T_world_base[:3, :3] @ np.array(turns), (len(places), 1, 1))
@@ -192,15 +196,6 @@ def _postures(arm: Arm, places: Array, ahead: Array) -> _Starts:
         kept = kept[good][np.argsort(-even[good], kind="stable")][:_TRIED]
     T = poses[rows[kept]]
     return _Starts(T[:, :3, 3], T[:, :3, :3], q[kept])
-
-
-def _pointing(axis: Array, ahead: Array, roll: int) -> Array:
-    """The orientation (3, 3) with z along an axis, x rolled by quarter turns from upwards, or from ahead."""
-    x = np.array([*ahead, 0.0]) if abs(axis[2]) > 0.5 else np.array([0.0, 0.0, 1.0])
-    y = np.cross(axis, x)
-    for _ in range(roll):
-        x, y = y, -x
-    return np.stack([x, y, axis], axis=1)
 
 
 def _reach_mm(arm: Arm) -> float:

@@ -66,11 +66,6 @@ def rows_of_gauge(manifest: Manifest) -> int:
     return sum(chunk.rows for chunk in manifest.chunks_of(first)) if first else 0
 
 
-def is_long(manifest: Manifest) -> bool:
-    """Whether a recorded run has more rows than one part."""
-    return rows_of_gauge(manifest) > _ROWS
-
-
 def parts_of(path: Path, manifest: Manifest) -> Iterator[Part]:
     """The streams of gauges and robot, part by part, in order of time.
 
@@ -204,7 +199,12 @@ def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
     None where it is no long recorded circle, or holds what only the whole run can show; then it is to be read whole.
     """
     manifest = closed_manifest(directory)
-    if manifest.table is not None or manifest.test not in CIRCLES or not manifest.direction or not is_long(manifest):
+    if (
+        manifest.table is not None
+        or manifest.test not in CIRCLES
+        or not manifest.direction
+        or rows_of_gauge(manifest) <= _ROWS
+    ):
         return None
     run = Run(path, manifest, {}, [])
     rig = calibrated_beside(rig_of(run), directory)

@@ -138,24 +138,17 @@ def evaluate(
     if (sides := table.kind.sides(table)) is not None:  # a pose that is reached from two sides is two
         group = np.unique(np.column_stack([group, sides]), axis=0, return_inverse=True)[1].ravel()
     again = np.flatnonzero(np.bincount(group) >= 2)
-    figures, notes = (
-        {},
-        ["no pose was visited twice: repeatability is not reported, and the noise of instrument and robot is assumed"],
-    )
-    place = turn = None
+    figures: dict[str, Quantity] = {}
+    notes = [
+        "no pose was visited twice: repeatability is not reported, and the noise of instrument and robot is assumed"
+    ]
+    place: Scatter | None = None
+    turn: Scatter | None = None
     placed, twisted = (position, rotation) if instrument is None else _in_frame(arm, table, instrument)
     if len(again):
-        seen = _padded(placed, group, again)
-        place = scatter_of(seen, 0.0)
         pose = poses_of_cube(table.q, cube)
-        plain = by_pose(np.array([pose[group == number][0] for number in again]), place_figures)
-        figures, notes = of_scatter(plain, seen, place), _few(group, again)
-        if twisted is not None:
-            turned = np.degrees(_padded(twisted, group, again))
-            turn = scatter_of(turned, 0.0)
-            figures |= of_scatter(turn_figures, turned, turn)
-        figures, of_frame = _with_frame(figures, instrument, int(group.max()) + 1)
-        figures, notes = figures | distance_figures(pose, table.xyz_mm, cube), [*notes, *of_frame]
+        figures, notes, place, turn = _of_visits(placed, twisted, group, pose, instrument)
+        figures |= distance_figures(pose, table.xyz_mm, cube)
     figures = _position_figures(position, setup, _noise(place, group, again, u_mm, TARGET_MM)) | figures
     if rotation is not None:
         of_turn = _noise(turn, group, again, np.nan)
@@ -182,19 +175,35 @@ def _in_frame(arm: Arm, table: PoseTable, instrument: Instrument) -> tuple[Array
     return place, _turns_left(T, _turns_seen(table.rpy, setup), np.eye(3))
 
 
-def _with_frame(
-    figures: dict[str, Quantity], instrument: Instrument | None, poses: int
-) -> tuple[dict[str, Quantity], list[str]]:
-    """The figures with what the instrument's frame adds to u of AP, and a note where the frame was fitted to few
-    poses."""
-    if instrument is None:
-        few = "AP is what a best fit of the tracker's frame to these poses leaves, which is less than ISO 9283 asks"
-        remedy = "give tests.iso9283.instrument, a frame that was measured by itself"
-        return figures, [f"{few}; {remedy}"] * (poses <= _FEW_POSES)
-    of_places = [name for name, figure in figures.items() if name[:3] == "ap_" and figure.unit == "mm"]
-    for name in of_places:
-        figures[name] = replace(figures[name], u=float(np.hypot(figures[name].u, instrument.u_mm)))
-    return figures, ["AP is by the tool and the tracker's frame of the rig file; rms and mean of all poses are fitted"]
+def _of_visits(
+    placed: Array,
+    twisted: Array | None,
+    group: NDArray[np.int64],
+    pose: Integers,
+    instrument: Instrument | None,
+) -> tuple[dict[str, Quantity], list[str], Scatter, Scatter | None]:
+    """Figures of poses that were visited again, pose (n,) which of the cube each is, with what the instrument's frame
+    adds to u of AP; notes; and the scatter of their places and turns."""
+    counts = np.bincount(group)
+    again = np.flatnonzero(counts >= 2)
+    seen = _padded(placed, group, again)
+    place, turn = scatter_of(seen, 0.0), None
+    plain = by_pose(np.array([pose[group == number][0] for number in again]), place_figures)
+    figures = of_scatter(plain, seen, place)
+    if twisted is not None:
+        turned = np.degrees(_padded(twisted, group, again))
+        turn = scatter_of(turned, 0.0)
+        figures |= of_scatter(turn_figures, turned, turn)
+    few = f"{len(again)} poses visited again, at most {counts.max()} times; ISO 9283 asks {RP_VISITS}"
+    notes = [few] if counts.max() < RP_VISITS else []
+    if instrument is not None:
+        for name in [name for name, figure in figures.items() if name[:3] == "ap_" and figure.unit == "mm"]:
+            figures[name] = replace(figures[name], u=float(np.hypot(figures[name].u, instrument.u_mm)))
+        notes.append("AP is by the tool and the tracker's frame of the rig file; rms and mean of all poses are fitted")
+    elif len(counts) <= _FEW_POSES:
+        fact = "AP is what a best fit of the tracker's frame to these poses leaves, which is less than ISO 9283 asks"
+        notes.append(f"{fact}; give tests.iso9283.instrument, a frame that was measured by itself")
+    return figures, notes, place, turn
 
 
 def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Array | None]:
@@ -276,12 +285,6 @@ def _lengths(vectors: Array) -> dict[str, Array]:
 def _angles(vectors: Array) -> dict[str, Array]:
     length = np.degrees(np.linalg.norm(vectors, axis=-1))
     return {"rms_deg": np.sqrt((length**2).mean(axis=-1)), "max_deg": length.max(axis=-1)}
-
-
-def _few(group: NDArray[np.int64], again: NDArray[np.int64]) -> list[str]:
-    most = int(np.bincount(group).max())
-    few = f"{len(again)} poses visited again, at most {most} times; ISO 9283 asks {RP_VISITS}"
-    return [few] if most < RP_VISITS else []
 
 
 def place_figures(x: Array) -> dict[str, Array]:

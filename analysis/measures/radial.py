@@ -163,11 +163,6 @@ class Cells:
         return _mean(self.g_mm)
 
     @property
-    def by_visit(self) -> Array:
-        """Every reading (t, o·r) of a target, NaN where one is missing."""
-        return self.g_mm.reshape(len(self.g_mm), -1)
-
-    @property
     def rounds(self) -> bool:
         """Whether the visits of a target lie apart, as where the whole program was driven again."""
         timed = np.isfinite(self.t_s)
@@ -234,7 +229,7 @@ def evaluate(
     if len(measured) < _FEWEST:
         problem = f"has {len(measured)} targets, too few for a sphere"
         raise FileError(where, problem, f"measure at least {_FEWEST}, well apart")
-    readings = (radius_mm + cells.by_visit)[..., None] * cells.direction[:, None, :]
+    readings = (radius_mm + cells.g_mm.reshape(len(measured), -1))[..., None] * cells.direction[:, None, :]
     far = far_off(readings)
     used = cells.only(~far)
     scatter = None

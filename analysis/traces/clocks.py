@@ -112,7 +112,18 @@ class Instants:
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
     """When each reading of a gauge was taken, in the middle of what its filter averages."""
     stream, doubts = _without_standing_clock(stream)
-    latched, timing = _answered(stream, gauge), gauge.timing
+    timing, device_s = gauge.timing, stream["device_time_s"]
+    character_ns = 0 if tcp_address(gauge.port) else gauge.line.character_ns
+    first, last, size = stream["first_byte_ns"], stream["last_byte_ns"], stream["size"]
+    set_out = np.minimum(first - character_ns, last - size * character_ns).astype(float)
+    if (stream["requested_ns"] < 0).any():
+        latched = _streamed(device_s, set_out, character_ns)
+    else:
+        went_through = stream["requested_ns"] + float(gauge.request_bytes * character_ns)
+        latched = _requested(stream, went_through, set_out, timing)
+    if not np.isfinite(device_s).all() and timing.latch not in ("on_request", "streamed"):
+        values = np.stack([column for name, column in stream.items() if name.endswith("_mm")], axis=1)
+        latched = _of_own_cycle(latched, values, timing)
     u_s = math.hypot(latched.u_s, timing.filter_uncertainty_ms / 1e3)
     return replace(latched, ns=latched.ns - timing.filter_ms * 1e6, u_s=u_s, doubts=doubts + latched.doubts)
 
@@ -122,22 +133,6 @@ def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[TimingDoubt
     if not stands(stream["device_time_s"]):
         return stream, ()
     return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (TimingDoubt(_STANDS),)
-
-
-def _answered(stream: Columns, gauge: Gauge) -> Instants:
-    """When each reading was latched."""
-    character_ns = 0 if tcp_address(gauge.port) else gauge.line.character_ns
-    first, last, size = stream["first_byte_ns"], stream["last_byte_ns"], stream["size"]
-    set_out = np.minimum(first - character_ns, last - size * character_ns).astype(float)
-    if (stream["requested_ns"] < 0).any():
-        answered = _streamed(stream["device_time_s"], set_out, character_ns)
-    else:
-        went_through = stream["requested_ns"] + float(gauge.request_bytes * character_ns)
-        answered = _requested(stream, went_through, set_out, gauge.timing)
-    if np.isfinite(stream["device_time_s"]).all() or gauge.timing.latch in ("on_request", "streamed"):
-        return answered
-    values = np.stack([column for name, column in stream.items() if name.endswith("_mm")], axis=1)
-    return _of_own_cycle(answered, values, gauge.timing)
 
 
 def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Timing) -> Instants:

@@ -71,8 +71,15 @@ def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
     bound that is never too early. The host's own where the instrument has no clock."""
     if len(device_s) < 3 or not -_LATEST_S < device_s.min() <= device_s.max() < _LATEST_S:
         return FittedClock(host_ns, np.zeros(len(host_ns)))
-    if _runs_through(device_s, host_ns):
-        return _by_arrival(*_fitted(device_s, host_ns), (), host_ns)
+    if (device_s[1:] >= device_s[:-1]).all():
+        least, most = np.inf, -np.inf
+        for begin in range(0, len(device_s), _BLOCK):
+            rows = slice(begin, begin + _BLOCK)
+            offset_s = (host_ns[rows] - host_ns[0]) / 1e9 - device_s[rows]
+            least, most = min(least, offset_s.min()), max(most, offset_s.max())
+        # It never fell, nor leapt against the host's: most do not, and nothing else is to be looked for.
+        if most - least < _LEAP_S:
+            return _by_arrival(*_fitted(device_s, host_ns), (), host_ns)
     device_s = unwrapped(device_s, host_ns)
     wrong = out_of_order(device_s)
     in_order_s, came_ns = (device_s[~wrong], host_ns[~wrong]) if wrong.any() else (device_s, host_ns)
@@ -82,18 +89,6 @@ def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
     if wrong.any():
         ns, low = _among(wrong, ns, 0.0), _among(wrong, low, True)
     return _by_arrival(ns, low, tuple(np.flatnonzero(~wrong)[starts].tolist()), host_ns)
-
-
-def _runs_through(device_s: Array, host_ns: Array) -> bool:
-    """Whether a clock never fell, nor leapt against the host's: most do not, and nothing else is to be looked for."""
-    if not (device_s[1:] >= device_s[:-1]).all():
-        return False
-    least, most = np.inf, -np.inf
-    for begin in range(0, len(device_s), _BLOCK):
-        rows = slice(begin, begin + _BLOCK)
-        offset_s = (host_ns[rows] - host_ns[0]) / 1e9 - device_s[rows]
-        least, most = min(least, offset_s.min()), max(most, offset_s.max())
-    return bool(most - least < _LEAP_S)
 
 
 def _among(wrong: Mask, kept: NDArray[Any], filler: float) -> NDArray[Any]:
