@@ -89,8 +89,18 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
     errors. remarks: lines at the head. Raises FileError for an arm that is not built as one of the maker.
     """
     joint_senses(arm, where, "kinematics.yaml")
-    layout = _layout(arm_of(robot), maker, where)
-    between = _between(arm_of(robot), layout)
+    # The layout whose axes are those of the nominal arm: each pair of frames has its axis in common, and the flange of
+    # both is one.
+    for layout in (layout for layout in LAYOUTS[maker] if len(layout.origins) == arm.axes):
+        between = _between(arm_of(robot), layout)
+        flange = between[-1] @ (np.eye(4) if layout.flange is None else _frame(layout.flange))
+        if np.abs(flange - np.eye(4)).max() < _SAME_MM and all(
+            np.hypot(T[0, 3], T[1, 3]) < _SAME_MM and np.arccos(min(T[2, 2], 1.0)) < _SAME_RAD for T in between
+        ):
+            break
+    else:
+        problem = f"the arm is not built as one for which {maker} has a kinematics.yaml"
+        raise FileError(f"{where}, robot.axes", problem, "write a URDF or a xacro instead: they describe any arm")
     before = [np.eye(4), *between[:-1]]
     origins = [
         np.linalg.inv(start) @ T @ end for start, T, end in zip(before, joint_origins(arm), between, strict=True)
@@ -104,20 +114,6 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
         entries[f"joint{number}"] = {layout.below: entry} if layout.below else entry
     head = "".join(f"# {plain(remark)}\n" for remark in remarks)
     return head + yaml.safe_dump({layout.above: entries} if layout.above else entries, sort_keys=False)
-
-
-def _layout(nominal: Arm, maker: str, where: str) -> Layout:
-    """The layout whose axes are those of the nominal arm: each pair of frames has its axis in common, and the flange of
-    both is one. Raises FileError where there is none."""
-    for layout in (layout for layout in LAYOUTS[maker] if len(layout.origins) == nominal.axes):
-        between = _between(nominal, layout)
-        flange = between[-1] @ (np.eye(4) if layout.flange is None else _frame(layout.flange))
-        if np.abs(flange - np.eye(4)).max() < _SAME_MM and all(
-            np.hypot(T[0, 3], T[1, 3]) < _SAME_MM and np.arccos(min(T[2, 2], 1.0)) < _SAME_RAD for T in between
-        ):
-            return layout
-    problem = f"the arm is not built as one for which {maker} has a kinematics.yaml"
-    raise FileError(f"{where}, robot.axes", problem, "write a URDF or a xacro instead: they describe any arm")
 
 
 def _between(nominal: Arm, layout: Layout) -> list[Array]:

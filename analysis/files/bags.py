@@ -90,7 +90,13 @@ class McapBag:
                 break
             if isinstance(record, Chunk):
                 checked &= record.uncompressed_crc != 0
-                unpacked += self._hold_size(record, unpacked)
+                size = max(record.uncompressed_size, _frame_bytes(record))  # a few bytes can stand for any number
+                remedy = "record the topics of joints and gauges alone, or import it in several runs"
+                if (unpacked := unpacked + size) > _MOST_UNPACKED:
+                    problem = f"stands for more than {_MOST_UNPACKED / 1e9:g} GB once it is unpacked"
+                    raise FileError(self.where, problem, remedy)
+                if size > _MOST_OF_CHUNK:
+                    raise FileError(self.where, f"holds a chunk of more than {_MOST_OF_CHUNK / 1e6:g} MB", remedy)
             else:
                 checked &= not isinstance(record, Message)
             for part in _records_in(record) if isinstance(record, Chunk) else (record,):
@@ -108,18 +114,6 @@ class McapBag:
         for record in records:
             if isinstance(record, Statistics) and record.message_count != count:
                 raise McapError(f"it holds {count} messages, and its statistics say {record.message_count}")
-
-    def _hold_size(self, chunk: Chunk, before: int) -> int:
-        """Return the bytes that a chunk unpacks to. Raises FileError where that, or all together, is too much: a few
-        bytes can stand for any number."""
-        size = max(chunk.uncompressed_size, _frame_bytes(chunk))
-        remedy = "record the topics of joints and gauges alone, or import it in several runs"
-        if before + size > _MOST_UNPACKED:
-            problem = f"stands for more than {_MOST_UNPACKED / 1e9:g} GB once it is unpacked"
-            raise FileError(self.where, problem, remedy)
-        if size > _MOST_OF_CHUNK:
-            raise FileError(self.where, f"holds a chunk of more than {_MOST_OF_CHUNK / 1e6:g} MB", remedy)
-        return size
 
 
 def words_of(error: Exception) -> str:

@@ -450,7 +450,7 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
     T = forward(judge.bare, base.q)
     setup = fit_nearest(judge.bare, base.q, base.xyz_mm, _STEPS)[1]
     R_base = setup.T_world_base[:3, :3]
-    readings = []
+    candidates: list[tuple[Reading, Rotation]] = []
     for turn in _turns(seen):
         try:
             poses = poses_of(judge.raw, table_map.model_copy(update={"turn": turn}))
@@ -464,11 +464,14 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
         for _ in range(3):
             off = np.asarray((tool * tool[kept].mean().inv()).magnitude())
             kept = np.argsort(off)[: max(int(_KEPT * len(T)), 6)]
-        readings.append(
-            Reading(turn, float(np.degrees(np.sqrt(np.mean(off[kept] ** 2)))), "°", f"turn as {_turn_words(turn)}")
-        )
-    readings.sort(key=lambda reading: reading.left)
-    readings = _distinct(judge, table_map, readings)
+        rms_deg = float(np.degrees(np.sqrt(np.mean(off[kept] ** 2))))
+        candidates.append((Reading(turn, rms_deg, "°", f"turn as {_turn_words(turn)}"), poses.turn))
+    readings, distinct = list[Reading](), list[Rotation]()
+    for reading, turns in sorted(candidates, key=lambda candidate: candidate[0].left):
+        # Without those that turn every row as a better one does.
+        if all((turns * earlier.inv()).magnitude().max() > 1e-6 for earlier in distinct):
+            readings.append(reading)
+            distinct.append(turns)
     if not readings:
         return table_map
     best, *others = readings
@@ -483,16 +486,6 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
         asks = "more than one reading of the turn fits the arm; which is it?"
         judge.questions.append(Question("turn", asks, (best, *rivals[:_SHOWN], none)))
     return table_map.model_copy(update={"turn": best.value})
-
-
-def _distinct(judge: _Judge, table_map: TableMap, readings: Sequence[Reading]) -> list[Reading]:
-    """Readings without those that turn every row as a better one does."""
-    kept: list[tuple[Reading, Any]] = []
-    for reading in readings:
-        turn = poses_of(judge.raw, table_map.model_copy(update={"turn": reading.value})).turn
-        if turn is not None and all((turn * earlier.inv()).magnitude().max() > 1e-6 for _, earlier in kept):
-            kept.append((reading, turn))
-    return [reading for reading, _ in kept]
 
 
 def _short(columns: Sequence[str]) -> str:

@@ -16,6 +16,7 @@ import re
 import struct
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -177,16 +178,6 @@ def _joints(data: bytes) -> tuple[int, dict[str, float]]:
         return NO_STAMP, {}
 
 
-def _is_nameless(data: bytes) -> bool:
-    """Whether a JointState has positions and no names."""
-    try:
-        message = Cdr(data)
-        message.header()
-        return message.count() == 0 and message.count() > 0
-    except (struct.error, IndexError):
-        return False
-
-
 def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
     """The joints of the first message that has as many as the arm or more. Raises FileError where there is none, where
     messages name no joints, and where they are of several arms."""
@@ -198,9 +189,13 @@ def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
             problem = f"holds the joints of two arms on one topic ({arms[:300]})"
             raise FileError(where, problem, "name those of the arm that was measured in the rig file: feedback.joints")
         return name_lists[0]
-    if any(_is_nameless(message.data) for message in messages):
-        problem = "holds messages of joints that name none of them: nothing says which angle is whose"
-        raise FileError(where, problem, "publish JointState with names, or give joints and places as a table")
+    for message in messages:
+        with suppress(struct.error, IndexError):
+            state = Cdr(message.data)
+            state.header()
+            if state.count() == 0 and state.count() > 0:  # positions and no names
+                problem = "holds messages of joints that name none of them: nothing says which angle is whose"
+                raise FileError(where, problem, "publish JointState with names, or give joints and places as a table")
     problem = f"has no message with {axes} to {_MOST_JOINTS} joints"
     raise FileError(where, problem, "give the rig file of the arm that was measured")
 

@@ -5,6 +5,7 @@ pyarrow splits the lines; what is found is a `Layout`, which a map states and a 
 
 from __future__ import annotations
 
+import csv
 import io
 import re
 import zipfile
@@ -126,8 +127,16 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
             if sum(member.file_size for member in archive.infolist()) > _MOST_UNPACKED:
                 raise FileError(where, f"unpacks to more than {_MOST_UNPACKED / 1e6:g} MB", "save the sheet as CSV")
         book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-        rows = _rows_within(book.worksheets, where)
-        sheets = {title: _sheet_text(of_sheet) for title, of_sheet in rows}
+        sheets = {}
+        for title, rows in _rows_within(book.worksheets, where):
+            texts = [["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row] for row in rows]
+            # A point where a text is a number with a comma: columns are separated by commas.
+            cells = [[t.replace(",", ".") if _COMMA.fullmatch(t.strip()) else t for t in row] for row in texts]
+            width, text = max(map(len, cells), default=0), io.StringIO()
+            writer = csv.writer(text, lineterminator="\n")
+            for row in cells:
+                writer.writerow([*row, *[""] * (width - len(row))]) if any(row) else text.write("\n")
+            sheets[title] = text.getvalue().encode()
     except FileError:
         raise
     except Exception as error:  # noqa: BLE001 - of a damaged workbook, whatever its readers raise
@@ -153,20 +162,6 @@ def _rows_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, Itera
 
     for sheet in sheets:
         yield sheet.title, rows_of(sheet)
-
-
-def _sheet_text(rows: Iterable[tuple[Any, ...]]) -> bytes:
-    import csv  # noqa: PLC0415
-
-    texts = [["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row] for row in rows]
-    # A point where a text is a number with a comma: columns are separated by commas.
-    cells = [[text.replace(",", ".") if _COMMA.fullmatch(text.strip()) else text for text in row] for row in texts]
-    width = max(map(len, cells), default=0)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    for row in cells:
-        writer.writerow([*row, *[""] * (width - len(row))]) if any(row) else text.write("\n")
-    return text.getvalue().encode()
 
 
 def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list[str], Layout]:
@@ -334,7 +329,11 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
     if not others:
         return first, 0
     if len({table.decimal_comma for table in tables}) > 1:
-        first, *others = map(_with_points, tables)
+        texts = [{name: pc.replace_substring(table.cells[name], ",", ".") for name in table.names} for table in tables]
+        first, *others = (
+            replace(table, cells=pa.table(cells), decimal_comma=False) if table.decimal_comma else table
+            for table, cells in zip(tables, texts, strict=True)
+        )
     columns, left_out = {name: first.cells[name] for name in first.names}, 0
     units, lines, keep = list(first.units), first.lines, np.arange(len(first.lines))
     places = []
@@ -363,14 +362,6 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
     cells = pa.table(columns)
     where = f"{first.where} and {len(others)} more"
     return RawTable(where, tuple(columns), tuple(units), cells, lines[keep], first.decimal_comma), left_out
-
-
-def _with_points(table: RawTable) -> RawTable:
-    """A table whose decimals have points, to be joined with such as have."""
-    if not table.decimal_comma:
-        return table
-    columns = {name: pc.replace_substring(table.cells[name], ",", ".") for name in table.names}
-    return replace(table, cells=pa.table(columns), decimal_comma=False)
 
 
 def _index(table: RawTable, join: str) -> dict[str, int]:

@@ -133,12 +133,16 @@ def _cube(robot: Robot, test: Iso9283) -> Cube | None:
     else:
         sides = [max(1, round(share * _reach_mm(arm) / _WHOLE_MM)) * _WHOLE_MM for share in _SIDES]
     looked_for = test.posture_deg is None or test.side_mm is None
-    for starts in _starts(arm, test):
-        for side in sides:
-            reached = _first_reached(arm, starts, level, rising, side)
-            if reached is not None:
-                start, q = reached
-                return Cube(starts.centre_mm[start], float(side), level, rising, starts.R[start], q, looked_for)
+    share, corners = np.linspace(-1, 1, _ALONG), slice(None, len(_CORNERS))
+    for starts, side in ((starts, side) for starts in _starts(arm, test) for side in sides):
+        grid = np.array([*_CORNERS, *product(share, share)]) * FROM_CENTRE * side * np.array([1.0, np.sqrt(2)])
+        away = grid @ np.stack([level, rising])
+        candidates = np.arange(len(starts.q))
+        for start in candidates[_reached(arm, starts, candidates, away[corners])[1]]:
+            q, reached = _reached(arm, starts, np.array([start]), away)
+            if reached[0]:
+                centre_mm, R = starts.centre_mm[start], starts.R[start]
+                return Cube(centre_mm, float(side), level, rising, R, q[0, corners], looked_for)
     return None
 
 
@@ -201,21 +205,6 @@ def _postures(arm: Arm, places: Array, ahead: Array) -> _Starts:
 def _reach_mm(arm: Arm) -> float:
     """How far the arm reaches, mm: the lengths of its links."""
     return float(np.hypot(arm.a, arm.d).sum())
-
-
-def _first_reached(arm: Arm, starts: _Starts, level: Array, rising: Array, side_mm: float) -> tuple[int, Array] | None:
-    """The first start from which all of the plane is reached, and its joints (5, 6) rad at P1 … P5."""
-    share = np.linspace(-1, 1, _ALONG)
-    grid = np.array([*_CORNERS, *product(share, share)]) * FROM_CENTRE * side_mm * np.array([1.0, np.sqrt(2)])
-    away = grid @ np.stack([level, rising])
-    corners = slice(None, len(_CORNERS))
-    candidates = np.arange(len(starts.q))
-    candidates = candidates[_reached(arm, starts, candidates, away[corners])[1]]
-    for number in candidates:
-        q, reached = _reached(arm, starts, np.array([number]), away)
-        if reached[0]:
-            return int(number), q[0, corners]
-    return None
 
 
 def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Array, Mask]:
