@@ -26,7 +26,7 @@ from analysis.geometry.pose_setup import fit_arm, fit_setup, position_error
 from analysis.kinematics.arm import arm_of, forward, without_setup
 from analysis.traces.csv_tables import table_from
 from analysis.traces.loading import Measured
-from analysis.traces.single_stands import rows_a_stand
+from analysis.traces.stands import rows_a_stand
 from analysis.traces.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
 

@@ -19,7 +19,7 @@ from analysis.files.read import read_file, read_whole
 from analysis.files.sequence import check_sequence
 from analysis.files.table_map import MAPPED, TableMap, map_text
 from analysis.geometry.iso_cube import cube_of
-from analysis.measures.checks import hold_alive
+from analysis.measures.evaluate import hold_alive
 from analysis.traces.kind import kind_named
 from analysis.traces.loading import Measured, measured_of
 from analysis.traces.table_layout import PLACE, JointSource

@@ -15,8 +15,8 @@ import numpy as np
 from analysis.geometry.iso_cube import Cube
 from analysis.kinematics.arm import Array, Integers
 from analysis.kinematics.limits import wrapped
-from analysis.measures.iso_figures import FEWEST_CYCLES
 from analysis.measures.quantity import Quantity, student_factor
+from analysis.measures.scatter_figures import FEWEST_CYCLES
 
 _SAME_RAD = float(np.radians(0.5))
 """A group of poses is one of the cube whose joints it has within this, modulo a turn: what a robot reports lies beside

@@ -21,10 +21,9 @@ from analysis.geometry.ball_link import angle, readings
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_laps, circle_of
 from analysis.kinematics.arm import Array, Integers
-from analysis.measures.checks import hold_alive, hold_numbers, hold_radius
 from analysis.measures.circularity import Circularity
 from analysis.measures.circularity import evaluate as evaluate_distance
-from analysis.measures.evaluate import Instruments
+from analysis.measures.evaluate import Instruments, hold_alive, hold_numbers, hold_radius
 from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.measures.quantity import Quantity
 from analysis.measures.reduction import PHI, Reduced, nodes_of, reduced

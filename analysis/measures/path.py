@@ -26,10 +26,9 @@ from analysis.geometry.iso_cube import Cube, PathName, Polygon, Ring, cube_of, i
 from analysis.kinematics.arm import Array, transform
 from analysis.measures.driven_paths import Driven, DrivenPaths, driven_paths
 from analysis.measures.evaluate import Instruments
-from analysis.measures.iso_figures import FEWEST_CYCLES, rp
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import PathCurve
-from analysis.measures.scatter_figures import half_width
+from analysis.measures.scatter_figures import FEWEST_CYCLES, half_width, rp
 from analysis.measures.simulated_gauges import Simulation
 from analysis.measures.simulated_iso9283 import simulated_path
 from analysis.traces.csv_tables import Rows

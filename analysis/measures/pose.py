@@ -43,14 +43,12 @@ from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_e
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, transform, without_setup
 from analysis.kinematics.limits import impossible_rad, wrapped
 from analysis.measures.axis_curves import AxisCurve, axis_curves
-from analysis.measures.checks import hold_numbers
 from analysis.measures.cube import by_pose, distance_figures, poses_of_cube
-from analysis.measures.evaluate import Instruments
-from analysis.measures.iso_figures import RP_VISITS, rp
+from analysis.measures.evaluate import Instruments, hold_numbers
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
-from analysis.measures.scatter_figures import of_scatter
+from analysis.measures.scatter_figures import RP_VISITS, of_scatter, rp
 from analysis.measures.simulated_gauges import Simulation
 from analysis.measures.simulated_iso9283 import simulated_cube
 from analysis.measures.stops import PlaceKind, came_from_cells, came_from_of
@@ -59,7 +57,7 @@ from analysis.noise.spectrum import DRAWS
 from analysis.noise.target_scatter import Scatter, scatter_of
 from analysis.noise.wild import FITTED_SPREADS
 from analysis.traces.csv_tables import Rows, joint_cells
-from analysis.traces.single_stands import STANDS_MM
+from analysis.traces.stands import STANDS_MM
 from analysis.traces.table_layout import PLACE, RAIL, RAIL_FROM, TURN, Layout, came_from_columns, joint_columns
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError

@@ -32,13 +32,11 @@ from numpy.typing import NDArray
 
 from analysis.geometry.programs import hemisphere_of, radial_program
 from analysis.kinematics.arm import Array, Integers, Mask
-from analysis.measures.checks import hold_alive, hold_numbers, hold_radius
-from analysis.measures.evaluate import Instruments
-from analysis.measures.iso_figures import rp
+from analysis.measures.evaluate import Instruments, hold_alive, hold_numbers, hold_radius
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import RadialCurve
-from analysis.measures.scatter_figures import assumed, coarse, half_width, of_scatter
+from analysis.measures.scatter_figures import assumed, coarse, half_width, of_scatter, rp
 from analysis.measures.simulated_gauges import visit_times
 from analysis.measures.stops import TargetKind, another_visit, hold_targets, target_count, timed
 from analysis.noise.certificate import link_excess_mm

@@ -19,12 +19,10 @@ import numpy as np
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles
 from analysis.geometry.programs import beside, hemisphere_of, repeatability_of, repeatability_program
 from analysis.kinematics.arm import Array, Integers, Mask, arm_of, forward
-from analysis.measures.checks import hold_alive, hold_numbers
-from analysis.measures.evaluate import Instruments
-from analysis.measures.iso_figures import RANGE_VISITS, RP_VISITS, reversal, rp
+from analysis.measures.evaluate import Instruments, hold_alive, hold_numbers
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import RepeatabilityCurve
-from analysis.measures.scatter_figures import assumed, coarse, exact, of_scatter
+from analysis.measures.scatter_figures import RANGE_VISITS, RP_VISITS, assumed, coarse, exact, of_scatter, reversal, rp
 from analysis.measures.simulated_gauges import visit_times
 from analysis.measures.stops import TargetKind, another_visit, hold_targets, timed
 from analysis.model.predict import Model, Path, stops

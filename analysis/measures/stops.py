@@ -22,7 +22,7 @@ from analysis.model.predict import Model, Path, SetUp, gauged, stops
 from analysis.model.scene import Scene, apply
 from analysis.traces.csv_tables import Rows, joint_cells
 from analysis.traces.kind import SAME_RAD, Kind
-from analysis.traces.single_stands import STANDS_MM
+from analysis.traces.stands import STANDS_MM
 from analysis.traces.table_layout import RAIL, RAIL_FROM, came_from_columns
 from analysis.traces.tables import PlaceTable, TargetTable
 from rigs.errors import FileError

@@ -23,8 +23,7 @@ from analysis.conventions.off_path import Off, off_sockets
 from analysis.geometry.pose_setup import socket_design
 from analysis.kinematics.arm import Arm, Array, Integers, forward
 from analysis.kinematics.limits import impossible_rad
-from analysis.measures.checks import hold_numbers
-from analysis.measures.evaluate import Instruments
+from analysis.measures.evaluate import Instruments, hold_numbers
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve

@@ -25,7 +25,7 @@ from analysis.traces.align import align
 from analysis.traces.condition import NOT_SHOWN, Condition, condition_of
 from analysis.traces.csv_tables import columns_of, table_from, u_lag_s_of
 from analysis.traces.kind import kind_named
-from analysis.traces.single_stands import one_row_a_stand
+from analysis.traces.stands import one_row_a_stand
 from analysis.traces.table_layout import RAIL
 from analysis.traces.tables import Table
 from daq.store import Run, read_run
