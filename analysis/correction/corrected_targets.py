@@ -103,13 +103,15 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         marks = np.zeros(len(q), dtype=bool)
         marks[done] = inside
     distance: Array = np.linalg.norm(before[:, :3, 3] - forward(arm, q[done])[:, :3, 3], axis=1)
+    in_base, in_frame = places_u_mm(rig, uncertainty, at, taught)
+    u_mm = spread(np.hypot(in_base, stays_mm)), spread(np.hypot(in_frame, stays_mm))
     return Corrected(
         angles,
         forward(arm, angles),
         spread(distance),
         tuple(map(label_of, uncorrected)),
         spread(left_out),
-        *(spread(np.hypot(u_mm, stays_mm)) for u_mm in places_u_mm(rig, uncertainty, at, taught)),
+        *u_mm,
         marks,
         (*_doubts(rig, uncertainty, at), *_turned(rig, supported, q[done], at)),
         done,
