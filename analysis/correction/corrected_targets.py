@@ -97,21 +97,21 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
     taught = at if inside is None else at[inside]
     if len(taught) < _FEWEST_TAUGHT:
         taught = work_or_spread(rig, uncertainty.joints_rad)
+    u_mm, u_frame_mm = places_u_mm(rig, uncertainty, at, taught)
     before = tool_poses(model_of(rig, used_effects(rig, supported)), q[done])
     marks = None
     if inside is not None:
         marks = np.zeros(len(q), dtype=bool)
         marks[done] = inside
     distance: Array = np.linalg.norm(before[:, :3, 3] - forward(arm, q[done])[:, :3, 3], axis=1)
-    in_base, in_frame = places_u_mm(rig, uncertainty, at, taught)
-    u_mm = spread(np.hypot(in_base, stays_mm)), spread(np.hypot(in_frame, stays_mm))
     return Corrected(
         angles,
         forward(arm, angles),
         spread(distance),
         tuple(map(label_of, uncorrected)),
         spread(left_out),
-        *u_mm,
+        spread(np.hypot(u_mm, stays_mm)),
+        spread(np.hypot(u_frame_mm, stays_mm)),
         marks,
         (*_doubts(rig, uncertainty, at), *_turned(rig, supported, q[done], at)),
         done,
