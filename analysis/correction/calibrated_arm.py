@@ -21,7 +21,6 @@ from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
 from analysis.model.predict import Model, model_of
-from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES
@@ -82,7 +81,8 @@ class CalibratedArm:
         are none.
         """
         poses = _frames(T)
-        start = np.radians(np.array(near_deg, dtype=float)) if near_deg is not None else self._middle
+        middle = arm_of(self.rig.robot).limits.mean(axis=1)
+        start = middle if near_deg is None else np.radians(np.array(near_deg, dtype=float))
         q, reached = np.full((len(poses), self._axes), np.nan), np.zeros(len(poses), dtype=bool)
         solved = self._solved if self._axes >= DRIVEN_AXES else self._solved_in_part
         for row, pose in enumerate(poses):
@@ -100,18 +100,9 @@ class CalibratedArm:
         whole = model_of(self.rig)
         return replace(whole, effects=tuple(one for one in whole.effects if one.compensation().use != "none"))
 
-    @property
-    def _rest(self) -> list[Effect]:
-        return [one for one in model_of(self.rig).effects if one.compensation().use == "none"]
-
     @cached_property
     def _known(self) -> PoseUncertainty:
         return pose_uncertainty(self.rig, supports(self.rig))
-
-    @cached_property
-    def _middle(self) -> Array:
-        middle: Array = arm_of(self.rig.robot).limits.mean(axis=1)
-        return middle
 
     @property
     def _axes(self) -> int:
@@ -121,7 +112,8 @@ class CalibratedArm:
         """The standard uncertainty (n,) mm of the place at q (n, axes) rad; NaN where nothing was found of the arm."""
         if self.rig.calibrated is None and not any(effect.found for effect in self.rig.effects):
             return np.full(len(q), np.nan)
-        stays = left_out_mm(self.rig, self._rest, q)
+        uncorrected = [effect for effect in model_of(self.rig).effects if effect.compensation().use == "none"]
+        stays = left_out_mm(self.rig, uncorrected, q)
         u_mm: Array = np.hypot(position_u_mm(self._known, q), np.linalg.norm(stays, axis=1))
         return u_mm
 

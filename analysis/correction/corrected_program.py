@@ -325,18 +325,12 @@ def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: _Done) -> 
             reasons[k] = "too_large"
         # The controller takes the flags at their word: an angle beyond zero would be reached a turn away.
         elif (flags := targets[k].flags) and not np.array_equal(new, q[k]):
-            slack = _off_sign(arm, q[k], targets[k])
+            # Beyond its flags not at all where the old one was not, and else as far as the program's rounding put it.
+            steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
+            slack = next((float(step) for step in steps if agreeing(arm, q[k][None], flags, float(step))[0]), 0.0)
             if not agreeing(arm, new[None], flags, slack)[0]:
                 reasons[k] = "changes_flags"
     return reasons
-
-
-def _off_sign(arm: Arm, q: Array, target: Target) -> float:
-    """Return how far in rad a new angle may stand beyond its flags: not at all where the old one did not, and else as
-    far as the program's own rounding put the old one."""
-    assert target.flags is not None  # noqa: S101 - asked of flags only
-    steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
-    return next((float(step) for step in steps if agreeing(arm, q[None], target.flags, float(step))[0]), 0.0)
 
 
 def _changes(
