@@ -171,7 +171,7 @@ def correct_program(
         np.array([done.u_mm[k] for k in kept]),
         np.array([done.u_frame_mm[k] for k in kept]),
         tuple(done.outside[k] for k in kept),
-        np.array([_off_um(arm, after.targets[k], located[k], scale, done.q[k]) for k in kept]),
+        np.array([_off_um(arm, after.targets[k], located[k], scale, done.T[k]) for k in kept]),
         everything,
         np.array([done.moved_mm[k] for k in _beside_left(parsed, set(kept))]),
         texts.names,
@@ -317,9 +317,9 @@ class _Done:
 def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: _Done) -> dict[int, Reason]:
     """Return the targets whose correction is not to be written, with the reason."""
     reasons: dict[int, Reason] = {}
-    for k, new in done.q.items():
-        error = np.abs(pose_error(done.T[k][None], forward(arm, q[k][None]))[0])
-        turned_deg = float(np.degrees(np.linalg.norm(error[3:])))
+    before = forward(arm, q[np.array([*done.T], dtype=np.int64)])
+    turned = pose_error(np.array([*done.T.values()]).reshape(-1, 4, 4), before)[:, 3:]
+    for (k, new), turned_deg in zip(done.q.items(), np.degrees(np.linalg.norm(turned, axis=1)), strict=True):
         joint_deg = float(np.degrees(np.abs(new - q[k]).max()))
         if done.moved_mm[k] > MOST_MM or turned_deg > _MOST_DEG or joint_deg > _MOST_JOINT_DEG:
             reasons[k] = "too_large"
@@ -358,9 +358,8 @@ def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
     return after
 
 
-def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, q: Array) -> float:
-    """Return how far in µm the numbers as written put the tool from the corrected target at q (6,) rad."""
-    meant = forward(arm, q[None])[0]
+def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, meant: Array) -> float:
+    """Return how far in µm the numbers as written put the tool from where it is `meant` (4, 4)."""
     if target.joints:
         written_pose = forward(arm, joints_of(target, scale)[None])[0]
     else:
