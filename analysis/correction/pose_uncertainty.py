@@ -294,7 +294,8 @@ def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array)
 
 
 def frame_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> Array:
-    """Return the second of `places_u_mm` alone."""
+    """Return u (n,) mm of places as a frame that is taught at joint angles (k, 6) sees them: the second of
+    `places_u_mm`."""
     return places_u_mm(rig, uncertainty, q, taught)[1]
 
 
