@@ -307,8 +307,8 @@ def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:
     if len(np.unique(np.round(q, 2), axis=0)) <= _FEW_POSTURES:
         return False
     T, fitted = forward(bare, q), fit_arm(bare, q, xyz_mm)
-    error = position_error(T, xyz_mm, fit_setup(T, xyz_mm))
-    nominal_mm = float(np.sqrt((error**2).sum() / (len(q) - 3)))
+    off_mm = position_error(T, xyz_mm, fit_setup(T, xyz_mm))
+    nominal_mm = float(np.sqrt((off_mm**2).sum() / (len(q) - 3)))
     return fitted.spare < SPARE or max(fitted.rms_mm, NO_INSTRUMENT_MM) > _SHARE_OF_CONSTANTS * nominal_mm
 
 
