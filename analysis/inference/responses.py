@@ -13,10 +13,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.inference.blocks import Block, SharedBlock, SimulatedBlock
+from analysis.inference.blocks import Block, SharedBlock, SimulatedBlock, recent
 from analysis.inference.known_distances import KnownDistances, known_distances_of
 from analysis.inference.observation import GRID, ORDER_OF
-from analysis.inference.setups import columns_of, moved_setup, tool_shift
+from analysis.inference.setups import columns_of, moved_setup, tool_shift, without_origin
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import SetUp
 from analysis.model.scene import Scene
@@ -100,6 +100,10 @@ _FAR_MM = 1.0
 """Way of a tool from which a ball that stays behind is tried too. Over 1 mm a circle of 70 mm radius bends by 7 µm."""
 
 
+_FITS = 16
+"""Residuals of effects that are kept, at some 40 kB each."""
+
+
 @dataclass(frozen=True)
 class Linearisation:
     """Blocks, and the same blocks simulated about a model and its set-ups; N counts the entries of all blocks and then
@@ -110,6 +114,7 @@ class Linearisation:
     setups: dict[str, SetUp]
     simulated: tuple[SimulatedBlock, ...]
     near: NearResponses = field(default_factory=NearResponses, init=False, repr=False)
+    _fits: dict[tuple[Effect, ...], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def y(self) -> Array:
@@ -254,26 +259,31 @@ class Linearisation:
         A large effect moves the ball by a millimetre, over which readings are not linear. So they are simulated where
         the set-ups fit best with these effects, and taken back to the set-ups of this linearisation along their slopes.
         """
-        residual, moves = self._fitted(effects)
-        return residual + self.U @ moves
+        return self._best_fit(effects)[0]
 
     def moves_with(self, effects: Sequence[Effect]) -> Array:
         """Return the terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the known ones.
         Combinations of terms that hardly show go where the tool goes."""
-        return self._fitted(effects)[1]
+        return self._best_fit(effects)[1].copy()
+
+    def _best_fit(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """Return `residual` and `moves_with`, which fits, searches and verdicts ask of the same effects in turn."""
+        return recent(self._fits, tuple(map(without_origin, effects)), lambda: self._fitted(effects), _FITS)
 
     def _fitted(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Return the whitened residual (N,) where the set-ups fit best, and the terms of the set-ups (s,) mm there."""
+        """Return the same, computed."""
         scenes = self._scenes(effects)
         starts = [self._moves_with_tool(scenes)]
         if np.abs(starts[0]).max() > _FAR_MM:
             # After a collision, and where runs are simulated, the ball stands where it stood.
             starts.append(np.zeros_like(starts[0]))
         fits = [self._fitted_from(start, effects, scenes) for start in starts]
-        return min(fits, key=lambda fit: float(np.sum(self.without_set_up(fit[0]) ** 2)))
+        residual, moves = min(fits, key=lambda fit: float(np.sum(self.without_set_up(fit[0]) ** 2)))
+        return residual + self.U @ moves, moves
 
     def _fitted_from(self, moves: Array, effects: Sequence[Effect], scenes: Sequence[Scene]) -> tuple[Array, Array]:
-        """Return the same, fitted in steps from given terms (s,) mm as long as the residual falls."""
+        """Return the whitened residual (N,) where the set-ups fit best, and their terms (s,) mm there, fitted in steps
+        from given ones as long as the residual falls."""
         residual = self._left(effects, scenes, self.setups_moved_by(moves))
         for _ in range(_STEPS):
             step = self._best_moves @ residual
