@@ -323,13 +323,13 @@ class Hyperparameters:
         then a shorter step is tried, and where that does not help either, they do not change.
         """
         whole, robust = evidence(state), self.robust(posterior)
-        for estimate in (self.strength, self.nearer_strength):
-            tried = replace(state, strength=estimate(state, posterior), robust=robust)
+        whole_step, nearer = self.strength(state, posterior), self.nearer_strength(state, posterior)
+        apart = float(np.abs(np.log(whole_step / nearer)).max())
+        for strength in (whole_step, nearer) if apart > _SAME_STRENGTH else (whole_step,):
+            tried = replace(state, strength=strength, robust=robust)
             if evidence(tried) > whole:
                 state = tried
                 break
-            if np.abs(np.log(tried.strength / state.strength)).max() < _SAME_STRENGTH:
-                break  # a shorter step leads to as good as the same place
         for _ in range(_LEVEL_ROUNDS):
             level = self.level(state, posterior)
             if abs(np.log(level / state.level)) < _SAME_LEVEL:
