@@ -6,7 +6,7 @@ rows from some row on, or every other row, are given a placing of their own and 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +15,14 @@ from analysis.geometry.pose_setup import DETERMINED, FittedArm, fit_arm
 from analysis.kinematics.arm import Arm, Array, Mask, forward
 from analysis.traces.tables import PoseTable
 
-_FEWEST_ROWS, _SPLITS = 8, 24
-"""Rows of a part, of which the nine unknowns of a placing leave some, and how many rows are tried as its first."""
+_FEWEST_ROWS, _SPLITS = 4, 24
+"""Rows of a part, of which the nine unknowns of a placing leave three readings, and how many are tried as its first."""
 SPARE, FITTED = 30, 300
 """Readings beyond the unknowns without which a fit of all constants shows nothing, and poses that are enough for it."""
-_SHARE = 0.6
-"""Share of what remains that a second placing has to leave at most. Of a UR10 and a UR5, measured over hours, the best
-of all splits leaves 0.86 and more, of 30 to 1495 poses."""
+_SHARE, _FEW_ROWS, _SHARE_OF_FEW = 0.6, 8, 0.3
+"""Share of what remains that a second placing has to leave at most, and of a part of fewer rows than so many. Of a UR10
+and a UR5, measured over hours, the best of all splits leaves 0.86 and more of 30 to 1495 poses; of 20 to 40 poses 0.67,
+and with parts of 4 to 7 rows SHARE_MEASURED."""
 _LEAST_MM = 0.05
 """Below what the noise of a tracker is, nothing was moved."""
 
@@ -38,10 +39,10 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
     if fitted.spare < SPARE or fitted.rms_mm < _LEAST_MM:
         return ""
     T = forward(fitted.arm, q)
-    best, words = _SHARE * fitted.rms_mm, ""
-    for part, called in _parts(rows):
-        after = _left_mm(fitted, T, part)
-        if after < best:
+    best, words = np.inf, ""
+    for part, called in _parts(rows, lambda part: _left_mm(fitted, T, part)):
+        after, few = _left_mm(fitted, T, part), min(part.sum(), (~part).sum())
+        if after < min(best, (_SHARE if few >= _FEW_ROWS else _SHARE_OF_FEW) * fitted.rms_mm):
             best, words = after, called
     if not words:
         return ""
@@ -51,19 +52,22 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
     )
 
 
-def _parts(rows: Array) -> Iterator[tuple[Mask, str]]:
-    """Rows that may have a placing of their own, with how they are called."""
-    count = len(rows)
-    for first in np.unique(np.linspace(_FEWEST_ROWS, count - _FEWEST_ROWS, _SPLITS).astype(int)).tolist():
-        yield np.arange(count) >= first, f"rows from about {rows[first]} on"
-    yield rows % 2 == 0, "every other row"
+def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask, str]]:
+    """Rows that may have a placing of their own, with how they are called: those from the row on at which least
+    remains, of a few tried and then of those beside it, and every other row where there are enough."""
+    place, last = np.arange(len(rows)), len(rows) - _FEWEST_ROWS
+    tried = np.unique(np.linspace(_FEWEST_ROWS, last, _SPLITS).astype(int)).tolist()
+    near, step = min(tried, key=lambda first: left_mm(place >= first)), last // _SPLITS
+    first = min(range(max(_FEWEST_ROWS, near - step), min(last, near + step) + 1), key=lambda k: left_mm(place >= k))
+    yield place >= first, f"rows from about {rows[first]} on"
+    other = rows % 2 == 0
+    if min(other.sum(), (~other).sum()) >= _FEWEST_ROWS:
+        yield other, "every other row"
 
 
 def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
     """What is left, rms mm corrected for the unknowns, where a part of the tool poses T (n, 4, 4) is shifted, turned
     and has its target elsewhere, the constants fitted beside it."""
-    if min(part.sum(), (~part).sum()) < _FEWEST_ROWS:
-        return np.inf
     p = (T[:, :3, 3] - T[:, :3, 3].mean(axis=0)) / 1000.0
     (x, y, z), zero = p.T, np.zeros(len(p))
     turned = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)

@@ -138,7 +138,8 @@ def correct_program(
     reasons |= unsolved
     beyond = ((q < arm.limits[:, 0] - 1e-9) | (q > arm.limits[:, 1] + 1e-9)).any(axis=1)
     reasons |= {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
-    from_begin = (step.target for step in parsed.steps if AT_BEGIN in step.comes_from)
+    from_begin = [(targets[step.target], step) for step in parsed.steps if AT_BEGIN in step.comes_from]
+    unsaid = any(not of.joints and not of.near and not (of.flags and step.by_flags) for of, step in from_begin)
     good = np.array([k for k in range(len(targets)) if k not in reasons], dtype=np.int64)
     done = _Done.of(rig, supported, q, good)
     reasons |= done.reasons
@@ -176,7 +177,7 @@ def correct_program(
         texts.names,
         tuple(named for named in parsed.sets if _otherwise(named, frames)),
         whole and any(target.reason != "unused" for target in everything),
-        None if all(targets[k].joints for k in from_begin) else start,
+        start if unsaid else None,
     )
 
 
