@@ -21,7 +21,6 @@ from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
 from analysis.model.predict import Model, model_of
-from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES
@@ -82,7 +81,8 @@ class CalibratedArm:
         are none.
         """
         poses = _frames(T)
-        start = np.radians(np.array(near_deg, dtype=float)) if near_deg is not None else self._middle
+        middle = arm_of(self.rig.robot).limits.mean(axis=1)
+        start = middle if near_deg is None else np.radians(np.array(near_deg, dtype=float))
         q, reached = np.full((len(poses), self._axes), np.nan), np.zeros(len(poses), dtype=bool)
         solved = self._solved if self._axes >= DRIVEN_AXES else self._solved_in_part
         for row, pose in enumerate(poses):
@@ -98,20 +98,11 @@ class CalibratedArm:
     def _model(self) -> Model:
         """The model with all effects that depend on the posture alone, as a URDF of it has their geometry."""
         whole = model_of(self.rig)
-        return replace(whole, effects=tuple(one for one in whole.effects if one.compensation().use != "none"))
-
-    @property
-    def _rest(self) -> list[Effect]:
-        return [one for one in model_of(self.rig).effects if one.compensation().use == "none"]
+        return replace(whole, effects=tuple(effect for effect in whole.effects if effect.compensation().use != "none"))
 
     @cached_property
     def _known(self) -> PoseUncertainty:
         return pose_uncertainty(self.rig, supports(self.rig))
-
-    @cached_property
-    def _middle(self) -> Array:
-        middle: Array = arm_of(self.rig.robot).limits.mean(axis=1)
-        return middle
 
     @property
     def _axes(self) -> int:
@@ -121,7 +112,8 @@ class CalibratedArm:
         """The standard uncertainty (n,) mm of the place at q (n, axes) rad; NaN where nothing was found of the arm."""
         if self.rig.calibrated is None and not any(effect.found for effect in self.rig.effects):
             return np.full(len(q), np.nan)
-        stays = left_out_mm(self.rig, self._rest, q)
+        uncorrected = [effect for effect in model_of(self.rig).effects if effect.compensation().use == "none"]
+        stays = left_out_mm(self.rig, uncorrected, q)
         u_mm: Array = np.hypot(position_u_mm(self._known, q), np.linalg.norm(stays, axis=1))
         return u_mm
 
@@ -130,15 +122,15 @@ class CalibratedArm:
         angles = np.array(q_deg, dtype=float)
         widths = (self._axes, self._axes + 1) if self.rig.robot.rail else (self._axes,)
         if angles.ndim != 2 or angles.shape[1] not in widths or not np.isfinite(angles).all():
-            what = f"shape {angles.shape} is not that of finite joint angles (n, {widths[-1]})"
-            raise FileError("q_deg", what, "give a row for each posture")
+            problem = f"shape {angles.shape} is not that of finite joint angles (n, {widths[-1]})"
+            raise FileError("q_deg", problem, "give a row for each posture")
         return angles
 
     def _solved(self, pose: Array, near: Array) -> Array | None:
         """The angles (axes,) rad, near others, at which the tool of an arm of six or more axes is at a pose (4, 4)."""
         for seed in self._seeds(pose, near):
-            angles, there = reached_angles(self._model, pose[None], seed[None])
-            if there[0] and self._allowed(angles[0]):
+            angles, reached = reached_angles(self._model, pose[None], seed[None])
+            if reached[0] and self._allowed(angles[0]):
                 return np.asarray(angles[0])
         return None
 
@@ -164,14 +156,14 @@ class CalibratedArm:
         """Postures (axes,) rad of the nominal arm from which to look for a pose (4, 4), the nearest first."""
         arm = self._model.arm
         if self._axes == DRIVEN_AXES:
-            found = inverse(arm, pose[None])
-            branches = found.q[0][found.found[0]]
+            solutions = inverse(arm, pose[None])
+            branches = solutions.q[0][solutions.found[0]]
             allowed = within_limits(arm, branches)[0] if len(branches) else branches
-            return sorted(allowed, key=lambda one: float(np.abs(one - near).max())) or [near]
+            return sorted(allowed, key=lambda q: float(np.abs(q - near).max())) or [near]
         starts = self._starts(near)
         poses = np.repeat(pose[None], len(starts), axis=0)
-        angles, there = newton(arm, poses, starts)
-        return [one for one, good in zip(angles, there, strict=True) if good and self._allowed(one)]
+        angles, reached = newton(arm, poses, starts)
+        return [q for q, good in zip(angles, reached, strict=True) if good and self._allowed(q)]
 
     def _allowed(self, q: Array) -> bool:
         """Whether joints q (axes,) rad stand within their limits, a rounding beyond them too."""
@@ -187,6 +179,6 @@ def _frames(T: Array) -> Array:
     R = poses[:, :3, :3]
     off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
     if off > _ORTHONORMAL or (np.linalg.det(R) < 0).any() or np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0) > 0:
-        what = "holds a frame whose columns are not at right angles, right-handed and of length 1"
-        raise FileError("T", what, "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1")
+        problem = "holds a frame whose columns are not at right angles, right-handed and of length 1"
+        raise FileError("T", problem, "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1")
     return poses

@@ -171,7 +171,7 @@ def correct_program(
         np.array([done.u_mm[k] for k in kept]),
         np.array([done.u_frame_mm[k] for k in kept]),
         tuple(done.outside[k] for k in kept),
-        np.array([_off_um(arm, after.targets[k], located[k], scale, done.q[k]) for k in kept]),
+        np.array([_off_um(arm, after.targets[k], located[k], scale, done.T[k]) for k in kept]),
         everything,
         np.array([done.moved_mm[k] for k in _beside_left(parsed, set(kept))]),
         texts.names,
@@ -317,26 +317,20 @@ class _Done:
 def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: _Done) -> dict[int, Reason]:
     """Return the targets whose correction is not to be written, with the reason."""
     reasons: dict[int, Reason] = {}
-    for k, new in done.q.items():
-        error = np.abs(pose_error(done.T[k][None], forward(arm, q[k][None]))[0])
-        turned_deg = float(np.degrees(np.linalg.norm(error[3:])))
+    before = forward(arm, q[np.array([*done.T], dtype=np.int64)])
+    turned = pose_error(np.array([*done.T.values()]).reshape(-1, 4, 4), before)[:, 3:]
+    for (k, new), turned_deg in zip(done.q.items(), np.degrees(np.linalg.norm(turned, axis=1)), strict=True):
         joint_deg = float(np.degrees(np.abs(new - q[k]).max()))
         if done.moved_mm[k] > MOST_MM or turned_deg > _MOST_DEG or joint_deg > _MOST_JOINT_DEG:
             reasons[k] = "too_large"
         # The controller takes the flags at their word: an angle beyond zero would be reached a turn away.
         elif (flags := targets[k].flags) and not np.array_equal(new, q[k]):
-            slack = _off_sign(arm, q[k], targets[k])
+            # Beyond its flags not at all where the old one was not, and else as far as the program's rounding put it.
+            steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
+            slack = next((float(step) for step in steps if agreeing(arm, q[k][None], flags, float(step))[0]), 0.0)
             if not agreeing(arm, new[None], flags, slack)[0]:
                 reasons[k] = "changes_flags"
     return reasons
-
-
-def _off_sign(arm: Arm, q: Array, target: Target) -> float:
-    """Return how far in rad a new angle may stand beyond its flags: not at all where the old one did not, and else as
-    far as the program's own rounding put the old one."""
-    assert target.flags is not None  # noqa: S101 - asked of flags only
-    steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
-    return next((float(step) for step in steps if agreeing(arm, q[None], target.flags, float(step))[0]), 0.0)
 
 
 def _changes(
@@ -364,9 +358,8 @@ def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
     return after
 
 
-def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, q: Array) -> float:
-    """Return how far in µm the numbers as written put the tool from the corrected target at q (6,) rad."""
-    meant = forward(arm, q[None])[0]
+def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, meant: Array) -> float:
+    """Return how far in µm the numbers as written put the tool from where it is `meant` (4, 4)."""
     if target.joints:
         written_pose = forward(arm, joints_of(target, scale)[None])[0]
     else:
