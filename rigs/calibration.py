@@ -15,7 +15,7 @@ import datetime as dt
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,8 +242,10 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
         effect = term.model_copy(update={"found": None})  # it says nothing of the arm, and has no hash
         if is_nothing(effect, times):
             continue
-        if _is_sine(effect):
-            waves.setdefault(getattr(effect, "axis", 0), []).append(_wave(effect, times))
+        if is_sine(effect):
+            axis, order, phase, size = sine_of(effect)
+            amplitude = times * math.degrees(size)
+            waves.setdefault(axis, []).append((order, amplitude * math.cos(phase), amplitude * math.sin(phase)))
         else:
             # Of constants the terms of one seat add up, whatever their reference sizes.
             unit = healthy(effect) if effect.STAGE == "arm" else effect
@@ -263,17 +265,17 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
     return [*whole, *curves, *together, *([GaugePortions(portions=tuple(gauges))] if gauges else [])]
 
 
-def _is_sine(effect: Effect) -> bool:
+def is_sine(effect: Effect) -> bool:
     """Return whether it turns a joint by a sine of its angle: a wave with an order, and with no other shape."""
     if effect.STAGE != "joint" or not is_wave(effect) or not hasattr(effect, "order"):
         return False
     return not any(getattr(effect, shape.field) for shape in effect.FREE)
 
 
-def _wave(effect: Effect, times: float) -> tuple[float, float, float]:
-    """Return order, sine and cosine in degrees of a wave."""
-    amplitude, phase = times * float(getattr(effect, size_field(effect))), math.radians(getattr(effect, PHASE))
-    return float(getattr(effect, "order", 0.0)), amplitude * math.cos(phase), amplitude * math.sin(phase)
+def sine_of(effect: Effect) -> tuple[int, float, float, float]:
+    """Return the axis of a sine, its order in cycles a turn, and its phase and amplitude in rad."""
+    wave: Any = effect
+    return wave.axis, wave.order, math.radians(getattr(wave, PHASE)), math.radians(getattr(wave, size_field(wave)))
 
 
 class _Calibrated(Effect):
