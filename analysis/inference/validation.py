@@ -12,6 +12,7 @@ import numpy as np
 from analysis.inference.background import Posterior
 from analysis.inference.blocks import Block, blocks_of, entries, targets_key
 from analysis.inference.observation import Observation, ObservedRun, residuals_of, rms, without_socket
+from analysis.inference.placements import reach_mm
 from analysis.inference.refine import Unknown, slopes_of
 from analysis.inference.responses import basis_of, limits_um, linearise, noise_um, rms_um
 from analysis.inference.result import Gap, TestGap
@@ -65,18 +66,21 @@ class Stages:
     def left(self, runs: Sequence[ObservedRun]) -> list[list[Array]]:
         """Return the residuals (m, k) mm of each run, for each model. Runs in a set-up that was used keep it; the
         others have their own fitted."""
-        residuals = []
-        for effects, placed in zip(self.effects, self.setups, strict=True):
-            residuals.append(_left_with(with_effects(runs, effects), placed))
-        return residuals
+        models = zip(self.effects, self.setups, strict=True)
+        return [_left_with(with_effects(runs, effects), placed) for effects, placed in models]
 
 
 def _left_with(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> list[Array]:
     """Return the residuals (m, k) mm of each run with the set-ups that were placed, and with its own where it is in
     none of them."""
-    new = [run for run in runs if run.one.setup not in placed]
-    every = {**placed, **(fit_run_setups(new)[0] if new else {})}
+    every = _with_new(runs, placed)
     return [residuals_of(run.model, [run.on_lap], every)[0] for run in runs]
+
+
+def _with_new(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> dict[str, SetUp]:
+    """Return set-ups that were placed, and those of runs, of (m, k) mm, that are in none of them."""
+    new = [run for run in runs if run.one.setup not in placed]
+    return {**placed, **(fit_run_setups(new)[0] if new else {})}
 
 
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
@@ -121,10 +125,11 @@ def _largest(residual: Array) -> float:
 class Widening:
     """How far places that had no part in a model are missed beyond what it states: the `factor` by which its
     uncertainty grows, at least 1, and what is as much everywhere, unexplained_mm of one coordinate; None where no
-    places judge it."""
+    places judge it. It holds for sockets up to reach_mm from those touched, of which alone it says so."""
 
     factor: float = 1.0
     unexplained_mm: float | None = None
+    reach_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -196,11 +201,15 @@ def widening(
     misses places by more than its covariance allows for. Residuals are (m, k) mm.
     """
     sets = [_missed_of(left_out.sums) if len(left_out.rows) else None, _missed_by_placement(result)]
+    setups = dict(stages.calibrated)
     for runs in (judges, elsewhere):
         places = [run for run in runs if run.one.table.kind.of_places]
-        sets.append(_missed_by(places, stages, result) if places else None)
+        setups |= _with_new(with_effects(places, stages.effects[-1]), stages.calibrated)
+        sets.append(_missed_by(places, setups, stages, result) if places else None)
     judging = [missed for missed in sets if missed is not None and missed.stated.any()]
-    return max(judging, key=lambda missed: missed.ratio).widening() if judging else Widening()
+    wider = max(judging, key=lambda missed: missed.ratio).widening() if judging else Widening()
+    of_sockets = all(run.one.table.kind.frame_terms == 3 for run in (*result.linear.blocks, *judges, *elsewhere))
+    return replace(wider, reach_mm=reach_mm(setups, stages.calibrated) if of_sockets else None)
 
 
 @dataclass(frozen=True)
@@ -285,15 +294,13 @@ def _neighbourhoods(observation: Observation) -> Integers:
     return np.repeat(neighbourhoods(observation.table.q[observation.rows], np.random.default_rng(0)), 3)
 
 
-def _missed_by(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) -> _Missed:
+def _missed_by(
+    runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], stages: Stages, result: SearchResult
+) -> _Missed:
     """Return by how much the calibrated model misses neighbourhoods of runs of places that had no part in it, in the
     set-ups of the runs used, or in their own."""
     groups, shown = [], _noise_shown(result)
-    setups = dict(stages.calibrated)
-    with_model = with_effects(runs, stages.effects[-1])
-    if new := [run for run in with_model if run.one.setup not in setups]:
-        setups |= fit_run_setups(new)[0]
-    for run, calibrated in zip(runs, with_model, strict=True):
+    for run, calibrated in zip(runs, with_effects(runs, stages.effects[-1]), strict=True):
         (residual,) = residuals_of(calibrated.model, [run.one], setups)
         noise, variance = _stated_variances(run, setups, result)
         alike = [block.one.table.test == run.one.table.test for block in result.linear.blocks]
@@ -455,16 +462,11 @@ def _floor(result: SearchResult, runs: Sequence[ObservedRun]) -> float:
 def _noise_shown(result: SearchResult) -> Array:
     """Return which share of the variance of its noise the readings of each block (b,) show, at the most all."""
     linear, strength = result.linear, result.state.strength[result.selection.columns.band]
-    return np.array([
-        min(float(strength[rows].mean()), 1.0) if _shows_noise(block) else 1.0
-        for block, rows in zip(linear.blocks, linear.rows, strict=True)
-    ])  # fmt: skip
-
-
-def _shows_noise(block: Block) -> bool:
-    """Return whether readings that were not repeated show their own noise: touches, and poses where there are many."""
-    kind = block.one.table.kind
-    return kind.of_places and (kind.constants_apart or len(block.one.rows) >= FEWEST_PLACES)
+    shares = [float(strength[rows].mean()) for rows in linear.rows]
+    # Readings that were not repeated show their own noise where they are touches, and poses where there are many.
+    kinds = [(block.one.table.kind, len(block.one.rows)) for block in linear.blocks]
+    shows = [kind.of_places and (kind.constants_apart or count >= FEWEST_PLACES) for kind, count in kinds]
+    return np.array([min(share, 1.0) if shown else 1.0 for share, shown in zip(shares, shows, strict=True)])
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -515,6 +517,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     root = wider.factor * _root(covariance_of(result.calibrated_posterior, unknowns))
     arm, q = runs[0].model.arm, np.concatenate([run.one.table.q[run.one.rows] for run in runs])
     angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
+    poses = {run.one.setup for run in runs if run.one.table.kind.of_places}
     calibrated = CalibratedModel.model_construct(
         format=1,
         rig=rig.name,
@@ -525,11 +528,12 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         ),
         joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
         rail_mm=(float(rail.min()), float(rail.max())) if arm.rail is not None else None,
-        setups={name: _placed(setup, poses=_is_poses(name, runs)) for name, setup in stages.calibrated.items()},
+        setups={name: _placed(setup, poses=name in poses) for name, setup in stages.calibrated.items()},
         before_um=train.before_um,
         calibrated_um=train.calibrated_um,
         held_out_um=elsewhere.calibrated_um if elsewhere else None,
         widened=wider.factor,
+        reach_mm=wider.reach_mm,
         judged=judged,
         terms=(*terms, *background),
         parameters=tuple(parameters),
@@ -583,10 +587,6 @@ def _root(covariance: Array) -> Array:
     correlation = covariance / unit[:, None] / unit
     correlation[np.diag_indices_from(correlation)] += _LEAST
     return np.asarray(unit[:, None] * np.linalg.cholesky(correlation), dtype=float)
-
-
-def _is_poses(setup: str, runs: Sequence[ObservedRun]) -> bool:
-    return any(run.one.setup == setup and run.one.table.kind.of_places for run in runs)
 
 
 def _placed(setup: SetUp, *, poses: bool) -> PlacedSetUp:
