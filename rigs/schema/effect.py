@@ -101,14 +101,14 @@ class Scope:
 
 @dataclass(frozen=True)
 class FreeShape:
-    """A shape that is fitted with the size: what is expected, and how far it may be off. tried: the value at which a
-    search looks for it; None where a search does not. stated: whether what is expected was stated, and so holds unless
+    """A shape that is fitted with the size: what is expected, and how far it may be off. tried: the values at which a
+    search looks for it; none where a search does not. stated: whether what is expected was stated, and so holds unless
     readings say otherwise: a fit that begins elsewhere may be as far off as it begins."""
 
     field: str
     expected: float
     spread: float
-    tried: float | None = None
+    tried: tuple[float, ...] = ()
     stated: bool = False
 
     def spread_from(self, begin: float) -> float:
