@@ -57,11 +57,11 @@ def main() -> None:
     """Print a line for each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path, help="directory with ipa-ur10, jacobi and mukca")
-    parser.add_argument("--only", default="", help="what begins so (all)")
+    parser.add_argument("--only", default="", help="what begins so, as 'ur10-b ' or 'panda_2 high' (all)")
     given = parser.parse_args()
     print(HEAD, flush=True)
     for split in measured_splits(given.data, 0, WHOLE)[0]:
-        if split.task.name.startswith(given.only):
+        if f"{split.task.name} ".startswith(given.only):
             print(of_series(split), flush=True)
     for arm in (*ARMS, "dinova_2"):
         for placement in sorted(touches(arm, given.data / "mukca")):

@@ -171,8 +171,9 @@ class CalibratedModel(Part):
             effect = self.terms[parameter.term].effect
             if parameter.field != TIMES and not isinstance(getattr(effect, parameter.field, None), float):
                 raise ValueError(f"a parameter is {parameter.field} of {effect.effect}, which has no such number")
-        placed = [(setup.T_instrument_world, setup.T_tool_target) for setup in self.setups.values()]
-        if self.reach_mm is not None and not (placed and all(np.shape(both) == (2, 4, 4) for both in placed)):
+        frames = [frame for setup in self.setups.values() for frame in (setup.T_instrument_world, setup.T_tool_target)]
+        sizes = {(len(frame or ()), *map(len, frame or ())) for frame in frames}
+        if self.reach_mm is not None and sizes != {(4, 4, 4, 4, 4)}:
             raise ValueError("reach_mm is of touches, and a set-up has no frames of instrument and target")
         count = len(self.parameters)
         try:

@@ -208,7 +208,8 @@ def widening(
         sets.append(_missed_by(places, setups, stages, result) if places else None)
     judging = [missed for missed in sets if missed is not None and missed.stated.any()]
     wider = max(judging, key=lambda missed: missed.ratio).widening() if judging else Widening()
-    of_sockets = all(run.one.table.kind.frame_terms == 3 for run in (*result.linear.blocks, *judges, *elsewhere))
+    tables = [block.one.table for block in result.linear.blocks] + [run.one.table for run in (*judges, *elsewhere)]
+    of_sockets = all(table.kind.frame_terms == 3 for table in tables)
     return replace(wider, reach_mm=reach_mm(setups, stages.calibrated) if of_sockets else None)
 
 
