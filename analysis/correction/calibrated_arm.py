@@ -27,7 +27,6 @@ from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
 from analysis.model.predict import Model, model_of
-from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES
@@ -107,10 +106,6 @@ class CalibratedArm:
         whole = model_of(self.rig)
         return replace(whole, effects=tuple(one for one in whole.effects if one.compensation().use != "none"))
 
-    @property
-    def _rest(self) -> list[Effect]:
-        return [one for one in model_of(self.rig).effects if one.compensation().use == "none"]
-
     @cached_property
     def _known(self) -> PoseUncertainty:
         return pose_uncertainty(self.rig, supports(self.rig))
@@ -128,7 +123,8 @@ class CalibratedArm:
         """The standard uncertainty (n,) mm of the place at q (n, axes) rad; NaN where nothing was found of the arm."""
         if self.rig.calibrated is None and not any(effect.found for effect in self.rig.effects):
             return np.full(len(q), np.nan)
-        stays = left_out_mm(self.rig, self._rest, q)
+        uncorrected = [effect for effect in model_of(self.rig).effects if effect.compensation().use == "none"]
+        stays = left_out_mm(self.rig, uncorrected, q)
         u_mm: Array = np.hypot(position_u_mm(self._known, q), np.linalg.norm(stays, axis=1))
         return where_known(self._known, q, u_mm)
 
