@@ -33,14 +33,14 @@ TESTS = ("yaw", "roll", "radial", "repeatability", "pose", "touch", "path")
 OTHER_WORDS = {
     "yaw": ("arms/driver_kinematics", "arms/ur_driver", "files/column_groups"),  # turns
     "roll": ("arms/driver_kinematics", "arms/ur_driver", "files/column_groups"),
-    "repeatability": ("reporting/arms_table",),  # of an arm, by its data sheet
+    "repeatability": ("reporting/listings",),  # of an arm, by its data sheet
     # A word of URScript, of foreign headers, of the cube's stops, along an axis, and of a program's name.
     "pose": (
         *("makers/ur/driver", "files/column_groups", "files/cube_stops"),
-        *("reporting/plots", "reporting/page/target_charts", "robot_programs/planned"),
+        *("reporting/run_pictures", "reporting/run_charts", "robot_programs/planned"),
     ),
     # Of a file, of a page; the column of a curve.
-    "path": ("reporting/correction_report", "reporting/versions_table", "window/guard", "measures/result_curves"),
+    "path": ("reporting/correction_report", "reporting/listings", "window/guard", "measures/result_curves"),
 }
 """Files of `analysis` in which the name of a test is another word, none of its kind."""
 

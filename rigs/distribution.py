@@ -63,11 +63,14 @@ def _required(package: str) -> str:
 
 
 def _of_uv(receipt: Path) -> list[str]:
-    """What `uv tool` was given: rig by its name or place, then what was added, which uv removes unless named again."""
-    tool = tomllib.loads(receipt.read_text(encoding="utf-8")).get("tool", {})
-    requirements = tool.get("requirements", ()) or ({"name": NAME},)
+    """What `uv tool` was given: rig by its name or place, then what was added, which uv removes unless named again; of
+    a receipt that is damaged, which uv passes by as well, the name alone."""
     places = ("path", "directory", "editable")
-    return [
-        shlex.quote(next((entry[key] for key in places if key in entry), entry["name"] + entry.get("specifier", "")))
-        for entry in requirements
-    ]
+    with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
+        requirements = tomllib.loads(receipt.read_text(encoding="utf-8"))["tool"]["requirements"]
+        names = [
+            next((part[key] for key in places if key in part), part["name"] + part.get("specifier", ""))
+            for part in requirements
+        ]
+        return [shlex.quote(name) for name in names] or [NAME]
+    return [NAME]

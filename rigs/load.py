@@ -31,6 +31,8 @@ from rigs.yaml_text import read_yaml
 _REMEDY = "restore both files of one diagnosis, or diagnose again"
 _MOST_UM = 1e6
 """A metre: no arm that moves errs by more."""
+_MOST_WIDENED = 1000.0
+"""Of an arm that is calibrated to 10 µm, poses that were left out would lie 10 mm off: it would not be calibrated."""
 _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 """Joint angles: no controller counts beyond three turns."""
 
@@ -51,7 +53,7 @@ def _reasons(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
     if not all(_LEAST_DEG <= low <= high <= _MOST_DEG for low, high in calibrated.joints_deg):
         yield "joints_deg are no ranges of joint angles"
     errors_um = (calibrated.before_um, calibrated.calibrated_um, calibrated.held_out_um or 0.0)
-    if not all(0 <= error <= _MOST_UM for error in errors_um):
+    if not all(0 <= error <= _MOST_UM for error in errors_um) or calibrated.widened > _MOST_WIDENED:
         yield "states errors that no arm has"
     for number, term in enumerate(calibrated.terms):
         if (axis := getattr(term.effect, "axis", 1)) > axes:
@@ -62,8 +64,8 @@ def _reasons(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
             yield f"term {number} has {name} {value:g} in all, and an arm at most {bound:g}"
     spread = np.sqrt((calibrated.root**2).sum(axis=1))
     for parameter, sd in zip(calibrated.parameters, spread.tolist(), strict=True):
-        if not sd <= _widest(calibrated, parameter):
-            yield f"the uncertainty of {parameter.field} of term {parameter.term} is {sd:.3g}, more than it can be"
+        if not 0 < sd <= _widest(calibrated, parameter):
+            yield f"the uncertainty of {parameter.field} of term {parameter.term} is {sd:.3g}, which no readings give"
 
 
 def _widest(calibrated: CalibratedModel, parameter: Parameter) -> float:

@@ -16,7 +16,7 @@ from analysis.correction.pose_uncertainty import CalibratedUncertainty
 from analysis.correction.work import tool_poses
 from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
-from analysis.reporting.extended_rig import write_extended
+from analysis.reporting.diagnosis_report import write_extended
 from rigs.calibration import CalibratedModel, Parameter, Term, packed_factor
 from rigs.effects import AnyEffect, Effect
 from rigs.load import load

@@ -71,12 +71,12 @@ def _show(results: Sequence[Result], *, as_json: bool, plot: Path | None, each: 
     """Draw the pictures, and print the table or the JSON object."""
     truths = []
     if truth:
-        from analysis.reporting.truth import compare
+        from analysis.reporting.run_object import compare
 
         truths = compare(results, truth)
     if plot:
         from analysis.cli.progress import progress_of
-        from analysis.reporting.plots import save_all_pictures
+        from analysis.reporting.run_pictures import save_all_pictures
 
         with progress_of("drawing the pictures"):
             pictures = list(save_all_pictures(results, plot))

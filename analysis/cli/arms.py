@@ -39,7 +39,7 @@ def arms(
     as_json: AsJson = False,
 ) -> None:
     """List the arm library, or show one arm as the robot section of a rig file."""
-    from analysis.reporting import arms_table
+    from analysis.reporting.listings import arm_object, arm_section, arms_table
     from analysis.reporting.plain_console import PlainConsole
     from rigs.arms import arm_names, load_arm
 
@@ -48,14 +48,14 @@ def arms(
             raise typer.BadParameter("name the arm", param_hint="NAME")
         library = [load_arm(arm_name) for arm_name in arm_names()]
         if as_json:
-            say_json({"arms": [arms_table.as_object(entry) for entry in library]})
+            say_json({"arms": [arm_object(entry) for entry in library]})
         else:
-            PlainConsole().print(arms_table.as_table(library))
+            PlainConsole().print(arms_table(library))
         return
     if calibration and poses:
         raise typer.BadParameter("give the calibration of the controller, or poses of it", param_hint="--poses")
     arm = load_arm(name)
-    robot, text = arm.robot, arms_table.section(arm)
+    robot, text = arm.robot, arm_section(arm)
     if calibration:
         from analysis.arms.ur_calibration import calibrated
 
@@ -77,7 +77,7 @@ def arms(
     if output or not as_json:
         write_section(text, output)
     if as_json:
-        say_json(arms_table.as_object(arm) | {"robot": robot.model_dump(mode="json")})
+        say_json(arm_object(arm) | {"robot": robot.model_dump(mode="json")})
 
 
 def write_section(text: str, output: Path | None) -> None:

@@ -45,9 +45,8 @@ def calibrate(
     from analysis.cli.progress import progress_of
     from analysis.cli.run_paths import load_runs
     from analysis.cli.several import end_with, worst
-    from analysis.reporting.diagnosis_report import write_model
+    from analysis.reporting.diagnosis_report import hold_new, write_model
     from analysis.reporting.diagnosis_screen import as_screen
-    from analysis.reporting.extended_rig import hold_new
     from analysis.reporting.plain_console import PlainConsole
     from rigs.load import load
 

@@ -119,7 +119,7 @@ def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bo
 def _arms(first: Path, second: Path, as_json: bool) -> None:
     from analysis.cli.progress import progress_of
     from analysis.correction.arms_apart import arms_apart
-    from analysis.reporting.arms_apart_table import as_tables
+    from analysis.reporting.listings import arms_apart_tables
     from analysis.reporting.plain_console import PlainConsole
     from rigs.load import load
 
@@ -128,4 +128,4 @@ def _arms(first: Path, second: Path, as_json: bool) -> None:
     if as_json:
         say_json(apart.to_dict())
     else:
-        PlainConsole().print(as_tables(apart))
+        PlainConsole().print(arms_apart_tables(apart))

@@ -140,6 +140,9 @@ def correct(
         say(f"wrote {file}", err=True)
     corrected = next((file for file in written if path and file.name == f"corrected-{path.name}"), None)
     _say_next(rig_file, rig, maker, directory, corrected)
+    for program in corrections.programs:
+        if start and program.start is None:
+            say(f"{program.path.name}: no target takes its posture from --start-joints", err=True)
     if programs:
         say("next: compare each program with the original line by line; nothing was sent to a robot", err=True)
         say(

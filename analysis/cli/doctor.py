@@ -45,7 +45,9 @@ def doctor(
         raise UseError("--scan", problem, "give the rig file of your cell")
     unit = f"rigd@{path.stem}" if path.parent == SERVED else None
     findings = []
-    examined = partial(examine, rig, (runs or _runs(unit)).absolute(), unit, example=is_shipped(path))
+    # Where rigd would record: the service has a directory of its own.
+    where = runs or (Path("/var/lib") / unit.replace("@", "-") / "runs" if unit else Path("runs"))
+    examined = partial(examine, rig, where.absolute(), unit, example=is_shipped(path))
     made = scan_modbus(rig, partial(say, err=True)) if scan else examined()
     for finding in made:
         findings.append(finding)
@@ -58,8 +60,3 @@ def doctor(
         finding_objects = [dataclasses.asdict(finding) for finding in findings]
         say_json({"rig": rig.name, "wrong": wrong, "findings": finding_objects})
     raise typer.Exit(1 if wrong else 0)
-
-
-def _runs(unit: str | None) -> Path:
-    """Where rigd would record: the service has a directory of its own."""
-    return Path("/var/lib") / unit.replace("@", "-") / "runs" if unit else Path("runs")

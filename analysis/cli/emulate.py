@@ -46,6 +46,9 @@ def emulate(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the gauges.")] = 1,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print each line as a JSON object: event, name, text.")
+    ] = False,
 ) -> None:
     """Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.
 
@@ -60,7 +63,7 @@ def emulate(
     import signal
     from queue import SimpleQueue
 
-    from analysis.emulation.keyboard import Keyboard
+    from analysis.emulation.keyboard import CellEvent, Keyboard
     from analysis.emulation.pendant import Pendant
     from analysis.setup.dialogue import has_keyboard
     from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot, write_cell_files
@@ -81,16 +84,21 @@ def emulate(
     cell = emulated(rig, robot, robot.signal, condition=robot.condition)
     lock = locked_cell(directory)
     write_cell_files(directory, rig, robot, cell.rig_text(text, emulated=True))
+
+    def tell(event: CellEvent) -> None:
+        say(event.as_line if as_json else event.text)
+
     ends: SimpleQueue[int] = SimpleQueue()
     signal.signal(signal.SIGTERM, lambda *_: ends.put(0))
     signal.signal(signal.SIGINT, lambda *_: ends.put(130))
     cell.start()
     try:
         for name, port in cell.ports.items():
-            say(f"{name}: {port}")
+            tell(CellEvent("port", name, f"{name}: {port}"))
         programs_known = ", ".join(["run NAME"] if programs else PROGRAMS)
-        say(f"ready; next: rigd {path}; then type here: {programs_known} or quit")
-        keyboard = Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put, say)
+        next_line = f"ready; next: rigd {path}; then type here: {programs_known} or quit"
+        tell(CellEvent("ready", str(path), next_line))
+        keyboard = Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put, tell)
         keyboard.start()
         keyboard.read(has_person=has_keyboard())
         exit_code = end_from(ends)
@@ -98,7 +106,7 @@ def emulate(
         sent = cell.stop()
         lock.release()
     for name, count in sent.items():
-        say(f"{name}: {count} sent")
+        tell(CellEvent("sent", name, f"{name}: {count} sent"))
     raise typer.Exit(exit_code)
 
 

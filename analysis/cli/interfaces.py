@@ -14,7 +14,7 @@ def interfaces(
     """List the gauge and robot interfaces: instruments, line settings, source of the protocol, and what is in doubt."""
     from dataclasses import asdict
 
-    from analysis.reporting.interfaces_table import as_table
+    from analysis.reporting.listings import interfaces_table
     from analysis.reporting.plain_console import PlainConsole
     from rigs.interfaces import known
 
@@ -22,4 +22,4 @@ def interfaces(
     if as_json:
         say_json({"interfaces": [asdict(driver) for driver in drivers]})
     else:
-        PlainConsole().print(as_table(drivers))
+        PlainConsole().print(interfaces_table(drivers))

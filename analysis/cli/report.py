@@ -44,10 +44,9 @@ def report(
     from analysis.cli.progress import progress_of
     from analysis.cli.run_paths import runs_below, say_doubts
     from analysis.cli.several import end_with, evaluated, worst
-    from analysis.reporting.html_page import hold_page
-    from analysis.reporting.page.heading import Heading
-    from analysis.reporting.page.pdf import hold_pdf, is_pdf
+    from analysis.reporting.html_page import hold_page, hold_pdf, is_pdf
     from analysis.reporting.page.report import gather
+    from analysis.reporting.page.trace import Heading
     from analysis.reporting.page.write_page import write_page
     from rigs.load import load
 

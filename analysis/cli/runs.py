@@ -26,12 +26,12 @@ def runs(
     import time
 
     from analysis.cli.progress import progress_of
-    from analysis.reporting.runs_list import listed, row
+    from analysis.reporting.listings import run_row, runs_table
     from daq.store import survey
 
     denied: list[Path] = []
     with progress_of():
-        rows = [row(run, time.time()) for run in survey(directory, denied.append)]
+        rows = [run_row(run, time.time()) for run in survey(directory, denied.append)]
     for path in denied:
         say(f"{path}: not listed: this user may not read it", err=True)
     if as_json:
@@ -45,7 +45,7 @@ def runs(
         return
     from analysis.reporting.plain_console import PlainConsole
 
-    table = listed(rows)
+    table = runs_table(rows)
     whole = PlainConsole(width=10_000).measure(table).maximum
     # A directory in pieces cannot be copied: a line stays one, however narrow the terminal is.
     PlainConsole(width=max(whole, PlainConsole().width)).print(table)

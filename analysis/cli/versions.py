@@ -30,8 +30,8 @@ def versions(
     """List the calibrations of a robot, the newest first, or go back to one; rig compare shows how two differ."""
     from analysis.files.versions import roll_back
     from analysis.files.versions import versions as versions_in
+    from analysis.reporting.listings import version_object, versions_table
     from analysis.reporting.plain_console import PlainConsole
-    from analysis.reporting.versions_table import as_object, as_table
 
     if back_to is not None:
         done = roll_back(rig_file, back_to, dt.datetime.now(dt.UTC))
@@ -43,8 +43,8 @@ def versions(
         return
     versions_here = versions_in(rig_file, folder or rig_file.parent)
     if as_json:
-        say_json({"versions": [as_object(version) for version in versions_here]})
+        say_json({"versions": [version_object(version) for version in versions_here]})
         return
-    PlainConsole().print(as_table(versions_here))
+    PlainConsole().print(versions_table(versions_here))
     if others := [version for version in versions_here if not version.in_use]:
         say(f"next: rig compare {as_argument(rig_file)} {as_argument(others[0].path)}", err=True)

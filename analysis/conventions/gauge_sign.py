@@ -247,16 +247,11 @@ def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:
     stuck = np.zeros((GRID, 2, 2))
     stuck[:, [0, 1], [0, 1]] = acw.stuck - cw.stuck
     design = np.concatenate([each, late, stuck.reshape(-1, 2)], axis=1)
-    taken, sizes, _ = np.linalg.svd(_scaled(design), full_matrices=False)
+    length = np.linalg.norm(design, axis=0)
+    taken, sizes, _ = np.linalg.svd(design / np.where(length > 0, length, 1.0), full_matrices=False)
     basis = taken[:, sizes > 1e-9 * sizes[0]]
     rest_of_readings, plays = (values - basis @ (basis.T @ values) for values in ((acw.g_mm - cw.g_mm).ravel(), plays))
     return float(nnls(plays, rest_of_readings)[1]) ** 2
-
-
-def _scaled(design: Array) -> Array:
-    """Columns (n, k) of length 1; those of nothing as they are."""
-    length = np.linalg.norm(design, axis=0)
-    return design / np.where(length > 0, length, 1.0)
 
 
 def _slopes(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> Array:

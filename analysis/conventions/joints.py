@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -50,48 +50,26 @@ class Meaning:
 
 def meanings(axes: int) -> list[Meaning]:
     """Return every other way in which the columns of so many joints may have been meant."""
-    return [*_couplings(axes), *_directions(axes), *_orders(axes), *_zeros(axes)]
-
-
-def _couplings(axes: int) -> list[Meaning]:
     ways = []
     for sign, word in ((1.0, "+"), (-1.0, "-")):
         matrix = np.eye(axes)
         matrix[2, 1] = sign
         do = f"give the coupling of axes 2 and 3 in the rig file (robot.coupling), or q3_deg {word} q2_deg as q3_deg"
         ways.append(_meaning((2, 3), f"J3 {word} J2 in place of J3", do, matrix))
-    return ways
-
-
-def _directions(axes: int) -> list[Meaning]:
-    ways = []
     for axis in range(1, axes + 1):
         matrix = np.eye(axes)
         matrix[axis - 1, axis - 1] = -1.0
         do = f"change the sign of q{axis}_deg, or correct axis {axis} of the rig file"
         ways.append(_meaning((axis,), f"J{axis} counted the other way", do, matrix))
-    return ways
-
-
-def _orders(axes: int) -> list[Meaning]:
-    ways = []
     for first, second in combinations(range(1, axes + 1), 2):
         rows = list(range(axes))
         rows[first - 1], rows[second - 1] = second - 1, first - 1
         words, do = f"J{first} and J{second} exchanged", f"exchange the columns q{first}_deg and q{second}_deg"
         ways.append(_meaning((first, second), words, do, np.eye(axes)[rows]))
-    return ways
-
-
-def _zeros(axes: int) -> list[Meaning]:
-    ways = []
-    for axis in range(1, axes + 1):
-        for off_deg in _ZEROS_DEG:
-            offset = np.zeros(axes)
-            offset[axis - 1] = np.radians(off_deg)
-            words = f"{off_deg:+.0f}° on J{axis}"
-            do = f"add {off_deg:.0f}° to q{axis}_deg, or to offset_deg of axis {axis} in the rig file"
-            ways.append(_meaning((axis,), words, do, np.eye(axes), offset))
+    for axis, off_deg in product(range(1, axes + 1), _ZEROS_DEG):
+        offset = np.radians(off_deg) * np.eye(axes)[axis - 1]
+        do = f"add {off_deg:.0f}° to q{axis}_deg, or to offset_deg of axis {axis} in the rig file"
+        ways.append(_meaning((axis,), f"{off_deg:+.0f}° on J{axis}", do, np.eye(axes), offset))
     return ways
 
 
@@ -143,7 +121,9 @@ those that fit as well as the best."""
 
 def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """What speaks against the labels of the joint columns of a table: their order, signs, zeros or coupling."""
-    best, as_labelled, as_good = _judged(table, rig)
+    if table.kind.cannot_tell(table, rig):
+        return
+    best, as_labelled, as_good = table.kind.judged_joints(table, rig)
     if best is None or as_labelled < _NOTHING_MM:
         return
     rows = table.kind.joints_fit
@@ -163,11 +143,6 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 
 
 PLACE_UNKNOWN = "the rig file does not say where the test was driven"
-
-
-def _judged(table: Table, rig: Rig) -> Verdict:
-    """Which meaning of its joint columns fits a table."""
-    return (None, 0.0, []) if table.kind.cannot_tell(table, rig) else table.kind.judged_joints(table, rig)
 
 
 def judged_by_path(table: Table, rig: Rig) -> Verdict:

@@ -246,7 +246,8 @@ def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
             yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", what, remedy)
         elif (table.q[alike] == table.q[alike][0]).all():
             copied += int(alike.sum()) - 1
-    if copied >= _SEVERAL and _step_mm(table) < _FINE_MM:
+    steps_mm = np.diff(np.unique(table.xyz_mm[:, 0]))  # how finely places are written
+    if copied >= _SEVERAL and steps_mm.min(initial=1.0) < _FINE_MM:
         what = f"{copied} rows repeat the angles and the place of an earlier one to the last digit, as no visit does"
         yield Finding(DUPLICATES, "likely", (), "rows written twice", what, "remove the copies")
 
@@ -257,9 +258,3 @@ def repeated_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
     if "repeated" in (words := places_of(table).words):
         remedy = "an analysis leaves them out; have the instrument write no place while it has none"
         yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", words["repeated"], remedy)
-
-
-def _step_mm(table: PoseTable) -> float:
-    """The smallest difference of two x, mm: how finely places are written."""
-    apart = np.diff(np.unique(table.xyz_mm[:, 0]))
-    return float(apart.min()) if len(apart) else 1.0

@@ -20,6 +20,7 @@ import numpy as np
 
 from analysis.conventions.finding import Finding, Misfit
 from analysis.conventions.joints import FEWEST, RIGHT_MM
+from analysis.conventions.two_placings import SPARE
 from analysis.geometry.circle import frame_of
 from analysis.geometry.pose_setup import fit_arm, fit_setup, position_error
 from analysis.kinematics.arm import Array, arm_of, forward, without_setup
@@ -99,14 +100,12 @@ def stand_findings(run: Measured) -> Iterator[Finding]:
 SOURCE = "source"
 OF_CONTROLLER = "rig arms NAME --poses TABLE -o arm.yaml reads its calibration out of them"
 """What such places are good for."""
-_NO_INSTRUMENT_MM = 0.008
+NO_INSTRUMENT_MM = 0.008
 """Digits of 0.01 mm leave 0.005 mm; the best trackers state 0.010 mm and more (Leica AT960: 15 µm + 6 µm/m), and arms
 repeat to 0.01 mm."""
 _BASE_MM, _BASE_RAD, _FLANGE_MM = 3.0, float(np.radians(0.3)), 2.0
 """How well frame and target are known by an arm's nominal constants: the calibrations of sound arms move them by so
 much. The smallest reflectors are balls of 12.7 mm on a nest."""
-_SPARE = 30
-"""Readings beyond the unknowns, of which a fit to a few µm is no chance."""
 _POSES = 150
 
 
@@ -126,7 +125,7 @@ def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
         return
     target_mm = float(np.linalg.norm(setup.T_flange_tool[:3, 3]))
     fitted = fit_arm(bare, q, xyz_mm)
-    computed = fitted.spare >= _SPARE and fitted.rms_mm < _NO_INSTRUMENT_MM
+    computed = fitted.spare >= SPARE and fitted.rms_mm < NO_INSTRUMENT_MM
     in_flange = _is_base(setup.T_world_base) and target_mm < _FLANGE_MM
     if not computed and not in_flange:
         return

@@ -107,7 +107,9 @@ def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[F
         if as_labelled > max(_LEAST_MM, _CLEAR * as_meant, _CLEAR * rms(mean[k] - usual)):
             yield _finding(repeats[k], as_labelled, as_meant, negated=False)
             continue
-        shapes = [_without_first_order(curve) for curve in (apart[k], usual_apart, mean[k], usual)]
+        spectra = np.fft.rfft(np.stack([apart[k], usual_apart, mean[k], usual]))
+        spectra[:, 1] = 0.0  # where the ball is
+        shapes = np.fft.irfft(spectra, n=len(usual))
         as_labelled, as_meant = (
             np.hypot(rms(shapes[0] - shapes[1]), rms(shapes[2] - shapes[3])),
             np.hypot(rms(shapes[0] + shapes[1]), rms(shapes[2] + shapes[3])),
@@ -126,10 +128,3 @@ def _finding(lap: Lap, as_labelled: float, as_meant: float, *, negated: bool) ->
     what = "compared with its repeats, its gauges g1 and g2 are exchanged"
     remedy = "check the cables, or import it with the columns exchanged"
     return Finding(ORDER, "decisive", ("g1_mm", "g2_mm"), "g1 and g2 exchanged", what, remedy, misfit, (name,))
-
-
-def _without_first_order(curve: Array) -> Array:
-    """A curve (GRID,) without its first order."""
-    spectrum = np.fft.rfft(curve)
-    spectrum[1] = 0.0
-    return np.fft.irfft(spectrum, n=len(curve))

@@ -15,13 +15,14 @@ from analysis.geometry.pose_setup import DETERMINED, FittedArm, fit_arm
 from analysis.kinematics.arm import Arm, Array, Mask, forward
 from analysis.traces.tables import PoseTable
 
-_FEWEST_ROWS, _SPLITS = 8, 24
-"""Rows of a part, of which the nine unknowns of a placing leave some, and how many rows are tried as its first."""
+_FEWEST_ROWS, _SPLITS = 4, 24
+"""Rows of a part, of which the nine unknowns of a placing leave three readings, and how many are tried as its first."""
 SPARE, FITTED = 30, 300
 """Readings beyond the unknowns without which a fit of all constants shows nothing, and poses that are enough for it."""
-_SHARE = 0.6
-"""Share of what remains that a second placing has to leave at most. Of a UR10 and a UR5, measured over hours, the best
-of all splits leaves 0.86 and more, of 30 to 1495 poses."""
+_SHARE, _FEW_ROWS, _SHARE_OF_FEW = 0.6, 8, 0.3
+"""Share of what remains that a second placing has to leave at most, and of a part of fewer rows than so many. Of a UR10
+and a UR5, measured over hours, the best of all splits leaves 0.86 and more of 30 to 1495 poses; of 20 to 40 poses 0.67,
+and with parts of 4 to 7 rows SHARE_MEASURED."""
 _LEAST_MM = 0.05
 """Below what the noise of a tracker is, nothing was moved."""
 
@@ -38,10 +39,11 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
     if fitted.spare < SPARE or fitted.rms_mm < _LEAST_MM:
         return ""
     T = forward(fitted.arm, q)
-    best, words = _SHARE * fitted.rms_mm, ""
+    best, words = np.inf, ""
     for part, called in _parts(rows):
-        after = _left_mm(fitted, T, part)
-        if after < best:
+        few = min(part.sum(), (~part).sum())
+        after = _left_mm(fitted, T, part) if few >= _FEWEST_ROWS else np.inf
+        if after < min(best, (_SHARE if few >= _FEW_ROWS else _SHARE_OF_FEW) * fitted.rms_mm):
             best, words = after, called
     if not words:
         return ""
@@ -62,8 +64,6 @@ def _parts(rows: Array) -> Iterator[tuple[Mask, str]]:
 def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
     """What is left, rms mm corrected for the unknowns, where a part of the tool poses T (n, 4, 4) is shifted, turned
     and has its target elsewhere, the constants fitted beside it."""
-    if min(part.sum(), (~part).sum()) < _FEWEST_ROWS:
-        return np.inf
     p = (T[:, :3, 3] - T[:, :3, 3].mean(axis=0)) / 1000.0
     (x, y, z), zero = p.T, np.zeros(len(p))
     turned = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)

@@ -88,7 +88,14 @@ class ArmsApart:
 
 def arms_apart(rig: Rig, other: Rig) -> ArmsApart:
     """Return how far apart two arms of one model are. Raises FileError for arms of two models."""
-    arms = tuple(CalibratedArm(_on_its_base(one, rig)) for one in (rig, other))
+
+    def mounted(robot_of: Rig) -> CalibratedArm:
+        """Return an arm in the origin, with the tool of the first: both are set up where the arm is mounted."""
+        bare = {"base": Pose(), "tool": rig.robot.tool, "rail": None}
+        robot = robot_of.robot.model_copy(update=bare)
+        return CalibratedArm(robot_of.model_copy(update={"robot": robot}))
+
+    arms = mounted(rig), mounted(other)
     q_deg = _postures(*arms)
     nominal = [CalibratedArm(one.rig.model_copy(update={"effects": (), "calibrated": None})) for one in arms]
     first, second = (one.forward(q_deg).T[:, :3, 3] for one in nominal)
@@ -106,14 +113,12 @@ def arms_apart(rig: Rig, other: Rig) -> ArmsApart:
         np.hypot(found[0].u_mm, found[1].u_mm),
         _constants(arms[0].rig, arms[1].rig),
         (dict(joint_traits(rig).play_deg), dict(joint_traits(other).play_deg)),
-        tuple(_doubts(arms)),
+        tuple(
+            f"{arm.rig.name} has no effects and no calibration: it is compared as its data sheet has it"
+            for arm in arms
+            if not model_of(arm.rig).effects
+        ),
     )
-
-
-def _on_its_base(rig: Rig, tool_of: Rig) -> Rig:
-    """A rig with its arm in the origin and the tool of another: both are set up where the arm is mounted."""
-    robot = rig.robot.model_copy(update={"base": Pose(), "tool": tool_of.robot.tool, "rail": None})
-    return rig.model_copy(update={"robot": robot})
 
 
 def _postures(one: CalibratedArm, other: CalibratedArm) -> Array:
@@ -145,8 +150,3 @@ def _constants(one: Rig, other: Rig) -> tuple[dict[str, float], ...]:
             {name: np.degrees(value) if name.endswith("deg") else value for name, value in differences.items()}
         )
     return tuple(found)
-
-
-def _doubts(arms: tuple[CalibratedArm, ...]) -> list[str]:
-    nothing = [arm.rig.name for arm in arms if not model_of(arm.rig).effects]
-    return [f"{name} has no effects and no calibration: it is compared as its data sheet has it" for name in nothing]

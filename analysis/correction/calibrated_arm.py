@@ -88,7 +88,8 @@ class CalibratedArm:
         are none.
         """
         poses = _frames(T)
-        start = np.radians(np.array(near_deg, dtype=float)) if near_deg is not None else self._middle
+        middle = arm_of(self.rig.robot).limits.mean(axis=1)
+        start = middle if near_deg is None else np.radians(np.array(near_deg, dtype=float))
         q, reached = np.full((len(poses), self._axes), np.nan), np.zeros(len(poses), dtype=bool)
         solved = self._solved if self._axes >= DRIVEN_AXES else self._solved_in_part
         for row, pose in enumerate(poses):
@@ -109,11 +110,6 @@ class CalibratedArm:
     @cached_property
     def _known(self) -> PoseUncertainty:
         return pose_uncertainty(self.rig, supports(self.rig))
-
-    @cached_property
-    def _middle(self) -> Array:
-        middle: Array = arm_of(self.rig.robot).limits.mean(axis=1)
-        return middle
 
     @property
     def _axes(self) -> int:

@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.correction.corrected_targets import Corrected
-from analysis.correction.pose_uncertainty import frame_u_mm, pose_uncertainty, position_u_mm
+from analysis.correction.pose_uncertainty import places_u_mm, pose_uncertainty
 from analysis.correction.support import Support
 from analysis.correction.work import (
     base_u_um,
@@ -271,7 +271,7 @@ def controller_entries(
     entries = [_entry(rig, controller, scale, *size) for size in sizes]
     lengths = (CHECK_LENGTH,) if any(entry.now is not None for entry in entries) else ()
     left_mm = np.linalg.norm(left_out_mm(rig, uncorrected, q), axis=1)
-    u_mm = frame_u_mm(rig, uncertainty, q, q)
+    in_base_mm, u_mm = places_u_mm(rig, uncertainty, q, q)
     doubt_mm = np.hypot(u_mm, left_mm)
     return ControllerEntries(
         name,
@@ -284,7 +284,7 @@ def controller_entries(
         rms_um(np.hypot(_apart_mm(rig, used, projection.effects, q), doubt_mm)),
         rms_um(doubt_mm),
         (rms_um(_apart_mm(rig, used, (), spread)), rms_um(_apart_mm(rig, used, projection.effects, spread))),
-        base_u_um(position_u_mm(uncertainty, q), u_mm),
+        base_u_um(in_base_mm, u_mm),
         (*controller.steps, *lengths, controller.check),
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 from analysis.correction.controller_entries import ControllerEntries, as_entered, controller_entries
 from analysis.correction.corrected_program import CorrectedProgram, Programs, correct_program
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
-from analysis.correction.pose_uncertainty import covered, frame_u_mm, pose_uncertainty, position_u_mm
+from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
 from analysis.correction.support import Correction, Support, joint_zeros, link_constants, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from analysis.correction.work import (
@@ -127,7 +127,7 @@ def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
     q = work_or_spread(rig, uncertainty.joints_rad)
     left_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, supported), q), axis=1)
     is_at, nominal = tool_places(rig, used, q), tool_places(rig, (), q)
-    u_mm, u_frame_mm = position_u_mm(uncertainty, q), frame_u_mm(rig, uncertainty, q, q)
+    u_mm, u_frame_mm = places_u_mm(rig, uncertainty, q, q)
 
     def errors(off_mm: Array, u_mm: Array) -> tuple[float, float, float]:
         return rms_um(np.hypot(off_mm, left_mm)), rms_um(np.hypot(u_mm, left_mm)), rms_um(u_mm)

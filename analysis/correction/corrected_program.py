@@ -138,7 +138,8 @@ def correct_program(
     reasons |= unsolved
     beyond = ((q < arm.limits[:, 0] - 1e-9) | (q > arm.limits[:, 1] + 1e-9)).any(axis=1)
     reasons |= {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
-    from_begin = (step.target for step in parsed.steps if AT_BEGIN in step.comes_from)
+    from_begin = [(targets[step.target], step) for step in parsed.steps if AT_BEGIN in step.comes_from]
+    unsaid = any(not of.joints and not of.near and not (of.flags and step.by_flags) for of, step in from_begin)
     done = corrected(rig, supported, q, [NotCorrected(k, why, "") for k, why in reasons.items()])
     moved_mm = np.linalg.norm(done.T[:, :3, 3] - forward(arm, q)[:, :3, 3], axis=1)
     reasons |= {target.place: target.reason for target in done.left}
@@ -176,7 +177,7 @@ def correct_program(
         texts.names,
         tuple(named for named in parsed.sets if _otherwise(named, frames)),
         whole and any(target.reason != "unused" for target in everything),
-        None if all(targets[k].joints for k in from_begin) else start,
+        start if unsaid else None,
     )
 
 
@@ -293,18 +294,12 @@ def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected,
             reasons[k] = "too_large"
         # The controller takes the flags at their word: an angle beyond zero would be reached a turn away.
         elif (flags := targets[k].flags) and not np.array_equal(new, q[k]):
-            slack = _off_sign(arm, q[k], targets[k])
+            # Beyond its flags not at all where the old one was not, and else as far as the program's rounding put it.
+            steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
+            slack = next((float(step) for step in steps if agreeing(arm, q[k][None], flags, float(step))[0]), 0.0)
             if not agreeing(arm, new[None], flags, slack)[0]:
                 reasons[k] = "changes_flags"
     return reasons
-
-
-def _off_sign(arm: Arm, q: Array, target: Target) -> float:
-    """Return how far in rad a new angle may stand beyond its flags: not at all where the old one did not, and else as
-    far as the program's own rounding put the old one."""
-    assert target.flags is not None  # noqa: S101 - asked of flags only
-    steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
-    return next((float(step) for step in steps if agreeing(arm, q[None], target.flags, float(step))[0]), 0.0)
 
 
 def _changes(

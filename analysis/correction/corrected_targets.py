@@ -15,9 +15,8 @@ import numpy as np
 from analysis.correction.pose_uncertainty import (
     PoseUncertainty,
     covered,
-    frame_u_mm,
+    places_u_mm,
     pose_uncertainty,
-    position_u_mm,
     where_known,
 )
 from analysis.correction.support import Support
@@ -112,8 +111,10 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         spread(distance),
         tuple(map(label_of, uncorrected)),
         spread(left_out),
-        spread(where_known(uncertainty, at, np.hypot(position_u_mm(uncertainty, at), stays_mm))),
-        spread(where_known(uncertainty, at, np.hypot(frame_u_mm(rig, uncertainty, at, taught), stays_mm))),
+        *(
+            spread(where_known(uncertainty, at, np.hypot(u_mm, stays_mm)))
+            for u_mm in places_u_mm(rig, uncertainty, at, taught)
+        ),
         marks,
         (*_doubts(rig, uncertainty, at), *_turned(rig, supported, q[done], at)),
         done,
@@ -169,7 +170,8 @@ def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
     each other closest to the one before, and the poses out of reach or limits, whose angles are NaN."""
     arm = arm_of(rig.robot)
     solutions = inverse(arm, poses)
-    near = _posture(rig, arm)
+    tests = [test for test in (rig.tests.hemisphere, rig.tests.circle) if test]
+    near: Array = np.radians(tests[0].posture_deg) if tests else arm.limits.mean(axis=1)
     chosen, skipped = np.full((len(poses), 6), np.nan), []
     for k in range(len(poses)):
         branches = solutions.q[k][solutions.found[k]]
@@ -181,16 +183,6 @@ def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
         else:
             skipped.append(NotCorrected(k, "unreachable", "is out of the nominal arm's reach"))
     return chosen, skipped
-
-
-def _posture(rig: Rig, arm: Arm) -> Array:
-    """Return the posture (6,) rad of the arm's work: that of its hemisphere or circle, or else the middle of its
-    limits."""
-    for test in (rig.tests.hemisphere, rig.tests.circle):
-        if test:
-            return np.radians(test.posture_deg)
-    middle: Array = arm.limits.mean(axis=1)
-    return middle
 
 
 def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:

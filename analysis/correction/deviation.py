@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -29,3 +30,14 @@ class Expected(Part):
 
     um: float
     u_um: float
+
+
+@dataclass(frozen=True)
+class Side:
+    """The error on the same circle or at the other place: before and after, None where nothing was driven afterwards,
+    and what was expected."""
+
+    place: Literal["same", "elsewhere"]
+    before: Deviation
+    after: Deviation | None
+    expected: Expected | None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from analysis.arms.mjcf_text import JointTraits
 from analysis.correction.plays import known_plays
@@ -29,7 +29,9 @@ def joint_traits(rig: Rig, friction_nm: Mapping[int, float] | None = None) -> Jo
     for effect in known_plays(rig):
         if effect.PLACE == AT_AXIS and is_play(effect):
             play_deg[_axis(effect)] += float(getattr(effect, size_field(effect)))
-    for effect, times in _terms(rig):
+    terms = [(effect, 1.0) for effect in rig.effects]
+    terms += [(term.effect, term.times) for term in rig.calibrated.terms if not term.named] if rig.calibrated else []
+    for effect, times in terms:
         if effect.PLACE == AT_AXIS and size_field(effect) == _SPRING:
             soft[_axis(effect)] += times * float(getattr(effect, size_field(effect)))
     return JointTraits(dict(play_deg), {axis: value for axis, value in soft.items() if value > 0}, friction_nm or {})
@@ -57,10 +59,3 @@ def torques_of(text: str) -> tuple[float, ...]:
 
 def _axis(effect: Effect) -> int:
     return int(getattr(effect, "axis", 0))
-
-
-def _terms(rig: Rig) -> Iterator[tuple[Effect, float]]:
-    """Yield each effect of a rig file, and of its calibration those that the file does not name, and how many times."""
-    yield from ((effect, 1.0) for effect in rig.effects)
-    if rig.calibrated:
-        yield from ((term.effect, term.times) for term in rig.calibrated.terms if not term.named)

@@ -7,7 +7,7 @@ targets its link crosses the play on the way and not at once: that part stays.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +18,6 @@ from analysis.model.hysteresis import Motion
 from analysis.model.predict import Path, driven, model_of
 from analysis.robot_programs.compensated import reached, targets_of
 from analysis.robot_programs.plan import Plan
-from rigs.calibration import CalibratedModel
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import is_play, size_field
@@ -33,20 +32,18 @@ def known_plays(rig: Rig) -> tuple[Effect, ...]:
     """Return the plays of a rig file, and of the calibrated model beside it, that are known well enough to be corrected
     in a program: a certain play is corrected whether or not it is larger than usual."""
     unsure = {id(support.effect) for support in supports(rig) if support.value < _CERTAIN_U * support.u}
-    named = tuple(
+    plays = [
         effect for effect in rig.effects if effect.STAGE == "joint" and is_play(effect) and id(effect) not in unsure
-    )
-    return (*named, *_found_plays(rig.calibrated)) if rig.calibrated else named
-
-
-def _found_plays(calibrated: CalibratedModel) -> Iterator[Effect]:
-    """Yield the certain plays of a calibrated model that have a width of their own and that no rig file names."""
-    for row, parameter in enumerate(calibrated.parameters):
-        term = calibrated.terms[parameter.term]
-        effect, u = term.effect, float(np.linalg.norm(calibrated.root[row]))
-        is_found = not term.named and effect.STAGE == "joint" and is_play(effect)
-        if is_found and parameter.field == size_field(effect) and getattr(effect, parameter.field) >= _CERTAIN_U * u:
-            yield effect
+    ]
+    if rig.calibrated is None:
+        return tuple(plays)
+    for row, parameter in enumerate(rig.calibrated.parameters):
+        term = rig.calibrated.terms[parameter.term]
+        effect, u = term.effect, float(np.linalg.norm(rig.calibrated.root[row]))
+        has_width = effect.STAGE == "joint" and is_play(effect) and parameter.field == size_field(effect)
+        if has_width and not term.named and getattr(effect, parameter.field) >= _CERTAIN_U * u:
+            plays.append(effect)
+    return tuple(plays)
 
 
 def ahead_of_plays(rig: Rig, plan: Plan) -> Array:

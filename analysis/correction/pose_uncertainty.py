@@ -241,21 +241,28 @@ def position_u_mm(uncertainty: PoseUncertainty, q: Array) -> Array:
     return u_mm
 
 
-def frame_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> Array:
-    """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad with frame and tool
-    taught with the robot at joint angles `taught` (m, 6) rad, with what the model does not explain."""
+def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> tuple[Array, Array]:
+    """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad in the robot's base, and
+    with frame and tool taught with the robot at joint angles `taught` (m, 6) rad, both with what the model does not
+    explain."""
     taught = taught[:: -(-len(taught) // _TAUGHT)]
     frame = TaughtFrame(tool_poses(model_of(rig, ()), taught))
-    motions = frame.motions(uncertainty.pose_displacements(taught)[:, :, :3])
-    squares = np.zeros(len(q))
+    moves = uncertainty.pose_displacements(np.concatenate([taught, q[:_ROWS]]))[:, :, :3]
+    motions, moves = frame.motions(moves[:, : len(taught)]), moves[:, len(taught) :]
+    squares = np.zeros((2, len(q)))
     for begin in range(0, len(q), _ROWS):
         rows = slice(begin, begin + _ROWS)
-        rest_of_moves = frame.rest(
-            uncertainty.pose_displacements(q[rows])[:, :, :3], tool_poses(model_of(rig, ()), q[rows]), motions
-        )
-        squares[rows] = (rest_of_moves**2).sum(axis=(0, 2))
-    u_mm: Array = np.sqrt(squares + uncertainty.unexplained_mm**2)
-    return u_mm
+        if begin:
+            moves = uncertainty.pose_displacements(q[rows])[:, :, :3]
+        stays = frame.rest(moves, tool_poses(model_of(rig, ()), q[rows]), motions)
+        squares[:, rows] = (moves**2).sum(axis=(0, 2)), (stays**2).sum(axis=(0, 2))
+    in_base, in_frame = np.sqrt(squares + uncertainty.unexplained_mm**2)
+    return in_base, in_frame
+
+
+def frame_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> Array:
+    """Return the second of `places_u_mm` alone."""
+    return places_u_mm(rig, uncertainty, q, taught)[1]
 
 
 def covered(uncertainty: PoseUncertainty, q: Array) -> Mask | None:

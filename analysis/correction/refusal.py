@@ -5,7 +5,7 @@ The verdict stands in the calibration file (`rigs.calibration.verdict_of`); here
 
 from __future__ import annotations
 
-from rigs.calibration import CalibratedModel, ground_of, verdict_of
+from rigs.calibration import ground_of, verdict_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.text import as_argument
@@ -18,7 +18,14 @@ def why_nothing(rig: Rig) -> str:
     """Return why a rig's model corrects nothing, as a sentence; empty where it may correct."""
     if rig.calibrated is None or verdict_of(rig.calibrated) == "correct":
         return ""
-    return f"correct nothing by this model: {_ground(rig.calibrated)}"
+    judged = rig.calibrated.judged
+    assert judged is not None  # noqa: S101 - without it the verdict is to correct
+    why = "correct nothing by this model:"
+    remainder = f"it leaves {judged.handed_um:.0f} of {judged.before_um:.0f} µm rms"
+    if ground_of(rig.calibrated) == "no_gain_elsewhere":
+        return f"{why} where it had no part {remainder}, no less than without it"
+    where = "on the runs used, and none judged it elsewhere" if judged.place == "used" else "where it had no part"
+    return f"{why} a cause that is in no library remains, {judged.unexplained_um:.0f} µm; {remainder} {where}"
 
 
 def hold_verdict(rig: Rig, rig_file: str, *, anyway: bool) -> None:
@@ -28,13 +35,3 @@ def hold_verdict(rig: Rig, rig_file: str, *, anyway: bool) -> None:
             f"see what to measure next with rig plan {as_argument(rig_file)}; --anyway writes it, and the files say so"
         )
         raise FileError(rig_file, why, remedy)
-
-
-def _ground(calibrated: CalibratedModel) -> str:
-    judged = calibrated.judged
-    assert judged is not None  # noqa: S101 - without it the verdict is to correct
-    remainder = f"it leaves {judged.handed_um:.0f} of {judged.before_um:.0f} µm rms"
-    if ground_of(calibrated) == "no_gain_elsewhere":
-        return f"where it had no part {remainder}, no less than without it"
-    where = "on the runs used, and none judged it elsewhere" if judged.place == "used" else "where it had no part"
-    return f"a cause that is in no library remains, {judged.unexplained_um:.0f} µm; {remainder} {where}"

@@ -46,27 +46,21 @@ def _support(effect: Effect) -> Support:
     value = float(getattr(effect, field))
     u = effect.found.sd.get(field, float("nan")) if effect.found else float("nan")
     use = effect.compensation().use
-    reason = _why_not(effect, value, u)
-    if reason:
-        return Support(effect, value, u, "none", reason)
-    if u >= abs(value) and effect.found and effect.found.together:
+    if use == "none":
+        return Support(effect, value, u, use, effect.compensation().why_not)
+    if effect.found is None:
+        why = "stands in the rig file without where it came from: diagnose or calibrate it"
+        return Support(effect, value, u, "none", why)
+    if not u > 0:
+        return Support(effect, value, u, "none", "was found without an uncertainty: calibrate it")
+    if u >= abs(value):
+        if not effect.found.together:
+            return Support(effect, value, u, "none", "is no larger than its uncertainty: it may as well be zero")
         alike = " and ".join(effect.found.together)
         return Support(effect, value, u, use, f"is known only together with {alike}: correct all or none of them")
-    rivals = " or ".join(effect.found.rivals) if effect.found else ""
+    rivals = " or ".join(effect.found.rivals)
     doubt = f"; the same runs show {rivals} as well: measure which it is first" * bool(rivals)
     return Support(effect, value, u, use, _HOW[use] + doubt)
-
-
-def _why_not(effect: Effect, value: float, u: float) -> str:
-    """Return why an effect is not corrected, or an empty text."""
-    if effect.compensation().use == "none":
-        return effect.compensation().why_not
-    if effect.found is None:
-        return "stands in the rig file without where it came from: diagnose or calibrate it"
-    if not u > 0:
-        return "was found without an uncertainty: calibrate it"
-    small = u >= abs(value) and not effect.found.together
-    return "is no larger than its uncertainty: it may as well be zero" if small else ""
 
 
 CONSTANTS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg")

@@ -144,7 +144,7 @@ def left_out_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
     6) rad."""
     nothing = model_of(rig, ())
     squares = np.zeros((len(q), len(effects)))
-    for path in _approaches(q):
+    for path in _approaches(q) if effects else []:
         places = _places(nothing, path)
         for k, effect in enumerate(effects):
             squares[:, k] += ((_places(model_of(rig, (effect,)), path) - places) ** 2).sum(axis=1) / 4
@@ -159,23 +159,27 @@ def apart_mm(model: Model, second: Model, q: Array) -> Array:
 
 def _approaches(q: Array) -> list[Path]:
     """Return the four ways to come to joint angles q (n, 6) rad: from either side, early and late."""
-    return [_driven(q, side, begin_s) for side in (1.0, -1.0) for begin_s in (0.0, _LATE_S)]
+    # From each target to one side, back to it and beyond, so that no joint reverses there, with a rest before the next.
+    along = np.concatenate([np.linspace(0, -1, _STEPS, endpoint=False), np.linspace(-1, 1, 2 * _STEPS + 1)])
+    swing_s = np.arange(len(along)) * (_SWING_S / _STEPS)
+    starts = np.arange(len(q)) * (swing_s[-1] + _REST_S)
+    rows = np.arange(len(q)) * len(swing_s) + 2 * _STEPS
+    return [
+        Path(
+            Motion(
+                (begin_s + starts[:, None] + swing_s).ravel(),
+                (q[:, None, :] + side * _SWING_RAD * along[:, None]).reshape(-1, q.shape[1]),
+            ),
+            rows,
+        )
+        for side in (1.0, -1.0)
+        for begin_s in (0.0, _LATE_S)
+    ]
 
 
 def _places(model: Model, path: Path) -> Array:
     places: Array = moved(model, path).T[path.rows, :3, 3]
     return places
-
-
-def _driven(q: Array, side: float, begin_s: float) -> Path:
-    """Return a path that goes from each target to one side, back to it and beyond, so that no joint reverses at the
-    target, with a rest before the next."""
-    along = np.concatenate([np.linspace(0, -1, _STEPS, endpoint=False), np.linspace(-1, 1, 2 * _STEPS + 1)])
-    swings = q[:, None, :] + side * _SWING_RAD * along[:, None]
-    swing_s = np.arange(len(along)) * (_SWING_S / _STEPS)
-    starts = begin_s + np.arange(len(q)) * (swing_s[-1] + _REST_S)
-    rows = np.arange(len(q)) * len(swing_s) + 2 * _STEPS
-    return Path(Motion((starts[:, None] + swing_s).ravel(), swings.reshape(-1, q.shape[1])), rows)
 
 
 _SAME = 1e-9

@@ -1,4 +1,4 @@
-"""What a person types at `rig emulate`: a line starts a program, stops it, or changes the robot; each answer is a line.
+"""What a person types at `rig emulate`: a line starts a program, stops it, or changes the robot; each answer an event.
 
 stop, pause, go on and show act at once. What begins something (a program, entering parameters, the end) waits until the
 program before it is over, so that lines can be typed, or piped, ahead.
@@ -6,11 +6,14 @@ program before it is over, so that lines can be typed, or piped, ahead.
 
 from __future__ import annotations
 
+import json
 import sys
 import threading
 from collections import deque
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal
 
 from analysis.emulation.pendant import Pendant
 from analysis.simulation.emulated_robot import EmulatedRobot, State
@@ -28,10 +31,33 @@ _SAID: dict[State, str] = {
 }
 
 
+@dataclass(frozen=True)
+class CellEvent:
+    """What an emulated cell tells. event: what happened; name: of the port, program, file or column of which it
+    happened, or the line that was refused; text: the same in words."""
+
+    event: Literal["port", "ready", "driving", "entered", "shows", "refused", "sent", State]
+    name: str
+    text: str
+
+    @property
+    def as_line(self) -> str:
+        """A line of JSON, for programs."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def of_line(cls, line: str) -> CellEvent | None:
+        """Return the event of a line of JSON; None for any other line, such as the end of a traceback."""
+        try:
+            return cls(**json.loads(line))
+        except (ValueError, TypeError):
+            return None
+
+
 class Keyboard:
     """A person at the keyboard of an emulated cell; end: called with the exit code when the cell is to end.
 
-    answer: called with each line that the cell answers.
+    tell: called with each event that the cell answers with.
     """
 
     def __init__(
@@ -39,9 +65,9 @@ class Keyboard:
         robot: EmulatedRobot,
         pendant: Pendant | None,
         end: Callable[[int], None],
-        answer: Callable[[str], None],
+        tell: Callable[[CellEvent], None],
     ) -> None:
-        self._robot, self._pendant, self._end, self._answer = robot, pendant, end, answer
+        self._robot, self._pendant, self._end, self._tell = robot, pendant, end, tell
         self._waiting: deque[str] = deque()
         self._some_wait = clock.Event()
 
@@ -85,7 +111,7 @@ class Keyboard:
         if word == "show":
             column, _, value = argument.strip().partition(" ")
             self._robot.show(column, value.strip())
-            self._answer(f"{column}: {value.strip()}")
+            self._tell(CellEvent("shows", column, f"{column}: {value.strip()}"))
             return
         done = {"stop": self._robot.stop, "pause": self._robot.pause, "go on": self._robot.go_on}.get(line)
         if done is None:
@@ -99,7 +125,7 @@ class Keyboard:
         if word == "enter":
             count, more_rad = self._with_programs().enter(Path(name.strip()))
             self._robot.reads_more(more_rad)
-            self._answer(f"{name.strip()}: entered, {count} parameters")
+            self._tell(CellEvent("entered", name.strip(), f"{name.strip()}: entered, {count} parameters"))
             return
         if word == "run":
             name = name.strip()
@@ -108,7 +134,7 @@ class Keyboard:
             raise UseError(line, "does not know the parameters that were entered", "start a program with run NAME")
         else:
             name, seconds = line, self._robot.start(line)
-        self._answer(f"{name}: driving, {seconds:.1f} s")
+        self._tell(CellEvent("driving", name, f"{name}: driving, {seconds:.1f} s"))
         self._watch(name)
 
     def _with_programs(self) -> Pendant:
@@ -122,11 +148,11 @@ class Keyboard:
         while before not in ("done", "stopped"):
             if (state := self._robot.state(clock.now_ns())) != before:
                 before = state
-                self._answer(f"{name}: {_SAID[state]}")
+                self._tell(CellEvent(state, name, f"{name}: {_SAID[state]}"))
             clock.sleep(_LOOK_S)
 
     def _try(self, act: Callable[[str], None], line: str) -> None:
         try:
             act(line)
         except RigError as error:
-            self._answer(f"error: {error}")
+            self._tell(CellEvent("refused", line, f"error: {error}"))

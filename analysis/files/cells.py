@@ -119,7 +119,11 @@ def value(column: str, text: str) -> Value:
         near = [direction] if direction in words else difflib.get_close_matches(lower, words, n=1)
         hint = f"; did you mean {near[0]}?" if near else ""
         raise ValueError(f"{quoted(text)} is not {', '.join(words[:-1])} or {words[-1]}{hint}")
-    return _count(text) if column in COUNTS else _number(text)
+    if column not in COUNTS:
+        return _number(text)
+    if not _COUNT.fullmatch(text) or float(text) < 1:
+        raise ValueError(f"{quoted(text)} is not a positive integer: 1, 2, 3, …")
+    return int(float(text))
 
 
 def numbers(texts: Sequence[str]) -> Array | None:
@@ -145,12 +149,6 @@ def _number(text: str) -> float:
     if abs(number) > LARGEST:
         raise ValueError(f"{quoted(text)} is too large for a measured value; check the unit")
     return number
-
-
-def _count(text: str) -> int:
-    if not _COUNT.fullmatch(text) or float(text) < 1:
-        raise ValueError(f"{quoted(text)} is not a positive integer: 1, 2, 3, …")
-    return int(float(text))
 
 
 _BATCH_CELLS = 100_000

@@ -33,7 +33,11 @@ def check_sequence(
     """
     columns_of_test = kind_named(test).layout().known
     if "t_s" in columns_of_test and "t_s" in columns:
-        yield from _time(columns["t_s"].to_numpy(), lines)
+        t_s = columns["t_s"].to_numpy()
+        timed = np.flatnonzero(np.isfinite(t_s))
+        for k in np.flatnonzero(np.diff(t_s[timed]) <= 0):
+            what = f"time does not increase: {t_s[timed[k + 1]]:g} after {t_s[timed[k]]:g}"
+            yield TableProblem(int(lines[timed[k + 1]]), "t_s", what)
     for name in (name for name in TIME_U if name in columns_of_test and name in columns):
         for k in np.flatnonzero(columns[name].to_numpy() < 0):
             yield TableProblem(int(lines[k]), name, "an uncertainty is not below zero")
@@ -63,13 +67,6 @@ def _further_joints(columns: Columns, columns_of_test: Sequence[str], axes: int)
     if name in columns and (SOCKET in columns_of_test or axes < DRIVEN_AXES):
         what = f"the table has {axes + 1} joints, and the arm of the rig file {axes}"
         yield TableProblem(1, name, what + ("; rename the column of a gripper" if axes < DRIVEN_AXES else ""))
-
-
-def _time(t_s: Array, lines: np.ndarray) -> Iterator[TableProblem]:
-    timed = np.flatnonzero(np.isfinite(t_s))
-    for k in np.flatnonzero(np.diff(t_s[timed]) <= 0):
-        what = f"time does not increase: {t_s[timed[k + 1]]:g} after {t_s[timed[k]]:g}"
-        yield TableProblem(int(lines[timed[k + 1]]), "t_s", what)
 
 
 def _one_direction(words: pa.ChunkedArray, lines: np.ndarray, direction: Direction | None) -> Iterator[TableProblem]:

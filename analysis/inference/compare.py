@@ -23,6 +23,7 @@ from analysis.measures.results import Result, result_of
 from analysis.model.predict import Model, SetUp, model_of, path_of, predict
 from analysis.noise.readings import rms
 from analysis.traces.loading import Measured
+from analysis.traces.tables import Table
 from rigs.rig import Rig
 
 if TYPE_CHECKING:
@@ -179,15 +180,16 @@ def _one(run: Measured, model: Model, setup: SetUp, rows: Integers, residuals_mm
     run = run if run.rig == model.rig else replace(run, rig=model.rig)
     result = result_of(run)
     values = predict(model, run.table, path_of(model, run.table), setup)
+    simulated_table = run.table.kind.with_readings(run.table, values)
     simulated = evaluate(
-        run.table.kind.with_readings(run.table, values),
+        simulated_table,
         model.rig,
         run.u_lag_s,
         f"{run.path}, simulated",
         u_gauge_mm=0.0,
     )
-    x, measured_curve, unit = curve(result.found)
-    _, simulated_curve, _ = curve(simulated)
+    x, measured_curve, unit = curve(result.found, run.table)
+    _, simulated_curve, _ = curve(simulated, simulated_table)
     correlation = float(np.corrcoef(measured_curve, simulated_curve)[0, 1]) if np.ptp(simulated_curve) else float("nan")
     return Comparison(
         result=result,
@@ -203,8 +205,9 @@ def _one(run: Measured, model: Model, setup: SetUp, rows: Integers, residuals_mm
     )
 
 
-def curve(result: Evaluated) -> tuple[Array, Array, str]:
-    """Return the curve of a result that is compared: positions (n,), values (n,), and their unit."""
+def curve(result: Evaluated, table: Table) -> tuple[Array, Array, str]:
+    """Return the curve of a result that is compared, the readings of its table where its kind is another package's:
+    positions (n,), values (n,), and their unit."""
     match result:
         case CircleResult():
             return np.degrees(PHI), np.degrees(result.residual), "deg"
@@ -213,4 +216,5 @@ def curve(result: Evaluated) -> tuple[Array, Array, str]:
         case RepeatabilityResult():
             mean = np.nanmean(result.readings_mm, axis=2)
             return np.arange(mean.size, dtype=float), mean.ravel(), "mm"
-    raise TypeError("poses have no gauges to compare")
+    readings = table.kind.readings(table).ravel()
+    return np.arange(readings.size, dtype=float), readings, "mm"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,7 @@ class Arm:
         return np.stack([_joint_at_zero(self, axis) for axis in range(self.axes)])
 
 
+@lru_cache(maxsize=64)
 def arm_of(robot: Robot) -> Arm:
     """The arm that a rig file describes."""
 

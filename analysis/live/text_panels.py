@@ -122,7 +122,16 @@ def draw_links(area: Area, view: LiveView) -> None:
             f"{faults}; last: {stream['last_fault']}" if faults else "no faults",
             "yellow" if faults else "dim",
         )
-    _room(area, len(rows), state)
+    row, column = len(rows), 1
+    if disk := state.get("disk"):
+        share = disk["free_bytes"] / max(disk["size_bytes"], 1)
+        words = f"disk {disk['free_bytes'] / 1e9:.1f} GB free ({100 * share:.0f} %)"
+        column = area.put(row, column, words, "bold yellow" if share < _LITTLE_DISK else "dim") + 2
+    if host := ", ".join(f"{count} {kind}" for kind, count in state.get("host", {}).items()):
+        column = area.put(row, column, f"computer: {host}", "yellow") + 2
+    if state["recording"] and "samples" in state:
+        synced = ", ".join(f"{name} {count}" for name, count in state.get("synced", {}).items())
+        area.put(row, column, f"on the disk: {synced}", "dim")
 
 
 def draw_foot(area: Area, view: LiveView, controls: Controls) -> None:
@@ -164,19 +173,6 @@ def _clock(area: Area, row: int, column: int, clock: dict[str, Any] | None) -> i
     drift = clock.get("drift_ppm")
     words = f"late {1e3 * clock['late_s']:.1f} ms" + (f", clock {drift:+.0f} ppm" if drift is not None else "")
     return area.put(row, column, words, "yellow" if drift is not None and abs(drift) > _LATE_DRIFT_PPM else "dim") + 1
-
-
-def _room(area: Area, row: int, state: dict[str, Any]) -> None:
-    column = 1
-    if disk := state.get("disk"):
-        share = disk["free_bytes"] / max(disk["size_bytes"], 1)
-        words = f"disk {disk['free_bytes'] / 1e9:.1f} GB free ({100 * share:.0f} %)"
-        column = area.put(row, column, words, "bold yellow" if share < _LITTLE_DISK else "dim") + 2
-    if host := ", ".join(f"{count} {kind}" for kind, count in state.get("host", {}).items()):
-        column = area.put(row, column, f"computer: {host}", "yellow") + 2
-    if state["recording"] and "samples" in state:
-        synced = ", ".join(f"{name} {count}" for name, count in state.get("synced", {}).items())
-        area.put(row, column, f"on the disk: {synced}", "dim")
 
 
 def event_words(event: Event, view: LiveView) -> str:

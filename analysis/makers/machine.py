@@ -358,7 +358,16 @@ class _Machine:
         }
         names_beside = {call.name for call in self.program.beside}
         begins = [name for name in self.program.routines if name not in called and name not in names_beside]
-        begin = State(*self._kept(), frozenset({None}))
+        # What a routine of the program sets and the controller keeps is not what it is at the beginning.
+        parts: dict[str, Value] = {}
+        families: dict[str, Unknown] = {}
+        for statement in (statement for body in self.program.routines.values() for statement in body):
+            match statement:
+                case Set(part, value) if part.startswith(self.program.kept) and value != self.program.initial(part):
+                    parts[part] = value if isinstance(value, Unknown) else _KEPT
+                case Lose(family, why) if f"{family}[".startswith(self.program.kept):
+                    families[family] = why
+        begin = State(parts, families, frozenset({None}))
         for name in begins or list(self.program.routines)[:1]:  # if they only call each other, it begins at the first
             self._cycle(name, replace(begin, stands=frozenset({BEGIN})) if name == self.program.starts else begin)
         self.later |= {name for name in names_beside if name in self.program.routines}
@@ -384,19 +393,6 @@ class _Machine:
             if again.key() == begin.key():
                 return
             begin = again
-
-    def _kept(self) -> tuple[dict[str, Value], dict[str, Unknown]]:
-        """Return the parts, and the families, that a routine of the program sets and the controller keeps, where that
-        is not what they are at the beginning."""
-        parts: dict[str, Value] = {}
-        families: dict[str, Unknown] = {}
-        for statement in (statement for body in self.program.routines.values() for statement in body):
-            match statement:
-                case Set(part, value) if part.startswith(self.program.kept) and value != self.program.initial(part):
-                    parts[part] = value if isinstance(value, Unknown) else _KEPT
-                case Lose(family, why) if f"{family}[".startswith(self.program.kept):
-                    families[family] = why
-        return parts, families
 
     def _in_any_state(self) -> None:
         done: set[str] = set()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
@@ -152,19 +152,52 @@ def _registers(usage: Usage) -> Iterator[Named]:
 def _used(point: _Point) -> Target | Left:
     """Return the target of a point in the tool and the frame of its moves, or why it is left."""
     target = point.target
+    if why := next(_reasons(point), None):
+        return Left(target.file, target.line, target.name, *why)
+    first = point.usages[0]
+    return replace(
+        target,
+        tool=_tool(first.tool, target.tool),
+        frame=_tool(first.frame, target.frame),
+        near=first.move.near,
+        flags=target.flags if any(usage.trusts != OFF for usage in point.usages) else None,
+    )
 
-    def left(reason: Reason, *because: Unknown) -> Left:
-        return Left(target.file, target.line, target.name, reason, tuple(because))
 
-    if point.reason and (point.usages or point.reason != "unused"):
-        return left(point.reason)
+def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
+    """Yield why a point is left, with the places that make it so."""
+    target, usages = point.target, point.usages
+    if point.reason and (usages or point.reason != "unused"):
+        yield point.reason, ()
     if point.changed:
-        return left("changed", point.changed)
-    if not point.usages:
-        return left("unused")
-    if why := _offset_unknown(target, point.usages):
-        return left("offset", why)
-    return _with_state(target, point.usages, left)
+        yield "changed", (point.changed,)
+    if not usages:
+        yield "unused", ()
+    if place := _offset_unknown(target, usages):
+        yield "offset", (place,)
+    yield from _elsewhere(usages)
+    for usage in () if target.joints else usages:
+        move = _here(usage, "the move")
+        if isinstance(usage.tool, Unknown):
+            yield "unknown_tool", (usage.tool, move)
+        if isinstance(usage.frame, Unknown):
+            yield "unknown_frame", (usage.frame, move)
+        if (usage.tool, usage.frame) != (usages[0].tool, usages[0].frame):
+            yield "several_frames", (_here(usages[0], "one move"), move)
+    for usage in usages:
+        if usage.move.near != usages[0].move.near:
+            yield "two_postures", (_here(usages[0], "one move"), _here(usage, "another move"))
+
+
+def _elsewhere(usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
+    """Yield why moves do not go to the point itself, if they may not."""
+    for usage in usages:
+        for part, value in usage.needs:
+            reason, move = _BY_PART[part.partition(" ")[0]], _here(usage, "the move")
+            if isinstance(value, Unknown):
+                yield "not_understood" if value.everything else reason, (value, move)
+            elif value != OFF:
+                yield reason, (move,)
 
 
 def _offset_unknown(target: Target, usages: Sequence[Usage]) -> Unknown | None:
@@ -178,47 +211,6 @@ def _offset_unknown(target: Target, usages: Sequence[Usage]) -> Unknown | None:
         if usage.offset and not isinstance(value := usage.offset[1], tuple):
             return value if isinstance(value, Unknown) else _here(usage, "the move with the offset")
     return None
-
-
-def _with_state(target: Target, usages: Sequence[Usage], skip: _Leave) -> Target | Left:
-    for usage in usages:
-        if moved := _moved(usage):
-            return skip(*moved)
-    first = usages[0]
-    if not target.joints:
-        for usage in usages:
-            move = _here(usage, "the move")
-            if isinstance(usage.tool, Unknown):
-                return skip("unknown_tool", usage.tool, move)
-            if isinstance(usage.frame, Unknown):
-                return skip("unknown_frame", usage.frame, move)
-            if (usage.tool, usage.frame) != (first.tool, first.frame):
-                return skip("several_frames", _here(first, "one move"), move)
-    differing = next((usage for usage in usages if usage.move.near != first.move.near), None)
-    if differing:
-        return skip("two_postures", _here(first, "one move"), _here(differing, "another move"))
-    return replace(
-        target,
-        tool=_tool(first.tool, target.tool),
-        frame=_tool(first.frame, target.frame),
-        near=first.move.near,
-        flags=target.flags if any(usage.trusts != OFF for usage in usages) else None,
-    )
-
-
-def _moved(usage: Usage) -> tuple[Reason, Unknown] | tuple[Reason, Unknown, Unknown] | None:
-    """Return why a move does not go to the point itself, if it may not."""
-    for part, value in usage.needs:
-        reason = _BY_PART[part.partition(" ")[0]]
-        if isinstance(value, Unknown):
-            return "not_understood" if value.everything else reason, value, _here(usage, "the move")
-        if value != OFF:
-            return reason, _here(usage, "the move")
-    return None
-
-
-class _Leave(Protocol):
-    def __call__(self, reason: Reason, *because: Unknown) -> Left: ...
 
 
 def _here(usage: Usage, what: str) -> Unknown:

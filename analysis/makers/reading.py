@@ -75,18 +75,11 @@ def read_program(path: Path) -> tuple[Maker, Texts]:
     """Return the maker and the texts of a program's files, with the data list where there is one, and of those beside
     it. Raises FileError for what is no program, and where too much stands beside it to be read."""
     maker, files = program_texts(path)
-    others = _beside(path, maker.reader.beside, set(files))
-    return maker, Texts((*files, *others), (*files.values(), *others.values()), len(files))
-
-
-def _beside(path: Path, suffixes: tuple[str, ...], names: set[str]) -> dict[str, str]:
-    """Return the texts of the files beside a program by their names."""
-    if not suffixes:
-        return {}
+    suffixes = maker.reader.beside
     others = [
         file
-        for file in sorted(path.resolve().parent.iterdir())
-        if file.suffix.lower() in suffixes and file.name not in names and file.is_file()
+        for file in (sorted(path.resolve().parent.iterdir()) if suffixes else ())
+        if file.suffix.lower() in suffixes and file.name not in files and file.is_file()
     ]
     if len(others) > _MOST_BESIDE or sum(file.stat().st_size for file in others) > MOST_BYTES:
         raise FileError(
@@ -95,7 +88,8 @@ def _beside(path: Path, suffixes: tuple[str, ...], names: set[str]) -> dict[str,
             "put the program with the files that it uses into a directory of its own",
         )
     data = {file.name: read_bytes(file, MOST_BYTES) for file in others}
-    return {name: content.decode(ENCODING) for name, content in data.items() if b"\0" not in content}
+    read_beside = {name: content.decode(ENCODING) for name, content in data.items() if b"\0" not in content}
+    return maker, Texts((*files, *read_beside), (*files.values(), *read_beside.values()), len(files))
 
 
 def as_bytes(text: str) -> bytes:

@@ -21,7 +21,7 @@ from analysis.kinematics.arm import Array
 from analysis.paper.published import NOMINAL_RADIUS_MM
 from analysis.paper.rows import DIRECTIONS, Row, written
 from analysis.paper.simulated_figures import SimulatedFigures, figures_of
-from analysis.reporting.plots import label_axes, mark_reversals
+from analysis.reporting.run_pictures import mark_reversals
 from analysis.reporting.sheet import Sheet
 from rigs.rig import Rig
 
@@ -82,7 +82,7 @@ def _sheet(title: str, rows: Sequence[Row], height_inch: float) -> Sheet:
 def _circle_panels(figure: FigureBase, count: int, y: str) -> list[Axes]:
     panels: list[Axes] = list(figure.subplots(count, 1, sharex=True, sharey=True, squeeze=False)[:, 0])
     for axes in panels:
-        label_axes(axes, "", y)
+        _label_axes(axes, "", y)
         axes.set_xlim(0, 360)
         axes.set_xticks(range(0, 361, 30))
     panels[-1].set_xlabel("circle angle φ / °")
@@ -159,7 +159,7 @@ def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:
     lap = simulated.joints
     panels = list(figure.subplots(3, 2, sharex=True).flat)
     for axes, name, q_deg in zip(panels, lap.names, lap.q_deg.T, strict=True):
-        label_axes(axes, "", f"{name} / °")
+        _label_axes(axes, "", f"{name} / °")
         axes.plot(lap.phi_deg, q_deg, color=_INK["cw"], lw=1.2)
         axes.set_xlim(0, 360)
         axes.set_xticks(range(0, 361, 60))
@@ -227,7 +227,7 @@ def _radial(figure: FigureBase, result: Result) -> None:
         wave.plot(around_deg[ring_rows], error_mm[ring_rows], "o-", ms=4, lw=1.0, label=f"{ring:.0f}° from the axis")
     wave.axhline(0, color="black", lw=0.8)
     wave.set_xticks(range(-180, 181, 90))
-    label_axes(wave, "azimuth from the side pulled to / °", "outside the nominal sphere / mm")
+    _label_axes(wave, "azimuth from the side pulled to / °", "outside the nominal sphere / mm")
     wave.legend(fontsize=7)
     wave.set_title("largest on that side, smallest on the other", fontsize=8)
 
@@ -256,7 +256,7 @@ def _draw_side(axes: Axes, ways: Array, error_mm: Array, centre_mm: Array, radiu
     axes.plot(0, 0, "+", color=_GREY, ms=10)
     axes.set_aspect("equal")
     axes.set_ylim(-60, 1.2 * NOMINAL_RADIUS_MM)
-    label_axes(axes, "to the side pulled to / mm", "along the axis / mm")
+    _label_axes(axes, "to the side pulled to / mm", "along the axis / mm")
     axes.legend(fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.3), ncols=1, frameon=False)
     axes.set_title(f"from the side: pulled by {np.linalg.norm(centre_mm):.2f} mm", fontsize=8)
 
@@ -288,7 +288,7 @@ def _repeatability(figure: FigureBase, simulated: SimulatedFigures) -> None:
         on_side = curve.approach == side
         axes.plot(place[on_side] + aside, curve.reading_mm[on_side], "o", ms=4, color=_INK[ink], label=name)
     axes.set_xticks(range(len(targets)), [str(target) for target in targets])
-    label_axes(axes, "target", "reading / mm")
+    _label_axes(axes, "target", "reading / mm")
     axes.legend(fontsize=8)
 
 
@@ -306,3 +306,11 @@ _FIGURES: dict[int, tuple[str, str, Callable[[FigureBase, SimulatedFigures], Non
     15: ("repeatability", "repeatability", _repeatability, 4.0),
 }
 """Number: name of its file, title, what draws it, and its height in inches without the numbers below it."""
+
+
+def _label_axes(axes: Axes, x: str, y: str) -> None:
+    """Name the axes of a panel, with their units, and draw a grid instead of a box."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(color="#dddddd", lw=0.5)
+    axes.spines[["top", "right"]].set_visible(False)

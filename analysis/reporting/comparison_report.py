@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,12 +15,15 @@ from rich.text import Text
 
 from analysis.inference.compare import Compared, Comparison
 from analysis.reporting.diagnosis_picture import disagreement_picture
+from analysis.reporting.diagnosis_screen import places_table
 from analysis.reporting.labels import LEADING, in_order, label
-from analysis.reporting.places_table import places_table
-from analysis.reporting.plain_console import whole
-from analysis.reporting.plots import distinctly_named
+from analysis.reporting.model_charts import compared_chart
+from analysis.reporting.plain_console import right, whole
+from analysis.reporting.run_pictures import distinctly_named
 from analysis.reporting.sheet import Sheet, as_png
 from analysis.reporting.stairs import stairs_of_model, stairs_table
+from analysis.reporting.still_chart import part_of
+from analysis.reporting.texts import texts_of
 
 if TYPE_CHECKING:
     from analysis.files.write import Writer
@@ -50,11 +54,9 @@ def as_tables(compared: Compared) -> RenderableType:
 
 
 def _table(comparison: Comparison) -> Table:
-    table = Table(
-        title=f"{comparison.result.title} · {comparison.result.name}", header_style="bold", title_style="bold"
-    )
-    for heading in ("", "measured", "simulated", "difference"):
-        table.add_column(heading, justify="right" if heading else "left")
+    title = f"{comparison.result.title} · {comparison.result.name}"
+    numbers = map(right, ("measured", "simulated", "difference"))
+    table = Table("", *numbers, title=title, header_style="bold", title_style="bold")
     for name in in_order(comparison.result.found.figures.keys() & comparison.simulated.figures.keys()):
         figure = comparison.result.found.figures[name]
         simulated = comparison.simulated.figures[name].value
@@ -80,29 +82,12 @@ def save_pictures(compared: Compared, directory: Path) -> list[Path]:
     return write_views(directory, files)
 
 
-_ALONG = {"phi_deg": "circle angle φ / °", "target": "target", "place": "target and side"}
-
-
 def _figure(comparison: Comparison) -> Figure:
-    figure = Sheet(9, 5.4)
-    figure.suptitle(f"{comparison.result.title} · {comparison.result.name}: measured and simulated", fontsize=11)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    circle = comparison.unit == "deg"
-    x = comparison.x % 360 if circle else comparison.x
-    order = np.argsort(x)
-    style = {"lw": 1.2} if circle else {"lw": 0.8, "marker": "o", "ms": 4}
-    sign = "°" if circle else "mm"
-    above.plot(x[order], comparison.measured_curve[order], color="#d95f02", label="measured", **style)
-    above.plot(x[order], comparison.simulated_curve[order], color="#1f5fa8", label="simulated", **style)
-    above.set_ylabel(f"error / {sign}")
-    above.legend(fontsize=8, title=f"correlation {comparison.correlation:.3f}", title_fontsize=8)
-    below.plot(x[order], (comparison.measured_curve - comparison.simulated_curve)[order], color="#555555", **style)
-    below.set_ylabel(f"difference / {sign}")
-    below.set_xlabel(_ALONG[comparison.result.measured.table.kind.along])
-    for axes in (above, below):
-        axes.grid(color="#dddddd", lw=0.5)
-        axes.spines[["top", "right"]].set_visible(False)
-        if circle:
-            axes.set_xlim(0, 360)
-            axes.set_xticks(range(0, 361, 30))
-    return figure
+    """Measured and simulated, and below them their difference."""
+    chart = compared_chart([comparison], [], texts_of("en"))
+    measured, simulated = chart.lines
+    difference = replace(measured, name="difference", role="quiet", y=measured.y - simulated.y)
+    below = replace(chart, title="Measured less simulated", caption="", lines=(difference,))
+    title = f"{comparison.result.title} · {comparison.result.name}: measured and simulated"
+    parts = [part_of(chart, f", correlation {comparison.correlation:.3f}"), part_of(below)]
+    return Sheet.of_parts([title], parts, 9.0)

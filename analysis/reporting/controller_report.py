@@ -6,11 +6,11 @@ import math
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from analysis.correction.controller_entries import ControllerEntries
-from analysis.reporting.plain_console import whole
+from analysis.reporting.plain_console import right, whole
 from rigs.schema.effect import label_of
 
 _REPORTED_UM = 1.0
@@ -93,10 +93,15 @@ def _entries(entries: ControllerEntries) -> Table:
         f"to be entered once at the controller ({entries.controller.maker}); "
         "worth and leaves: rms of the tool over the tests"
     )
-    table = Table(title=title, title_style="bold", title_justify="left", header_style="bold")
     lengths = any(entry.now is not None for entry in entries.entries)
-    for heading in ("add to", *["now"] * lengths, "value", "± u", "unit", "reading", "worth", "leaves"):
-        table.add_column(heading, justify="left" if heading in ("add to", "unit") else "right")
+    numbers = (*["now"] * lengths, "value", "± u")
+    columns: tuple[str | Column, ...] = (
+        "add to",
+        *map(right, numbers),
+        "unit",
+        *map(right, ("reading", "worth", "leaves")),
+    )
+    table = Table(*columns, title=title, title_style="bold", title_justify="left", header_style="bold")
     for entry in entries.entries:
         reading = f"{entry.reading_deg:+.4f}°" if entry.reading_deg else "same"
         # A value with its sign, to the second digit of its uncertainty; a count to whole counts

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 from rich.console import Group, RenderableType
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from analysis.correction.correct import Corrections
@@ -26,7 +26,7 @@ from analysis.makers.reading import with_remark
 from analysis.measures.parameters import quantity_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note
-from analysis.reporting.plain_console import whole
+from analysis.reporting.plain_console import right, whole
 from rigs.effects import size_field
 from rigs.errors import FileError
 from rigs.schema.effect import label_of
@@ -50,11 +50,8 @@ _HEAD = """\
 def as_table(corrections: Corrections) -> RenderableType:
     """One sentence that says what to do; each effect with its use, then what to change, then what it does to the
     path."""
-    effects = Table(title="value ± standard uncertainty", title_style="dim", header_style="bold")
-    effects.add_column("effect")
-    effects.add_column("value", justify="right")
-    effects.add_column("corrected as")
-    effects.add_column("why", ratio=1)
+    columns = ("effect", right("value"), "corrected as", Column("why", ratio=1))
+    effects = Table(*columns, title="value ± standard uncertainty", title_style="dim", header_style="bold")
     for support in corrections.effects:
         style = "green" if support.use != "none" else "yellow"
         effects.add_row(

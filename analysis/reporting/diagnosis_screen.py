@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from rich.console import Group, RenderableType
 from rich.padding import Padding
-from rich.table import Table
 from rich.text import Text
 
 from analysis.inference.acts import Doubt
 from analysis.inference.candidates import LARGEST_FAULT
-from analysis.inference.result import Condition, Diagnosis
+from analysis.inference.result import Condition, Diagnosis, Place
 from analysis.inference.state import FAULT
 from analysis.reporting.act_words import ActWords, acts_in_words
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
@@ -25,14 +24,29 @@ from analysis.reporting.diagnosis_words import (
     runs_of,
     shortened,
     size,
+    stretch,
     sure,
     with_uncertainty,
 )
-from analysis.reporting.places_table import places_table
-from analysis.reporting.plain_console import whole
+from analysis.reporting.plain_console import bare_table, right
 from analysis.reporting.stairs import stairs_of, stairs_table
 from analysis.reporting.texts import texts_of
 from rigs.schema.effect import label_of, name_of
+
+_MOST_PLACES = 6
+
+
+def places_table(where: Sequence[Place]) -> list[RenderableType]:
+    """The worst places, each with the axis that turns back there."""
+    if not where:
+        return [Text("nowhere by more than the noise")]
+    table = bare_table("test", "part", "where", right("axis"), "why", right("µm"), right("sigma"))
+    for place in sorted(where, key=lambda place_of_error: -place_of_error.sigma)[:_MOST_PLACES]:
+        row = (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why)
+        table.add_row(*row, f"{place.rms_um:.1f}", f"{place.sigma:.0f}")
+    unlisted = len(where) - _MOST_PLACES
+    return [table, *([Text(f"and {unlisted} more (all with --json)", style="dim")] if unlisted > 0 else [])]
+
 
 _COLOUR: dict[Condition, str] = {
     "named": "bold yellow",
@@ -76,19 +90,11 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
     return Group(*shown, Text(f"\n{footer}", style="dim"))
 
 
-def _plain_table(*headings: str, right: Iterable[str] = ()) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
-    for heading in headings:
-        number = heading in right
-        table.add_column(heading, justify="right" if number else "left", no_wrap=number)
-    return whole(table)
-
-
 def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
     """Every part of the error; those below a thousandth of it are counted together."""
     if not diagnosis.budget:
         return []
-    table = _plain_table("part", "µm rms", "share", "× usual", "class", right=("µm rms", "share", "× usual"))
+    table = bare_table("part", *map(right, ("µm rms", "share", "× usual")), "class")
     words, (large, small) = AnswerWords(diagnosis), shown_parts(diagnosis)
     for part in large:
         name = ", ".join(filter(None, [words.part_name(part), words.size_of(part)]))
@@ -116,7 +122,7 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
         return list(doubted)
     times, bound = (2.0, "± 2u") if diagnosis.condition == "ambiguous" else (1.0, "± u")
     numbers = (f"size {bound}", "µm rms", "how sure", "alone leaves")
-    table = _plain_table("effect", *numbers, right=numbers)
+    table = bare_table("effect", *map(right, numbers))
     for named in diagnosis.written:
         name = " + ".join([name_of(named.effect), *(name_of(twin) for twin in named.twins)])
         odds = "" if diagnosis.given else sure(named.posterior)
@@ -136,7 +142,7 @@ def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
     effects = bool(diagnosis.standing)
     last = ("calibrated", "noise floor")
     headings = ("before", "after", *last, "closed") if effects else ("rms", *last)
-    table = _plain_table("µm rms", *headings, right=headings)
+    table = bare_table("µm rms", *map(right, headings))
     places = (("runs used", diagnosis.train), ("held-out runs", diagnosis.held_out), ("unseen place", diagnosis.unseen))
     for name, gap in places:
         if gap is not None:

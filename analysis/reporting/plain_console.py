@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from rigs.text import plain_lines
@@ -30,6 +30,19 @@ class PlainConsole(Console):
         """Yield what is shown: text that was given as rich's own `Text` is made plain here."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else segment._replace(text=plain_lines(segment.text))
+
+
+def right(heading: str | Text = "", **options: Any) -> Column:
+    """A column of numbers."""
+    return Column(heading, justify="right", **options)
+
+
+def bare_table(*headings: str | Column) -> Table:
+    """A table without lines, whose numbers stay whole and whose long words are broken."""
+    table = Table(*headings, box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
+    for column in table.columns:
+        column.no_wrap |= column.justify == "right"
+    return whole(table)
 
 
 def whole(table: Table) -> Table:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from rich import box
 from rich.console import Group, RenderableType
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from analysis.inference.candidates import LARGEST_FAULT
@@ -25,11 +25,12 @@ from analysis.inference.plan import Detectability, Pair, Plan, SeparatingTest
 from analysis.inference.result import ODDS
 from analysis.inference.state import FAULT
 from analysis.measures.parameters import quantity_of
-from analysis.reporting.plain_console import whole
+from analysis.reporting.plain_console import right, whole
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of
 from rigs.schema.vocabulary import CIRCLES, TestName
 
+_TITLE: dict[str, Any] = {"title_style": "bold", "title_justify": "left"}
 _MOST = 3
 """Further tests that are listed for one pair."""
 _MOST_PAIRS = 6
@@ -45,9 +46,8 @@ def as_table(plan: Plan) -> RenderableType:
     small = sum(all(map(_small, forms)) for forms in plan.names.values())
     words = f"{len(plan.names)} names: {small} are detected as soon as they are faults (gears at every order), "
     words += f"{len(plan.names) - small - unseen} at more, {unseen} at none; {len(plan.pairs)} pairs look alike\n"
-    table = Table(title=_title("the rest"), title_style="bold", title_justify="left", header_style="bold")
-    for heading, justify in (("effect", "left"), ("unit", "left"), ("healthy", "right"), ("shows from", "right")):
-        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
+    columns = ("effect", "unit", right("healthy"), right("shows from"))
+    table = Table(*columns, title=_title("the rest"), header_style="bold", **_TITLE)
     for kind, seats in _by_seat(plan, joints=False).items():
         for seat, sights in seats.items():
             effect = sights[0].effect
@@ -81,22 +81,14 @@ def _small(sight: Detectability) -> bool:
 
 def _axes(plan: Plan) -> Table:
     """Smallest sizes of the effects of joints, an axis a column; 80 columns are enough for all of their digits."""
-    table = Table(
-        title=_title("joints and links"),
-        title_style="bold",
-        title_justify="left",
-        header_style="bold",
-        box=box.SIMPLE_HEAD,
-        padding=0,
-        show_edge=False,
-    )
-    table.add_column("effect")
-    table.add_column("healthy", justify="right")
     kinds = _by_seat(plan, joints=True)
     most = max([6, *(int(axis) for by_axis in kinds.values() for axis in by_axis)])
     axes = range(1, most + 1)
-    for axis in axes:
-        table.add_column(f"axis {axis}", justify="right")
+    table = Table(
+        "effect", right("healthy"), *(right(f"axis {axis}") for axis in axes),
+        title=_title("joints and links"), header_style="bold", box=box.SIMPLE_HEAD, padding=0, show_edge=False,
+        **_TITLE,
+    )  # fmt: skip
     for kind, by_axis in kinds.items():
         first = next(iter(by_axis.values()))[0]
         cells = [_limit(by_axis.get(str(axis), ()), "\n") for axis in axes]
@@ -137,10 +129,7 @@ def _alike(plan: Plan) -> RenderableType:
     if not plan.pairs:
         return Text("all detectable effects can be distinguished", style="green")
     title = f"cannot be distinguished ({ODDS:g} to 1, at the size at which they show as faults)"
-    table = Table(title=title, title_style="bold", title_justify="left")
-    table.add_column("names")
-    table.add_column("distance", justify="right")
-    table.add_column("separated by", ratio=1)
+    table = Table("names", right("distance"), Column("separated by", ratio=1), title=title, **_TITLE)
     symbols = {sight.name: sight.effect.symbol for sight in plan.detectabilities if sight.effect.symbol}
     for group in plan.groups:
         pairs = [pair for pair in plan.pairs if _kind(pair.names[0]) in group]
@@ -172,10 +161,8 @@ def _separated(pair: Pair) -> Text:
 def _hidden(plan: Plan) -> RenderableType:
     if not plan.hidden:
         return Text("every effect is detected", style="green")
-    table = Table(title=f"not seen at {LARGEST_FAULT:g} healthy sizes", title_style="bold", title_justify="left")
-    table.add_column("names")
-    table.add_column("why", ratio=1)
-    table.add_column("shown by", ratio=1)
+    columns = ("names", Column("why", ratio=1), Column("shown by", ratio=1))
+    table = Table(*columns, title=f"not seen at {LARGEST_FAULT:g} healthy sizes", **_TITLE)
     together: dict[tuple[str, str], list[Detectability]] = {}
     for sight in plan.hidden:
         helps = [parting.test for parting in sight.further if parting.sigma and is_detectable(1 / parting.sigma)]
@@ -210,7 +197,17 @@ def as_object(plan: Plan) -> dict[str, Any]:
         "runs": plan.runs,
         "noise": {"source": "assumed", "um": assumed_um(plan.tests), "joint_deg": ASSUMED_JOINT_DEG},
         "alike_below_sigma": SEPARABLE,
-        "effects": [_effect(sight) for sight in plan.detectabilities],
+        "effects": [
+            {
+                "name": sight.name,
+                "unit": sight.effect.unit(size_field(sight.effect)),
+                "healthy": healthy_size(sight.effect),
+                "sd": sight.sd if np.isfinite(sight.sd) else None,
+                "limit": None if sight.hidden else sight.limit,
+                **({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {}),
+            }
+            for sight in plan.detectabilities
+        ],
         "groups": [list(group) for group in plan.groups],
         "pairs": [
             {"names": list(pair.names), "sigma": pair.sigma, "others": pair.others, "further": _partings(pair.further)}
@@ -221,17 +218,6 @@ def as_object(plan: Plan) -> dict[str, Any]:
         ],
         "not_possible": [{"test": test, "reason": reason} for test, reason in plan.impossible],
     }
-
-
-def _effect(sight: Detectability) -> dict[str, Any]:
-    text: Mapping[str, Any] = {
-        "name": sight.name,
-        "unit": sight.effect.unit(size_field(sight.effect)),
-        "healthy": healthy_size(sight.effect),
-        "sd": sight.sd if np.isfinite(sight.sd) else None,
-        "limit": None if sight.hidden else sight.limit,
-    }
-    return dict(text) | ({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {})
 
 
 def _partings(partings: Sequence[SeparatingTest]) -> list[dict[str, Any]]:

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from analysis.files.write import refuse_existing
 from analysis.inference.plan import Judgement
 from analysis.inference.proposal import SET_UP_MIN, Proposal, ProposedCircle
-from analysis.reporting.plain_console import whole
+from analysis.reporting.plain_console import right, whole
 from analysis.reporting.plan_report import noise_in_words
 from rigs.edit import Keys, Value, with_values
 from rigs.rig import Rig
@@ -55,13 +55,9 @@ def _count(judgement: Judgement) -> str:
 
 
 def _circles(proposal: Proposal) -> Table:
-    table = Table(
-        title=f"{proposal.used_min:.0f} min in all, with {SET_UP_MIN:g} min to set up each", title_style="dim"
-    )
-    table.add_column("circle")
-    table.add_column("min", justify="right")
-    table.add_column("makes testable", ratio=1)
-    table.add_column("separates", ratio=1)
+    title = f"{proposal.used_min:.0f} min in all, with {SET_UP_MIN:g} min to set up each"
+    columns = ("circle", right("min"), Column("makes testable", ratio=1), Column("separates", ratio=1))
+    table = Table(*columns, title=title, title_style="dim")
     for number, circle in enumerate(proposal.circles, start=1):
         pairs = ", ".join(" and ".join(pair) for pair in _separated(proposal, circle))
         names = ", ".join(_testable(proposal, circle))

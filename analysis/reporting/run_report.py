@@ -15,7 +15,8 @@ from rich.text import Text
 from analysis.measures.pooled import Pooled, pairs_of, pooled
 from analysis.measures.results import Result, by_test
 from analysis.reporting.labels import LEADING, in_order, label
-from analysis.reporting.plain_console import whole
+from analysis.reporting.plain_console import right, whole
+from analysis.reporting.run_object import TruthComparison, all_agree, verdict
 from analysis.reporting.run_words import (
     eccentricities_in_words,
     lag_in_words,
@@ -23,7 +24,6 @@ from analysis.reporting.run_words import (
     warmth_in_words,
     what_u_is,
 )
-from analysis.reporting.truth import TruthComparison, all_agree, verdict
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,9 @@ def as_tables(
 def _means(repeated: Sequence[Pooled]) -> Table:
     """Means over runs, a column for each direction."""
     rig = repeated[0].runs[0].measured.rig.name
-    table = Table(
-        title=f"{rig} · mean over runs ± standard uncertainty of the mean", title_style="dim", header_style="bold"
-    )
-    table.add_column("")
-    for mean in repeated:
-        table.add_column(_over(mean.title, f"{len(mean.runs)} runs"), justify="right")
+    title = f"{rig} · mean over runs ± standard uncertainty of the mean"
+    columns = (right(_over(mean.title, f"{len(mean.runs)} runs")) for mean in repeated)
+    table = Table("", *columns, title=title, title_style="dim", header_style="bold")
     for name in in_order(name for mean in repeated for name in mean.figures):
         figures = [mean.figures.get(name) for mean in repeated]
         cells = [
@@ -103,10 +100,8 @@ def _over(text: str, below: str, style: str = "dim") -> Text:
 
 def _table(group: Sequence[Result], truth_of: dict[int, dict[str, TruthComparison]]) -> Table:
     title = f"{group[0].measured.rig.name} · value ± standard uncertainty"
-    table = Table(title=title, title_style="dim", header_style="bold")
-    table.add_column("")
-    for result in group:
-        table.add_column(_over(result.title, result.name), justify="right")
+    columns = (right(_over(result.title, result.name)) for result in group)
+    table = Table("", *columns, title=title, title_style="dim", header_style="bold")
     for name in in_order(name for result in group for name in result.figures):
         cells = [_cell(result, name, truth_of.get(id(result), {})) for result in group]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rich.table import Table
+from rich.table import Column, Table
 
 from analysis.inference.disagreement import Disagreement
 from analysis.inference.result import Diagnosis
 from analysis.inference.staircase import Left, Staircase
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import plain
-from analysis.reporting.plain_console import whole
+from analysis.reporting.plain_console import bare_table, right
 from analysis.reporting.texts import Texts, texts_of
 
 _BAR = 16
@@ -79,12 +79,9 @@ def left_words(residue: Left) -> str:
 def stairs_table(stairs: Stairs) -> Table:
     """The stairs on the screen, a bar for what is left on the runs used."""
     texts = texts_of("en")
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
-    table.add_column("µm rms left")
-    for place in stairs.places:
-        table.add_column(texts(f"runs_{place}"), justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
+    places = (right(texts(f"runs_{place}")) for place in stairs.places)
+    table = bare_table("µm rms left", *places, Column("", no_wrap=True))
     for step in stairs.steps:
         width = max(1, round(_BAR * step.left[0].um / stairs.largest_um))
         table.add_row(step.name, *map(left_words, step.left), "█" * width)
-    return whole(table)
+    return table

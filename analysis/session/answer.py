@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -111,6 +111,21 @@ def main() -> None:
         sys.stderr.write(f"error: {error}\n")
         sys.exit(error.exit_code)
     write_new(directory / ANSWER, holding(answer.model_dump_json().encode()))
+
+
+class Infers(Protocol):
+    """An inference under way."""
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it has ended."""
+
+    def result(self) -> Answer:
+        """Return its answer. Raises RigError."""
+
+
+StartInference = Callable[[Sequence[Path], Sequence[Path], Path, Path], Infers]
+"""Starts one with the runs that are used and those that judge, by a rig file, into a directory."""
 
 
 @dataclass

@@ -9,13 +9,14 @@ from __future__ import annotations
 import queue
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+from analysis.emulation.keyboard import CellEvent
 from analysis.measures.usable import why_unusable
 from analysis.session.plan import Program
-from analysis.session.processes import Child, Talking, await_line
+from analysis.session.processes import Child, Talking
 from analysis.session.state import Emulated, Stage, Step
 from analysis.session.watch import Watch, Way
 from daq import clock
@@ -40,8 +41,6 @@ _STATUS_S = 1.0
 _MOVES_S = 0.5
 """A robot that has not stood for so long moves, and is waited for."""
 _AGAIN_S = 1.0
-_WAITS, _GOES_ON, _ENDS = "waits for a person; type go on", ("goes on", ": done", ": stopped"), (": done", ": stopped")
-"""How lines of the emulated cell end that say whether a program waits, goes on, or has ended."""
 _HOST = "host"
 """The stream of what happened to the computer itself."""
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
@@ -265,88 +264,87 @@ class LiveDriver:
         self._hands.leave()
 
 
+@dataclass
 class _Drive:
-    """One step, from when it is asked for to its run."""
+    """One step, from when it is asked for to its run. ended: the program that came to its end, empty where none did;
+    recording: the one whose run is being recorded, or none."""
 
-    def __init__(
-        self,
-        rigd: Rigd,
-        hands: Hands,
-        screen: Screen,
-        programs: Mapping[str, Program],
-        watch: Watch,
-        step: Step,
-        wait: Callable[[], None],
-    ) -> None:
-        self._rigd, self._hands, self._screen = rigd, hands, screen
-        self._programs, self._watch, self._step, self._wait = programs, watch, step, wait
-        self.ended = ""
-        """The program that came to its end, empty where none did."""
-        self._recording = ""
-        """The program whose run is being recorded, or none."""
-        self._told: set[str] = set()
-        self._try_again_s = 0.0
+    rigd: Rigd
+    hands: Hands
+    screen: Screen
+    programs: Mapping[str, Program]
+    watch: Watch
+    asked: Step
+    wait: Callable[[], None]
+    ended: str = ""
+    recording: str = ""
+    lines: set[str] = field(default_factory=set)
+    try_again_s: float = 0.0
 
     def run(self, operator: str, wait_s: float, runs: Path) -> Run:
         """Have it driven; a recording that is cut short is ended in any case."""
-        self._hands.start(self._programs[self._step.program])
+        self.hands.start(self.programs[self.asked.program])
         until_s, look_s = clock.now_s() + wait_s, 0.0
         try:
             while True:
-                self._wait()
-                self._hands.look()
-                if (reading := self._rigd.joints()) is not None:
-                    done = self._seen(self._watch.feed(*reading), operator)
+                self.wait()
+                self.hands.look()
+                if (reading := self.rigd.joints()) is not None:
+                    done = self._seen(self.watch.feed(*reading), operator)
                     if done is not None:
                         return self._judged(done, runs)
                 now_s = clock.now_s()
-                if self._watch.share > 0 or self._watch.stood_s < _MOVES_S:
+                if self.watch.share > 0 or self.watch.stood_s < _MOVES_S:
                     until_s = now_s + wait_s
                 if now_s > until_s:
-                    raise self._never()
+                    if silent := self.rigd.silent():
+                        remedy = "see rig doctor; then the same command goes on"
+                        raise CellError(", ".join(silent), "sends no readings", remedy)
+                    where = "stands at its start and was not started" if self.recording else "was not started"
+                    raise CellError(self.asked.program, where, "start it; the same command goes on")
                 if now_s > look_s:
                     look_s = now_s + _STATUS_S
-                    for name in self._rigd.silent():
+                    for name in self.rigd.silent():
                         self._tell(f"{name} sends no readings: check its cable; see rig doctor")
-                    if not self._recording:
-                        self._screen.show(f"  waiting for {self._step.program}: {(until_s - now_s) / 60:.0f} min left")
+                    if not self.recording:
+                        self.screen.show(f"  waiting for {self.asked.program}: {(until_s - now_s) / 60:.0f} min left")
                 clock.sleep(LOOK_S)
         finally:
-            if self._recording:
+            if self.recording:
                 with suppress(RigError):
-                    self._rigd.ask("record_stop")
+                    self.rigd.ask("record_stop")
 
     def _seen(self, seen: str, operator: str) -> tuple[str, str] | None:
         """Act on what is seen; return the program that has come to its end, and why its run is unusable, or empty."""
-        program = self._watch.program
-        if seen == "at_start" and not self._recording:
+        program = self.watch.program
+        if seen == "at_start" and not self.recording:
             self._begin(program, operator)
-        elif seen == "driving" and not self._recording:
+        elif seen == "driving" and not self.recording:
             self._tell(f"{program} began before it was recorded: let it end, then start it again")
         elif seen == "driving":
-            self._screen.show(f"  {program}: {100 * self._watch.share:.0f} % of its way, recorded")
-        elif seen == "ended" and self._recording:
+            self.screen.show(f"  {program}: {100 * self.watch.share:.0f} % of its way, recorded")
+        elif seen == "ended" and self.recording:
             self.ended = program
             return program, ""
-        elif seen in ("ended", "stopped", "astray") and not self._recording:
-            self._watch.forget()
+        elif seen in ("ended", "stopped", "astray") and not self.recording:
+            self.watch.forget()
         elif seen == "stopped":
-            return program, f"the robot stopped at {100 * self._watch.share:.0f} % of its way"
+            return program, f"the robot stopped at {100 * self.watch.share:.0f} % of its way"
         elif seen == "astray":
-            return program, f"the robot left the way of {program} at {100 * self._watch.share:.0f} % of it"
+            return program, f"the robot left the way of {program} at {100 * self.watch.share:.0f} % of it"
         elif seen == "elsewhere":
-            self._tell(f"the robot drove something that is no program of this stage: start {self._step.program}")
+            self._tell(f"the robot drove something that is no program of this stage: start {self.asked.program}")
         return None
 
     def _begin(self, program: str, operator: str) -> None:
         """Begin to record a program, and let it go on; a refusal is reported, and tried again."""
-        if clock.now_s() < self._try_again_s:
+        if clock.now_s() < self.try_again_s:
             return
-        driven = self._programs[program]
-        if program != self._step.program:
-            self._tell(f"this is {program}, not {self._step.program}: it is recorded as what it is")
+        driven = self.programs[program]
+        if program != self.asked.program:
+            self._tell(f"this is {program}, not {self.asked.program}: it is recorded as what it is")
         try:
-            self._rigd.ask(
+            self.rigd.ask(
                 "record_start",
                 name=program,
                 test=driven.test,
@@ -357,16 +355,16 @@ class _Drive:
             )
         except RigError as error:
             self._tell(f"nothing is recorded: {error}")
-            self._try_again_s = clock.now_s() + _AGAIN_S
+            self.try_again_s = clock.now_s() + _AGAIN_S
             return
-        self._recording = program
-        self._hands.go_on(driven)
+        self.recording = program
+        self.hands.go_on(driven)
 
     def _judged(self, done: tuple[str, str], runs: Path) -> Run:
         """End the recording, and say whether it can be used."""
         program, why = done
-        ended = self._rigd.ask("record_stop")
-        self._recording = ""
+        ended = self.rigd.ask("record_stop")
+        self.recording = ""
         name = Path(ended["run"]).name
         why = why or why_unusable(runs / name)
         held_up = ended["counters"].get(_HOST, {}).get("stalled", 0)
@@ -381,16 +379,9 @@ class _Drive:
 
     def _tell(self, line: str) -> None:
         """Say something once."""
-        if line not in self._told:
-            self._told.add(line)
-            self._screen.say(line)
-
-    def _never(self) -> CellError:
-        silent = self._rigd.silent()
-        if silent:
-            return CellError(", ".join(silent), "sends no readings", "see rig doctor; then the same command goes on")
-        where = "stands at its start and was not started" if self._recording else "was not started"
-        return CellError(self._step.program, where, "start it; the same command goes on")
+        if line not in self.lines:
+            self.lines.add(line)
+            self.screen.say(line)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -424,12 +415,17 @@ class Person:
         """They go home."""
 
 
-def _emulate(arguments: Sequence[str | Path], log: Path) -> Child:
-    return Child.start("analysis.cli", "rig emulate", arguments, log, talks=True)
+Hear = Callable[[CellEvent], None]
+StartCell = Callable[[Sequence[str | Path], Path, Hear], Talking]
+"""Starts an emulated cell with the arguments of `rig emulate` and a log; each of its events is heard."""
 
 
-StartCell = Callable[[Sequence[str | Path], Path], Talking]
-"""Starts an emulated cell with the arguments of `rig emulate`, and a log."""
+def _emulate(arguments: Sequence[str | Path], log: Path, hear: Hear) -> Child:
+    def hear_line(line: str) -> None:
+        if event := CellEvent.of_line(line):
+            hear(event)
+
+    return Child.start("analysis.cli", "rig emulate", [*arguments, "--json"], log, hear=hear_line)
 
 
 class EmulatedHands:
@@ -447,6 +443,7 @@ class EmulatedHands:
         self._directory, self._maker, self._emulated = directory, maker, emulated
         self._entered, self._start_cell = list(entered), start_cell
         self._child: Talking | None = None
+        self._events: queue.SimpleQueue[CellEvent] = queue.SimpleQueue()
         self._visits = 0
         self._waits, self._may_go_on, self._is_busy = False, False, False
 
@@ -461,10 +458,12 @@ class EmulatedHands:
         self._visits += 1
         self._is_busy = self._waits = False
         arguments += ["--seed", str(self._emulated.seed + self._visits)]
-        self._child = self._start_cell(arguments, self._directory / "emulated.log")
-        await_line(self._child, "ready", _READY_S)
+        self._events = queue.SimpleQueue()  # what the cell before it still told is of no use
+        self._child = self._start_cell(arguments, self._directory / "emulated.log", self._events.put)
+        self._await("ready")
         for file in self._entered:
-            self._enter(file)
+            self._type(f"enter {file}")
+            self._await("entered")
         return cell / "rig.yaml"
 
     def start(self, program: Program) -> None:
@@ -479,33 +478,52 @@ class EmulatedHands:
         self._may_go_on = True
 
     def look(self) -> None:
-        """Hear what the cell says. Raises CellError for an error of it, and where it has ended."""
-        assert self._child is not None  # noqa: S101 - a stage was set up
-        with suppress(queue.Empty):
-            while True:
-                line = self._child.lines.get_nowait()
-                if line.startswith("error: stop:"):
-                    continue  # it ended just before
-                if line.startswith("error: "):
-                    raise CellError("the emulated cell", line.removeprefix("error: "), f"see {self._child.log}")
-                if line.endswith(_WAITS):
-                    self._waits = True
-                elif line.endswith(_GOES_ON):
-                    self._waits = False
-                if line.endswith(_ENDS):
-                    self._is_busy = False
-        if not self._child.runs:
-            raise self._child.ended()
+        """Hear what the cell tells. Raises CellError for an error of it, and where it has ended."""
+        self._hear()
         if self._waits and self._may_go_on:
             self._waits = self._may_go_on = False
             self._type("go on")
+
+    def _hear(self) -> list[str]:
+        """Take in what the cell has told since the last time; return what kinds of events these are. Raises CellError
+        for an error of it, and where it has ended."""
+        assert self._child is not None  # noqa: S101 - a stage was set up
+        heard: list[str] = []
+        with suppress(queue.Empty):
+            while True:
+                event = self._events.get_nowait()
+                heard.append(event.event)
+                match event.event:
+                    case "refused" if event.name != "stop":  # which was typed where it ended just before
+                        raise CellError(
+                            "the emulated cell", event.text.removeprefix("error: "), f"see {self._child.log}"
+                        )
+                    case "waits":
+                        self._waits = True
+                    case "drives":
+                        self._waits = False
+                    case "done" | "stopped":
+                        self._waits = self._is_busy = False
+        if not self._child.runs:
+            raise self._child.ended()
+        return heard
+
+    def _await(self, event: str) -> None:
+        """Wait until the cell tells of an event. Raises CellError where it ends before, or takes too long."""
+        assert self._child is not None  # noqa: S101 - a stage was set up
+        until_s = clock.now_s() + _READY_S
+        while event not in self._hear():
+            if clock.now_s() > until_s:
+                raise CellError(self._child.name, f"was not ready after {_READY_S:.0f} s", f"see {self._child.log}")
+            clock.sleep(LOOK_S)
 
     def enter(self, file: Path) -> bool:
         """Enter the values of a file."""
         self._entered.append(file)
         if self._child is not None:
             self._free()
-            self._enter(file)
+            self._type(f"enter {file}")
+            self._await("entered")
         return True
 
     def _free(self) -> None:
@@ -524,11 +542,6 @@ class EmulatedHands:
         if self._child is not None:
             self._child.stop()
             self._child = None
-
-    def _enter(self, file: Path) -> None:
-        assert self._child is not None  # noqa: S101 - a cell that runs
-        self._type(f"enter {file}")
-        await_line(self._child, f"{file}: entered", _READY_S)
 
     def _type(self, line: str) -> None:
         assert self._child is not None  # noqa: S101 - a stage was set up

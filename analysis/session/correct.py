@@ -58,14 +58,6 @@ not worth a person's time, nor shown by a second measurement."""
 
 
 @dataclass(frozen=True)
-class Corrected:
-    """What a correction is, and the programs that it changes, by the programs whose place they take."""
-
-    correction: Correction
-    programs: dict[str, Program]
-
-
-@dataclass(frozen=True)
 class Left:
     """What is left of the error of the readings in µm, root mean square with set-ups fitted: as it is, with what the
     entries hold, and with what corrected targets hold, whose ways between them are the controller's."""
@@ -83,8 +75,9 @@ def corrected(
     steps: Sequence[Step],
     directory: Path,
     chosen_way: Way | None = None,
-) -> Corrected:
-    """Return the correction by a model that a session found, with its files in a directory, in place of an older one's.
+) -> tuple[Correction, dict[str, Program]]:
+    """Return the correction by a model that a session found, with its files in a directory in place of an older one's,
+    and the programs that it changes, by those whose place they take.
 
     runs: on the circle of the rig, by which it is judged, and at the other place; steps: those that are driven after
     it; chosen_way: what a person chose. Raises FileError and CellError.
@@ -113,7 +106,7 @@ def corrected(
     if way == "none":
         error = f"{remaining.now_um:.0f} µm rms"
         sentence = f"No numbers take away much of the error of {error}: its cause is repaired at the arm."
-        return Corrected(_correction(way, sentence, remaining.now_um), {})
+        return _correction(way, sentence, remaining.now_um), {}
     pose_u = pose_uncertainty(model, correction.effects)
     by = entries.effects if way == "entries" else targets
     beside_um = 0.0 if way == "entries" else between_um
@@ -130,10 +123,10 @@ def corrected(
     if way == "entries":
         falls = _falls(remaining, remaining.by_entries_um)
         sentence = f"{controller_report.first_sentence(entries)} The readings' error is {falls}."
-        return Corrected(_correction(way, sentence, remaining.now_um, remaining.by_entries_um, **expected), {})
+        return _correction(way, sentence, remaining.now_um, remaining.by_entries_um, **expected), {}
     programs = corrected_programs(rig, model, session.stages, steps)
     sentence = f"Load the corrected programs: the readings' error is {_falls(remaining, remaining.by_targets_um)}."
-    return Corrected(_correction(way, sentence, remaining.now_um, remaining.by_targets_um, **expected), programs)
+    return _correction(way, sentence, remaining.now_um, remaining.by_targets_um, **expected), programs
 
 
 def _expected(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured], left_um: float) -> Expected:

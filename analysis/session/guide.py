@@ -1,506 +1,390 @@
-"""The guide: which step comes next, and what is done in it. The state alone decides; after each step it is kept."""
+"""The guide of a session: what each event makes of it, and what is done next.
+
+Pure: the state and an event in, the next state and actions out. `analysis.session.run` carries these out, and says what
+came of them as events again. Which step comes next follows from what is kept alone (`analysis.session.next_step`), so
+that a session goes on wherever it was cut off; the rest of the state is what goes on just now.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, TypeVar
 
-from analysis.files.write import holding, write_all_over
-from analysis.measures.usable import why_unusable
-from analysis.session.answer import Driven, Inference, path_error
-from analysis.session.cell import Driver, Screen
-from analysis.session.correct import CORRECTIONS, corrected, corrected_programs, entries_file, reading_deg
-from analysis.session.next_step import (
-    Correct,
-    Decide,
-    Done,
-    Drive,
-    Enter,
-    Infer,
-    Report,
-    first_open,
-    is_answered,
-    next_of,
-    why_nothing,
-)
-from analysis.session.plan import (
-    ELSEWHERE,
-    FIXED,
-    Pace,
-    Program,
-    minutes_of,
-    numbered,
-    programs_of_steps,
-    separating,
-    stage_text,
-    write_programs,
-)
-from analysis.session.state import (
-    MOST_TRIES,
-    Answer,
-    Correction,
-    Place,
-    Purpose,
-    Session,
-    Stage,
-    Step,
-    Try,
-    Verified,
-    Way,
-)
-from analysis.session.words import Words
-from daq import clock
-from daq.store import load_manifest, read_run
-from daq.store.manifest import is_run
-from rigs.errors import CellError, RigError
-from rigs.load import load
+from analysis.session import words
+from analysis.session.cell import Run
+from analysis.session.next_step import Drive, Infer, first_open, is_answered, next_of, why_nothing
+from analysis.session.plan import Pace, minutes_of, numbered, separating
+from analysis.session.state import MOST_TRIES, Answer, Correction, Purpose, Session, Stage, Step, Try, Verified, Way
+from rigs.errors import CellError
+from rigs.rig import Rig
 
+_T = TypeVar("_T")
 _MOST_MORE = 4
 """So many stages are added at most to separate rivals or to decide: then a person has to think."""
 
 
-class Infers(Protocol):
-    """An inference under way."""
+@dataclass(frozen=True)
+class Runs:
+    """What an inference is about: names of the runs that are used, and of those that judge."""
 
-    @property
-    def is_done(self) -> bool:
-        """Whether it has ended."""
-
-    def result(self) -> Answer:
-        """Return its answer. Raises RigError."""
+    used: tuple[str, ...]
+    judges: tuple[str, ...] = ()
 
 
-StartInference = Callable[[Sequence[Path], Sequence[Path], Path, Path], Infers]
+@dataclass(frozen=True)
+class State:
+    """A session with what goes on in it: the stage that is set up, the number of the step that is driven, and the
+    inferences under way. ahead: the last one, begun beside the one that the other place judges."""
 
+    session: Session
+    stage: str = ""
+    driving: int | None = None
+    inferring: Runs | None = None
+    ahead: Runs | None = None
 
-class Guide:
-    """Takes a session from one step to the next, until nothing is left."""
+    def keeping(self, **changed: object) -> State:
+        """Return the state with other values of the session."""
+        return replace(self, session=self.session.model_copy(update=changed))
 
-    def __init__(
-        self,
-        place: Place,
-        session: Session,
-        driver: Driver,
-        screen: Screen,
-        pace: Pace,
-        *,
-        chosen_way: Way | None = None,
-        start_inference: StartInference = Inference.start,
-    ) -> None:
-        """chosen_way: the way of the correction that a person chose."""
-        self._place, self.session, self._driver, self._screen, self._pace = place, session, driver, screen, pace
-        self._chosen_way, self._start_inference = chosen_way, start_inference
-        self._rig, self._text = load(session.rig_file)
-        self._words = Words(place.directory, screen)
-        self._inference: Infers | None = None
-        self._ahead: Infers | None = None
-        """The last diagnosis, begun beside the one that the other place judges."""
-        self._stage, self._driving = "", -1
-        self._known: dict[str, dict[str, Program]] = {}
-        """The programs of each stage, until the steps change."""
-        self._corrected: Mapping[str, Program] | None = None
-
-    def run(self) -> Session:
-        """Go on to the end. Raises RigError; what was reached is kept."""
-        self._adopt()
-        if not any(step.tries for step in self.session.steps):
-            self._write_programs(self.session.stages)
-        self._words.plan(self.session, self._pace)
-        while True:
-            match next_of(self.session):
-                case Drive(number):
-                    self._drive(number)
-                case Infer() as asked:
-                    self._await_inference(asked)
-                case Decide():
-                    self._decide()
-                case Correct():
-                    self._correct()
-                case Enter():
-                    self._enter()
-                case Report():
-                    self._report()
-                case Done():
-                    self._words.end(self.session)
-                    return self.session
-
-    def _keep(self, **changed: object) -> None:
-        self.session = self.session.model_copy(update=changed)
-        self._place.write(self.session)
-
-    # ------------------------------------------------------------------------------------------------------------------
-    # What was there before.
-
-    def _adopt(self) -> None:
-        """Take runs that were recorded for open steps just before the session was cut off; leave all others alone."""
-        run_names = {attempt.run for step in self.session.steps for attempt in step.tries} | set(
-            self.session.left_alone
-        )
-        directories = (
-            sorted(path for path in self._place.runs.glob("*") if path.is_dir()) if self._place.runs.is_dir() else []
-        )
-        for path in directories:
-            if path.name in run_names or not is_run(path):
-                continue
-            number = self._step_of(path)
-            if number is None:
-                self._words.left_alone(path)
-                self._keep(left_alone=(*self.session.left_alone, path.name))
-            else:
-                self._keep_try(number, Try(run=path.name))
-
-    def _step_of(self, path: Path) -> int | None:
-        """Return the number of the open step that a whole and usable run is of."""
-        try:
-            manifest = load_manifest(path)
-        except RigError:
-            return None
-        if manifest.exit_status != "complete" or manifest.rig_name != self._rig.name:
-            return None
-        following = next_of(self.session)
-        if not isinstance(following, Drive):
-            return None
-        number = self._number_of(manifest.name, self.session.steps[following.number].purpose)
-        if number is None or why_unusable(path):
-            return None
-        # Somebody may have copied a run: it holds the readings of one that a step has.
-        driven = [self._run(step) for step in self.session.steps if step.run]
-        readings = read_run(path).readings_sha256
-        is_copy = any(read_run(run).readings_sha256 == readings for run in driven if is_run(run))
-        return None if is_copy else number
-
-    def _number_of(self, program: str, purpose: Purpose) -> int | None:
-        """Return the number of the first open step of a program with a purpose."""
-        steps = enumerate(self.session.steps)
-        return next(
-            (k for k, step in steps if step.program == program and step.purpose == purpose and step.is_open), None
-        )
-
-    def _write_programs(self, stages: Sequence[Stage]) -> None:
-        """Write the rig files and programs of stages; those that are there are the same."""
-        for stage in stages:
-            programs = list(self._programs(stage).values())
-            write_programs(self.session.maker, programs, self._place.directory / "programs" / stage.name)
-            files = {**self._rig.beside, f"{stage.name}.yaml": stage_text(self._text, stage).encode()}
-            cells = self._place.directory / "cells"
-            write_all_over(cells, {name: holding(content) for name, content in files.items()})
-
-    def _programs(self, stage: Stage) -> dict[str, Program]:
-        """The programs that may be driven at a stage now."""
-        if stage.name not in self._known:
-            nominal = (step for step in self.session.steps if not step.program.endswith(FIXED))
-            steps = [step for step in nominal if step.stage == stage.name]
-            programs = programs_of_steps(self._rig, [stage], steps)
-            correction = self.session.correction
-            if self._corrected is None and correction:
-                self._corrected = {}
-                if correction.way == "programs":
-                    model, verify = load(self._model_file())[0], self._verify_steps()
-                    self._corrected = corrected_programs(self._rig, model, self.session.stages, verify)
-            corrected = (self._corrected or {}).values() if correction else ()
-            self._known[stage.name] = programs | {
-                program.name: program for program in corrected if program.stage == stage.name
-            }
-        return self._known[stage.name]
-
-    # ------------------------------------------------------------------------------------------------------------------
-    # Driving.
-
-    def _drive(self, number: int) -> None:
+    def tried(self, number: int, attempt: Try) -> State:
+        """Return the state with a further run of a step."""
         step = self.session.steps[number]
-        stage = self.session.stage_of(step)
-        if stage.name != self._stage:
-            self._words.stage(stage)
-            self._write_programs([stage])
-            self._driver.set_up(stage, self._programs(stage))
-            self._stage = stage.name
-        self._words.step(self.session, number)
-        began_s = clock.now_s()
-        self._driving = number
-        try:
-            run = self._driver.drive(step, self._look)
-        finally:
-            self._driving = -1
-        minutes = round(self.session.driven_minutes + (clock.now_s() - began_s) / 60, 2)
-        self.session = self.session.model_copy(update={"driven_minutes": minutes})
-        self._words.run(run)
-        of = number if run.program == step.program else self._number_of(run.program, step.purpose)
-        if of is None:
-            self._keep(left_alone=(*self.session.left_alone, run.name))
-            return
-        self._keep_try(of, Try(run=run.name, why=run.why, held_up=run.held_up))
-        if run.why:
-            self._hold_tries(of)
-        else:
-            self._infer_meanwhile()
+        tries = (*step.tries, attempt)
+        return replace(self, session=self.session.with_step(number, step.model_copy(update={"tries": tries})))
 
-    def _keep_try(self, number: int, attempt: Try) -> None:
-        step = self.session.steps[number]
-        self._keep(
-            steps=self.session.with_step(number, step.model_copy(update={"tries": (*step.tries, attempt)})).steps
-        )
-
-    def _hold_tries(self, number: int) -> None:
-        """Raise CellError where a step was driven in vain so often that something in the cell must be put right."""
-        step = self.session.steps[number]
-        if len(step.tries) % MOST_TRIES == 0:
-            vain = f"after {MOST_TRIES} failed attempts at {step.program}"
-            if any(attempt.held_up for attempt in step.tries[-MOST_TRIES:]) or self.session.emulated:
-                problem = f"was held up, so that readings are missing ({vain}, the last time: {step.tries[-1].why})"
-                remedy = "end what keeps it busy, or give rig another computer; the same command goes on here"
-                raise CellError("this computer", problem, remedy)
-            remedy = "look at the cell (rig doctor); the same command goes on here"
-            raise CellError(step.program, f"failed {MOST_TRIES} times, the last time: {step.tries[-1].why}", remedy)
-
-    # ------------------------------------------------------------------------------------------------------------------
-    # Understanding.
-
-    def _infer_meanwhile(self) -> None:
-        """Start to understand what there is, unless that is under way, or too little."""
-        find = self.session.runs_for("find")
-        understood = self.session.answer.runs if self.session.answer else 0
-        ways = {step.direction for step in find}
-        judged = first_open(self.session, "judge") is None and first_open(self.session, "find") is None
-        is_new = len(ways) > 1 and (len(find) > understood or judged)
-        if is_new and self._inference is None and self.session.correction is None:
-            self._inference = self._begun(Infer())
-
-    def _begun(self, asked: Infer) -> Infers:
-        """Begin to understand what there is; where the other place judges, with its runs among those used as well."""
-        ahead, self._ahead = self._ahead, None
-        if asked.joins and ahead is not None:
-            return ahead
-        find, judge = ([self._run(step) for step in self.session.runs_for(purpose)] for purpose in ("find", "judge"))
-        if asked.joins:
-            return self._started([*find, *judge], [])
-        begun = self._started(find, judge)
-        if judge and first_open(self.session, "judge") is None:  # both at once, since a computer has two cores
-            self._ahead = self._started([*find, *judge], [])
-        return begun
-
-    def _started(self, used: Sequence[Path], judges: Sequence[Path]) -> Infers:
-        folder = self._place.directory / "found"
-        number = 1 + max((int(path.name) for path in folder.glob("[0-9]*") if path.name.isdigit()), default=0)
-        while (folder / f"{number:02d}.json").exists():
-            number += 1
-        first = self.session.stages[0].name
-        model = self._place.directory / "cells" / f"{first}.yaml"
-        return self._start_inference(used, judges, model, folder / f"{number:02d}")
-
-    def _run(self, step: Step) -> Path:
-        assert step.run is not None  # noqa: S101 - of a step that was driven
-        return self._place.run(step.run)
-
-    def _look(self) -> None:
-        """Take in an answer that has come meanwhile."""
-        if self._inference is not None and self._inference.is_done:
-            try:
-                self._take_answer()
-            except RigError as error:  # more runs follow, and with them another one
-                self._screen.say(f"  not understood yet: {error.what}")
-
-    def _await_inference(self, asked: Infer) -> None:
-        """Wait for an answer about all runs."""
-        if self._inference is None:
-            self._inference = self._begun(asked)
-        began_s = clock.now_s()
-        while self._inference is not None and not self._inference.is_done:
-            self._screen.show(
-                f"understanding {len(self.session.runs_for('find'))} runs: {clock.now_s() - began_s:.0f} s"
-            )
-            clock.sleep(_LOOK_S)
-        self._take_answer()
-
-    def _take_answer(self) -> None:
-        assert self._inference is not None  # noqa: S101 - one has come
-        inference, self._inference = self._inference, None
-        answer, before = inference.result(), self.session.answer
-        judges = len(self.session.runs_for("judge"))
-        if judges and answer.runs > len(self.session.runs_for("find")):
-            answer = answer.model_copy(update={"joined": judges})
-        self._keep(answer=answer, judged=answer if answer.judges else self.session.judged)
-        self._words.answer(answer, before)
-        if self.session.aim == "faults" and not self.session.answered and is_answered(self.session, answer):
-            self._stop_early()
-
-    def _stop_early(self) -> None:
-        """Leave out what was still to be driven to find errors."""
-        numbers = [
-            k
-            for k, step in enumerate(self.session.steps)
-            if step.purpose == "find" and step.is_open and k != self._driving
+    def skipping(self, purpose: Purpose, why: str) -> State:
+        """Return the state without the open steps of a purpose, but for one that is driven."""
+        steps = [
+            step.model_copy(update={"skipped": why})
+            if step.purpose == purpose and step.is_open and number != self.driving
+            else step
+            for number, step in enumerate(self.session.steps)
         ]
-        for number in numbers:
-            step = self.session.steps[number]
-            skipped = step.model_copy(update={"skipped": "the question is answered"})
-            self.session = self.session.with_step(number, skipped)
-        if numbers:
-            self._keep()
-            self._words.early(len(numbers))
+        return self.keeping(steps=tuple(steps))
 
-    def _decide(self) -> None:
+
+# ----------------------------------------------------------------------------------------------------------------------
+# What happens.
+
+
+@dataclass(frozen=True)
+class Present:
+    """A run lies in the directory that the session does not know; program: of which it is, if it may be of a step."""
+
+    run: str
+    program: str = ""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A run was recorded: of the step that was asked for, or of another program."""
+
+    run: Run
+    minutes: float
+
+
+@dataclass(frozen=True)
+class Answered:
+    """An inference has its answer."""
+
+    answer: Answer
+
+
+@dataclass(frozen=True)
+class NotUnderstood:
+    """An inference has none while a step is driven; more runs follow, and with them another one."""
+
+    why: str
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """The correction is made. programs: names of the corrected programs, by those whose place they take."""
+
+    correction: Correction
+    programs: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Reported:
+    """The page is written."""
+
+    verified: Verified | None
+    page: str
+
+
+Event = Present | Recorded | Answered | NotUnderstood | Corrected | Reported | Literal["begun", "entered"]
+"""begun: the session begins, or goes on; entered: the values are entered at the controller."""
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# What is done: besides the steps that come next.
+
+
+@dataclass(frozen=True)
+class Say:
+    """Say lines that stay."""
+
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SetUp:
+    """Write the programs of a stage, and set it up."""
+
+    stage: Stage
+
+
+@dataclass(frozen=True)
+class Begin:
+    """Begin an inference."""
+
+    runs: Runs
+
+
+@dataclass(frozen=True)
+class Stop:
+    """End here: something in the cell must be put right first."""
+
+    error: CellError
+
+
+Action = Say | SetUp | Begin | Stop | Drive | Literal["await", "correct", "enter", "report"]
+"""await: the inference that is under way; the others as of `Following`."""
+Outcome = tuple[State, tuple[Action, ...]]
+
+
+@dataclass(frozen=True)
+class Guide:
+    """Says what comes next in a session of a rig. directory: of the session, as it is named to a person; chosen_way:
+    the way of the correction that a person chose."""
+
+    rig: Rig
+    pace: Pace
+    directory: Path
+    chosen_way: Way | None = None
+
+    def step(self, state: State, event: Event) -> Outcome:
+        """Return the next state, which is kept before anything is done, and what is to be done: the last action brings
+        the next event, where one comes."""
+        changed, actions = state, tuple[Action, ...]()
+        match event:
+            case Present(run, program):
+                return _adopted(state, run, program)
+            case "begun":
+                actions = (Say(tuple(words.plan_lines(state.session, self.pace, self.directory))),)
+            case Recorded(run, minutes):
+                changed, actions = _recorded(state, run, minutes)
+            case Answered(answer):
+                changed, actions = _answered(replace(state, inferring=None), answer)
+            case NotUnderstood(why):
+                changed, actions = replace(state, inferring=None), (Say((f"  not understood yet: {why}",)),)
+            case Corrected(correction, programs):
+                changed, actions = _corrected(state, correction, programs)
+            case "entered":
+                correction = _of(state.session.correction)
+                changed = state.keeping(correction=correction.model_copy(update={"entered": True}))
+            case Reported(verified, page):
+                changed = state.keeping(verified=verified, report=page)
+        if changed.driving is not None:
+            return changed, actions
+        following, further = self._following(changed)
+        return following, (*actions, *further)
+
+    def _following(self, state: State) -> Outcome:
+        """Return what comes next: nothing is driven, and no inference is waited for."""
+        following = next_of(state.session)
+        match following:
+            case Drive(number):
+                return self._to_drive(state, number)
+            case Infer(joins):
+                begun, actions = (state, ()) if state.inferring else _begun(state, joins=joins)
+                return begun, (*actions, "await")
+            case "decide":
+                changed, actions = self._decided(state, _of(state.session.answer))
+            case "correct" if why := self._nothing(state.session):
+                none = Correction(way="none", sentence=why, before_um=0.0, expected_um=0.0)
+                changed, actions = _corrected(state, none, {})
+            case "done":
+                return state, (Say(tuple(words.end_lines(state.session, self.directory))),)
+            case _:
+                return state, (following,)
+        next_state, further = self._following(changed)
+        return next_state, (*actions, *further)
+
+    def _to_drive(self, state: State, number: int) -> Outcome:
+        step = state.session.steps[number]
+        stage = state.session.stage_of(step)
+        asked = Say(tuple(words.step_lines(state.session, number)))
+        driving = replace(state, stage=stage.name, driving=number)
+        if stage.name == state.stage:
+            return driving, (asked, Drive(number))
+        return driving, (Say((f"-- {stage.name}: {stage.words}",)), SetUp(stage), asked, Drive(number))
+
+    def _nothing(self, session: Session) -> str:
+        """Why nothing is corrected, empty where something may be."""
+        answer = _of(session.answer)
+        if not answer.model:
+            return f"Nothing can be corrected: {answer.next_step}"
+        return why_nothing(session) if self.chosen_way in (None, "none") else ""
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # What an answer decides.
+
+    def _decided(self, state: State, answer: Answer) -> Outcome:
         """Put the test next that separates rivals or decides, or go on."""
-        answer = self.session.answer
-        assert answer is not None  # noqa: S101 - it decides
-        addition = self._more(answer) if self.session.aim != "check" else None
+        session = state.session
+        addition = self._more(session, answer) if session.aim != "check" else None
         if addition is None:
-            self._keep(answered=answer.condition, decided=answer.runs if self.session.is_last(answer) else 0)
-            return
+            decided = answer.runs if session.is_last(answer) else 0
+            return state.keeping(answered=answer.condition, decided=decided), ()
         stage, steps = addition
-        names = [stage.name for stage in self.session.stages]
-        stages = self.session.stages if stage.name in names else (*self.session.stages, stage)
-        at = next((k for k, step in enumerate(self.session.steps) if step.purpose != "find"), len(self.session.steps))
-        ordered = self._named((*self.session.steps[:at], *steps, *self.session.steps[at:]))
-        self._words.more(answer, stage)
-        self._keep(stages=stages, steps=ordered)
-        self._known = {}
-        self._write_programs([stage])
-        self._stage = ""
+        is_there = stage.name in [present.name for present in session.stages]
+        stages = session.stages if is_there else (*session.stages, stage)
+        at = next((k for k, step in enumerate(session.steps) if step.purpose != "find"), len(session.steps))
+        ordered = numbered((*session.steps[:at], *steps, *session.steps[at:]), session.steps)
+        more = Say(tuple(words.more_lines(answer, stage)))
+        return replace(state.keeping(stages=stages, steps=ordered), stage=""), (more,)
 
-    def _more(self, answer: Answer) -> tuple[Stage, tuple[Step, ...]] | None:
+    def _more(self, session: Session, answer: Answer) -> tuple[Stage, tuple[Step, ...]] | None:
         """Return a stage with steps that would show more, None where none would, or the time is over."""
-        if len(self.session.stages) >= 2 + _MOST_MORE:
+        if len(session.stages) >= 2 + _MOST_MORE:
             return None
         addition: tuple[Stage, tuple[Step, ...]] | None = None
-        if answer.next_test and (answer.condition == "ambiguous" or self.session.is_last(answer)):
-            tests = tuple(dict.fromkeys(step.test for step in self.session.runs_for("find")))
-            addition = separating(self._rig, answer.next_test, tests, len(self.session.stages) + 1)
+        if answer.next_test and (answer.condition == "ambiguous" or session.is_last(answer)):
+            tests = tuple(dict.fromkeys(step.test for step in session.runs_for("find")))
+            addition = separating(self.rig, answer.next_test, tests, len(session.stages) + 1)
         elif answer.condition == "undecided" and answer.runs_to_decide is not None:
             # The same once more in each direction, where that may decide
-            main = self.session.stages[0]
-            main_steps = [step for step in self.session.steps if step.stage == main.name and step.purpose == "find"]
+            main = session.stages[0]
+            main_steps = [step for step in session.steps if step.stage == main.name and step.purpose == "find"]
             once = list({step.program: step for step in main_steps}.values())
             if sum(bool(step.run) for step in main_steps) < len(once) * answer.runs_to_decide:
                 addition = main, tuple(step.model_copy(update={"tries": (), "skipped": ""}) for step in once)
         # A test at the place that judges is driven anyway: its runs join the last diagnosis.
-        judged_at = [stage.circle for stage in self.session.stages if stage.circle is not None]
+        judged_at = [stage.circle for stage in session.stages if stage.circle is not None]
         if addition is None or addition[0].circle in judged_at:
             return None
-        open_steps = [step for step in self.session.steps if step.is_open]
-        need = minutes_of((addition[0],), (*addition[1], *open_steps), self._pace)
-        return addition if self.session.driven_minutes + need <= self.session.minutes else None
-
-    def _named(self, steps: Sequence[Step]) -> tuple[Step, ...]:
-        """Return steps of which those that are new have the next numbers; programs that were written keep theirs."""
-        names = {step.program[4:]: step.program for step in self.session.steps}
-        fresh = [step for step in numbered(steps) if step.program[4:] not in names]
-        count = len(set(names.values()))
-        for number, bare in enumerate(dict.fromkeys(step.program[4:] for step in fresh), start=count + 1):
-            names[bare] = f"p{number:02d}-{bare}"
-        return tuple(step.model_copy(update={"program": names[_bare(step.program)]}) for step in steps)
-
-    # ------------------------------------------------------------------------------------------------------------------
-    # Correcting, and the end.
-
-    def _model_file(self) -> Path:
-        """The rig file with what was found."""
-        answer = self.session.answer
-        assert answer is not None  # noqa: S101 - it is corrected by it
-        return self._place.directory / "found" / answer.found / answer.model
-
-    def _verify_steps(self) -> list[Step]:
-        """The steps after the correction, with the nominal programs that they begin from."""
-        return [
-            step.model_copy(update={"program": step.program.removesuffix(FIXED)})
-            for step in self.session.steps
-            if step.purpose == "verify"
-        ]
-
-    def _correct(self) -> None:
-        self._screen.show("making the correction")
-        answer = self.session.answer
-        assert answer is not None  # noqa: S101 - it is corrected by it
-        if not answer.model:
-            self._keep(correction=self._nothing(f"Nothing can be corrected: {answer.next_step}"))
-        elif (why := why_nothing(self.session)) and self._chosen_way in (None, "none"):
-            self._keep(correction=self._nothing(why))
-        else:
-            directory = self._place.directory / CORRECTIONS
-            main = self.session.stages[0].name
-            main_runs = [self._run(step) for step in self.session.runs_for("find") if step.stage == main]
-            runs = main_runs, [self._run(step) for step in self.session.runs_for("judge")]
-            made = corrected(
-                self._rig, self.session, self._model_file(), runs, self._verify_steps(), directory, self._chosen_way
-            )
-            self._known = {}
-            self._corrected = programs = made.programs
-            for stage in self.session.stages:
-                stage_programs = [program for program in programs.values() if program.stage == stage.name]
-                write_programs(self.session.maker, stage_programs, self._place.directory / "programs" / stage.name)
-            steps = self.session.steps
-            if made.correction.way == "none":
-                steps = self._without_verification("nothing was corrected")
-            elif made.correction.way == "programs":
-                steps = tuple(
-                    step.model_copy(update={"program": programs[step.program].name})
-                    if step.purpose == "verify"
-                    else step
-                    for step in steps
-                )
-            self._keep(correction=made.correction, steps=steps)
-        assert self.session.correction is not None  # noqa: S101 - it was made
-        self._stage = self._stage if self.session.correction.way == "entries" else ""
-        self._words.correction(self.session.correction)
-
-    def _nothing(self, sentence: str) -> Correction:
-        self.session = self.session.model_copy(update={"steps": self._without_verification("nothing was corrected")})
-        return Correction(way="none", sentence=sentence, before_um=0.0, expected_um=0.0)
-
-    def _without_verification(self, why: str) -> tuple[Step, ...]:
-        return tuple(
-            step.model_copy(update={"skipped": why}) if step.purpose == "verify" and step.is_open else step
-            for step in self.session.steps
-        )
-
-    def _enter(self) -> None:
-        """Have the values entered. Raises CellError where no person confirms it."""
-        correction = self.session.correction
-        assert correction is not None  # noqa: S101 - it is entered
-        file = entries_file(self._place.directory / CORRECTIONS)
-        self._words.entries(file)
-        if not self._driver.enter(file):
-            remedy = f"enter them, then: rig session {self.session.rig_file} --entered"
-            raise CellError(str(file), "no person has confirmed that its values are entered", remedy)
-        self._keep(correction=correction.model_copy(update={"entered": True}))
-
-    def _report(self) -> None:
-        from analysis.session.report import write_report  # noqa: PLC0415 - slow to import
-
-        self._screen.show("writing the report")
-        answer = self.session.answer
-        noise_um = answer.noise_um if answer else 0.0
-        verified = self._verified(noise_um) if self.session.aim != "check" else None
-        session = self.session.model_copy(update={"verified": verified})
-        page = write_report(session, self._rig, self._place)
-        self._keep(verified=verified, report=page.name)
-
-    def _verified(self, noise_um: float) -> Verified:
-        nominal = after = Driven()
-        answer, correction = self.session.answer, self.session.correction
-        if answer is not None and correction is not None and correction.way != "none":
-            model, _ = load(self._model_file())
-            entered = correction.way == "entries"
-            after = Driven(model, reading_deg(self._place.directory / CORRECTIONS) if entered else (0.0,) * 6)
-        verify = self.session.runs_for("verify")
-        tests = {(step.stage, step.test, step.direction) for step in verify}
-        main = [step for step in self.session.runs_for("find") if (step.stage, step.test, step.direction) in tests]
-        sides = {
-            "same_before": (main, nominal),
-            "same_after": ([step for step in verify if step.stage != ELSEWHERE], after),
-            "elsewhere_before": (self.session.runs_for("judge"), nominal),
-            "elsewhere_after": ([step for step in verify if step.stage == ELSEWHERE], after),
-        }
-        return Verified(
-            **{
-                name: path_error([self._run(step) for step in steps], by, noise_um)
-                for name, (steps, by) in sides.items()
-            }
-        )
+        need = minutes_of((addition[0],), (*addition[1], *session.open_steps), self.pace)
+        return addition if session.driven_minutes + need <= session.minutes else None
 
 
-_LOOK_S = 0.2
+# ----------------------------------------------------------------------------------------------------------------------
+# What each event makes of the state.
 
 
-def _bare(program: str) -> str:
-    return program[4:] if program[:1] == "p" and program[1:3].isdigit() else program
+def _adopted(state: State, run: str, program: str) -> Outcome:
+    """Take a run that was recorded for an open step just before the session was cut off; leave all others alone."""
+    following = next_of(state.session)
+    if program and isinstance(following, Drive):
+        number = _number_of(state.session, program, state.session.steps[following.number].purpose)
+        if number is not None:
+            return state.tried(number, Try(run=run)), ()
+    left_alone = state.keeping(left_alone=(*state.session.left_alone, run))
+    return left_alone, (Say((f"  {run} is of no step of this session, or was cut off: left alone",)),)
+
+
+def _number_of(session: Session, program: str, purpose: Purpose) -> int | None:
+    """Return the number of the first open step of a program with a purpose."""
+    steps = enumerate(session.steps)
+    return next((k for k, step in steps if step.program == program and step.purpose == purpose and step.is_open), None)
+
+
+def _recorded(state: State, run: Run, minutes: float) -> Outcome:
+    """Take a run as what it is; where it can be used, try to understand what there is meanwhile."""
+    number, session = _of(state.driving), state.session
+    idle = replace(state, driving=None).keeping(driven_minutes=round(session.driven_minutes + minutes, 2))
+    usable = f"not usable: {run.why}; drive it again" if run.why else "usable"
+    actions = (Say((f"  {run.name}: {usable}",)),)
+    step = session.steps[number]
+    of = number if run.program == step.program else _number_of(session, run.program, step.purpose)
+    if of is None:
+        return idle.keeping(left_alone=(*session.left_alone, run.name)), actions
+    tried = idle.tried(of, Try(run=run.name, why=run.why, held_up=run.held_up))
+    if run.why:
+        failed = _failed(tried.session.steps[of], is_emulated=session.emulated is not None)
+        return tried, (*actions, *failed)
+    if not _shows_more(tried):
+        return tried, actions
+    begun, further = _begun(tried, joins=False)
+    return begun, (*actions, *further)
+
+
+def _failed(step: Step, *, is_emulated: bool) -> tuple[Stop, ...]:
+    """End where a step was driven in vain so often that something in the cell must be put right."""
+    last = step.tries[-1].why
+    if len(step.tries) % MOST_TRIES:
+        return ()
+    if is_emulated or any(attempt.held_up for attempt in step.tries[-MOST_TRIES:]):
+        vain = f"after {MOST_TRIES} failed attempts at {step.program}, the last time: {last}"
+        remedy = "end what keeps it busy, or give rig another computer; the same command goes on here"
+        return (Stop(CellError("this computer", f"was held up, so that readings are missing ({vain})", remedy)),)
+    remedy = "look at the cell (rig doctor); the same command goes on here"
+    return (Stop(CellError(step.program, f"failed {MOST_TRIES} times, the last time: {last}", remedy)),)
+
+
+def _shows_more(state: State) -> bool:
+    """Whether an inference would show more than the last one, and none is under way."""
+    session = state.session
+    find = session.runs_for("find")
+    understood = session.answer.runs if session.answer else 0
+    judged = first_open(session, "judge") is None and first_open(session, "find") is None
+    is_new = len({step.direction for step in find}) > 1 and (len(find) > understood or judged)
+    return is_new and state.inferring is None and session.correction is None
+
+
+def _begun(state: State, *, joins: bool) -> Outcome:
+    """Begin to understand what there is. joins: whether the runs of the place that has judged are used as well."""
+    find, judge = (
+        tuple(step.run for step in state.session.runs_for(purpose) if step.run) for purpose in ("find", "judge")
+    )
+    every = Runs((*find, *judge))
+    if joins:
+        actions = () if state.ahead == every else (Begin(every),)
+        return replace(state, inferring=every, ahead=None), actions
+    asked = Runs(find, judge)
+    # Where the other place judges, both at once, since a computer has two cores.
+    if judge and first_open(state.session, "judge") is None:
+        return replace(state, inferring=asked, ahead=every), (Begin(asked), Begin(every))
+    return replace(state, inferring=asked, ahead=None), (Begin(asked),)
+
+
+def _answered(state: State, answer: Answer) -> Outcome:
+    """Keep an answer; where it answers the question, leave out what was still to be driven to find errors."""
+    session, judges = state.session, len(state.session.runs_for("judge"))
+    if judges and answer.runs > len(session.runs_for("find")):
+        answer = answer.model_copy(update={"joined": judges})
+    changed = state.keeping(answer=answer, judged=answer if answer.judges else session.judged)
+    actions: tuple[Action, ...] = (Say(tuple(words.answer_lines(answer, session.answer))),)
+    if session.aim == "faults" and not session.answered and is_answered(changed.session, answer):
+        early = changed.skipping("find", "the question is answered")
+        if count := len(session.open_steps) - len(early.session.open_steps):
+            actions += (Say((f"  the question is answered: {count} further programs to find errors are left out",)),)
+            return early, actions
+    return changed, actions
+
+
+def _corrected(state: State, correction: Correction, programs: Mapping[str, str]) -> Outcome:
+    """Keep a correction; its programs take the place of those that would be driven after it, if there are any."""
+    changed = state
+    if correction.way == "none":
+        changed = state.skipping("verify", "nothing was corrected")
+    steps = [
+        step.model_copy(update={"program": programs.get(step.program, step.program)})
+        if step.purpose == "verify"
+        else step
+        for step in changed.session.steps
+    ]
+    kept = changed.keeping(correction=correction, steps=tuple(steps))
+    # Entries change the robot where it stands; corrected programs are loaded first.
+    return replace(kept, stage=state.stage if correction.way == "entries" else ""), (
+        Say((f"correction: {correction.sentence}",)),
+    )
+
+
+def _of(value: _T | None) -> _T:
+    """What is there at this point of a session."""
+    assert value is not None  # noqa: S101 - by the step that comes next
+    return value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from analysis.session.state import MAIN, Answer, Purpose, Session
 
@@ -26,70 +27,48 @@ class Infer:
     joins: bool = False
 
 
-@dataclass(frozen=True)
-class Decide:
-    """The answer decides whether more is measured."""
+Following = Drive | Infer | Literal["decide", "correct", "enter", "report", "done"]
+"""What comes next. decide: the answer decides whether more is measured; correct: the correction is made; enter: its
+values are entered; report: what was driven afterwards is set beside what was before, and the page is written; done:
+nothing is left."""
 
 
-@dataclass(frozen=True)
-class Correct:
-    """The correction is made."""
-
-
-@dataclass(frozen=True)
-class Enter:
-    """The values are entered."""
-
-
-@dataclass(frozen=True)
-class Report:
-    """What was driven afterwards is set beside what was before, and the page is written."""
-
-
-@dataclass(frozen=True)
-class Done:
-    """Nothing is left."""
-
-
-Action = Drive | Infer | Decide | Correct | Enter | Report | Done
-
-
-def next_of(session: Session) -> Action:
+def next_of(session: Session) -> Following:
     """Return what comes next in a session."""
     following = _finding(session) or (_correcting(session) if session.aim != "check" else None)
-    return following or (Done() if session.report else Report())
+    return following or ("done" if session.report else "report")
 
 
-def _finding(session: Session) -> Action | None:
+def _finding(session: Session) -> Following | None:
     """What comes next until the errors are found and the place that judges was driven, None after that."""
     if (number := first_open(session, "find")) is not None:
         return Drive(number)
     if not session.answered:
         is_known = session.answer is not None and session.answer.runs == len(session.runs_for("find"))
-        return Decide() if is_known else Infer()
+        return "decide" if is_known else Infer()
     number = first_open(session, "judge")
     return None if number is None else Drive(number)
 
 
-def _correcting(session: Session) -> Action | None:
+def _correcting(session: Session) -> Following | None:
     """What comes next from the last inference to the last run after the correction, None after that."""
     answer, correction = session.answer, session.correction
     if correction is None:
-        return _understanding(session, answer) or Correct()
+        return _understanding(session, answer) or "correct"
     if correction.way == "entries" and not correction.entered:
-        return Enter()
+        return "enter"
     number = first_open(session, "verify")
     return None if number is None else Drive(number)
 
 
-def _understanding(session: Session, answer: Answer | None) -> Action | None:
+def _understanding(session: Session, answer: Answer | None) -> Following | None:
     """What comes next until all runs are understood and nothing more is measured, None after that.
 
     The other place judges first what was found without it; then its runs join, and what they show as well decides.
     """
     finds, judges = len(session.runs_for("find")), len(session.runs_for("judge"))
     if answer is not None and session.is_last(answer):
-        return None if session.decided == answer.runs else Decide()
+        return None if session.decided == answer.runs else "decide"
     judged = session.judged
     has_judged = judged is not None and (judged.runs, judged.judges) == (finds, judges)
     return Infer(joins=True) if has_judged else Infer()

@@ -245,10 +245,12 @@ def minutes_of(stages: Sequence[Stage], steps: Sequence[Step], pace: Pace) -> fl
     return changes * pace.set_up_min + driven_s / 60
 
 
-def numbered(steps: Sequence[Step]) -> tuple[Step, ...]:
-    """Return the steps with programs whose names say the order in which they are first driven."""
-    order = list(dict.fromkeys(_bare(step.program) for step in steps))
-    names = {bare: f"p{number:02d}-{bare}" for number, bare in enumerate(order, start=1)}
+def numbered(steps: Sequence[Step], written: Sequence[Step] = ()) -> tuple[Step, ...]:
+    """Return the steps with programs whose names say the order in which they are first driven. written: steps whose
+    programs are written, and keep their numbers."""
+    names = {_bare(step.program): step.program for step in written}
+    for bare in map(_bare, (step.program for step in steps)):
+        names.setdefault(bare, f"p{len(names) + 1:02d}-{bare}")
     return tuple(step.model_copy(update={"program": names[_bare(step.program)]}) for step in steps)
 
 

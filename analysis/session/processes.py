@@ -6,16 +6,14 @@ the next session needs.
 
 from __future__ import annotations
 
-import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Protocol
 
-from daq import clock
 from rigs.errors import CellError, FileError
 
 _ENTRY = (
@@ -23,17 +21,15 @@ _ENTRY = (
     "signal.signal(signal.SIGINT, signal.SIG_IGN); from {module} import main; sys.argv[0] = {name!r}; main()"
 )
 """The child asks for SIGTERM at its parent's end and leaves Ctrl-C to it. 1 is PR_SET_PDEATHSIG (linux/prctl.h)."""
-_LOOK_S = 0.05
 _ENDS_S = 15.0
 """The time for a child to end in order: rigd closes a run, which a slow disk may hold up."""
 
 
 class Talking(Protocol):
-    """A program to which lines are written, and whose lines are read."""
+    """A program to which lines are written."""
 
     name: str
     log: Path
-    lines: queue.SimpleQueue[str]
 
     @property
     def runs(self) -> bool:
@@ -50,13 +46,21 @@ class Talking(Protocol):
 
 
 class Child:
-    """A running program of ours, its output in a log, or line by line in `lines`."""
+    """A running program of ours, its output in a log."""
 
     @classmethod
     def start(
-        cls, module: str, name: str, arguments: Sequence[str | Path], log: Path, *, talks: bool = False, nice: int = 0
+        cls,
+        module: str,
+        name: str,
+        arguments: Sequence[str | Path],
+        log: Path,
+        *,
+        hear: Callable[[str], None] | None = None,
+        nice: int = 0,
     ) -> Child:
-        """Start a program by the `main` of a module. talks: whether lines are written to it and read from it.
+        """Start a program by the `main` of a module. hear: called, in a thread, with each line of a program to which
+        lines are written as well.
 
         Raises FileError where its log cannot be written.
         """
@@ -68,27 +72,25 @@ class Child:
             raise FileError(str(log), error.strerror or str(error), "give another --output") from None
         process = subprocess.Popen(  # noqa: S603 - our own program
             [sys.executable, "-c", entry, *map(str, arguments)],
-            stdin=subprocess.PIPE if talks else subprocess.DEVNULL,
-            stdout=subprocess.PIPE if talks else opened,
+            stdin=subprocess.PIPE if hear else subprocess.DEVNULL,
+            stdout=subprocess.PIPE if hear else opened,
             stderr=opened,
         )
         child = cls(name, log, process, opened)
-        if talks:
-            threading.Thread(target=child._read, args=(process.stdout,), daemon=True).start()
+        if hear:
+            threading.Thread(target=child._read, args=(process.stdout, hear), daemon=True).start()
         return child
 
     def __init__(self, name: str, log: Path, process: subprocess.Popen[bytes], opened: IO[bytes]) -> None:
         self.name, self.log = name, log
-        self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._process, self._log = process, opened
 
-    def _read(self, output: IO[bytes]) -> None:
+    def _read(self, output: IO[bytes], hear: Callable[[str], None]) -> None:
         with suppress(ValueError, OSError):  # closed
             for line in output:
-                text = line.decode("utf-8", "replace").rstrip("\n")
                 self._log.write(line)
                 self._log.flush()
-                self.lines.put(text)
+                hear(line.decode("utf-8", "replace").rstrip("\n"))
 
     def type_line(self, line: str) -> None:
         """Write a line to it. Raises CellError where it has ended."""
@@ -135,19 +137,3 @@ class Child:
                 with suppress(OSError):
                     pipe.close()
         self._log.close()
-
-
-def await_line(child: Talking, beginning: str, seconds: float) -> str:
-    """Return the next line of a child that begins so. Raises CellError where it ends before, or takes too long."""
-    until_s = clock.now_s() + seconds
-    while clock.now_s() < until_s:
-        try:
-            line = child.lines.get_nowait()
-        except queue.Empty:
-            if not child.runs:
-                raise child.ended() from None
-            clock.sleep(_LOOK_S)
-            continue
-        if line.startswith(beginning):
-            return line
-    raise CellError(child.name, f"was not ready after {seconds:.0f} s", f"see {child.log}")

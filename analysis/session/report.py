@@ -2,72 +2,81 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
-from analysis.api import Diagnosis, diagnose, evaluate_runs
-from analysis.reporting.page.before_after import BeforeAfter, Row
-from analysis.reporting.page.report import gather
+from analysis.api import diagnose, evaluate_runs
+from analysis.reporting.page.report import BeforeAfter, gather
 from analysis.reporting.page.verdict import judge
 from analysis.reporting.page.write_page import write_page
+from analysis.session.answer import Driven, path_error
+from analysis.session.correct import CORRECTIONS, reading_deg
 from analysis.session.plan import ELSEWHERE
-from analysis.session.state import Place, Session, own_programs
-from analysis.traces.loading import Measured, load_measured
+from analysis.session.state import Place, Session, Verified, own_programs
+from analysis.traces.loading import load_measured
 from rigs.errors import RigError
+from rigs.load import load
 from rigs.rig import Rig
 
 PAGE = "report.html"
+
+
+def verified_by(session: Session, place: Place) -> Verified:
+    """Return the error of the robot's own path before and after the correction, on the same tests and at the place that
+    was not used. Raises RigError."""
+    nominal = after = Driven()
+    noise_um = session.answer.noise_um if session.answer else 0.0
+    if session.answer is not None and session.correction is not None and session.correction.way != "none":
+        entered = session.correction.way == "entries"
+        model, _ = load(place.model_of(session.answer))
+        after = Driven(model, reading_deg(place.directory / CORRECTIONS) if entered else (0.0,) * 6)
+    verify = session.runs_for("verify")
+    tests = {(step.stage, step.test, step.direction) for step in verify}
+    main = [step for step in session.runs_for("find") if (step.stage, step.test, step.direction) in tests]
+    sides = {
+        "same_before": (main, nominal),
+        "same_after": ([step for step in verify if step.stage != ELSEWHERE], after),
+        "elsewhere_before": (session.runs_for("judge"), nominal),
+        "elsewhere_after": ([step for step in verify if step.stage == ELSEWHERE], after),
+    }
+    return Verified(**{name: path_error(place.runs_of(steps), by, noise_um) for name, (steps, by) in sides.items()})
 
 
 def write_report(session: Session, rig: Rig, place: Place) -> Path:
     """Write the page of a session, in place of an older one: figures of the runs that find errors, and the diagnosis of
     all runs before the correction. Raises FileError and CellError."""
     find, judge = (
-        [load_measured(place.run(step.run)) for step in session.runs_for(purpose) if step.run]
-        for purpose in ("find", "judge")
+        [load_measured(run) for run in place.runs_of(session.runs_for(purpose))] for purpose in ("find", "judge")
     )
     model = find[0].rig.modelled_as(rig)
     joined = judge if session.answer and session.answer.joined else []
+    diagnosis = None
+    with suppress(RigError):  # the page says why for those that find errors
+        diagnosis = diagnose([*find, *joined], rig=model) if joined else None
     report = gather(
         evaluate_runs(find),
         model,
-        diagnosis=_diagnosed([*find, *joined], model) if joined else None,
+        diagnosis=diagnosis,
         after=_before_after(session, place, model),
-        progress=_silent,
+        progress=lambda _: None,
     )
     return write_page(report, place.directory / PAGE)
-
-
-def _diagnosed(runs: list[Measured], model: Rig) -> Diagnosis | None:
-    """The diagnosis of all runs; None where there is none, and the page says why for those that find errors."""
-    try:
-        return diagnose(runs, rig=model)
-    except RigError:
-        return None
 
 
 def _before_after(session: Session, place: Place, model: Rig) -> BeforeAfter | None:
     verified, correction, judged = session.verified, session.correction, session.judged
     if verified is None or correction is None:
         return None
-    rows = []
-    if verified.same_before:
-        rows.append(Row("same", verified.same_before, verified.same_after, correction.same))
-    if verified.elsewhere_before:
-        rows.append(Row("elsewhere", verified.elsewhere_before, verified.elsewhere_after, correction.elsewhere))
     work = correction.work
     verify = [step for step in session.runs_for("verify") if step.stage != ELSEWHERE and session.is_corrected]
-    driven = [load_measured(place.run(step.run)) for step in verify if step.run]
+    driven = [load_measured(run) for run in place.runs_of(verify)]
     return BeforeAfter(
         correction.sentence,
         correction.way,
-        tuple(rows),
+        session.sides,
         work=(work.before_um, work.after_um, work.u_um) if work else None,
         judged=(judged.before_there_um, judged.calibrated_um) if judged and judged.before_there_um else None,
         joined=session.answer.joined if session.answer else 0,
         own_programs=own_programs(session, place.directory),
         verdict=judge(evaluate_runs(driven), model.limits) if driven else None,
     )
-
-
-def _silent(doing: str) -> None:
-    """Nothing is shown."""

@@ -1,21 +1,38 @@
-"""A session from its command: begun or gone on with, in a cell or an emulated one."""
+"""A session from its command: begun or gone on with, in a cell or an emulated one, and what its guide decides carried
+out. All that is slow or can fail is here; what happens next is decided by `analysis.session.guide` alone."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from analysis.session.answer import Inference
-from analysis.session.cell import EmulatedHands, Hands, LiveDriver, Person, Rigd, Screen, StartRigd
-from analysis.session.correct import CORRECTIONS, entries_file
-from analysis.session.guide import Guide, StartInference
-from analysis.session.plan import BY_HAND, BY_ITSELF, Pace, planned
-from analysis.session.state import Aim, Emulated, Place, Session, Way, digest_of
+from analysis.files.write import holding, write_all_over
+from analysis.measures.usable import why_unusable
+from analysis.session import guide
+from analysis.session.answer import Inference, Infers, StartInference
+from analysis.session.cell import Driver, EmulatedHands, Hands, LiveDriver, Person, Rigd, Screen, StartRigd
+from analysis.session.correct import CORRECTIONS, corrected, corrected_programs, entries_file
+from analysis.session.next_step import Drive
+from analysis.session.plan import (
+    BY_HAND,
+    BY_ITSELF,
+    FIXED,
+    Pace,
+    Program,
+    planned,
+    programs_of_steps,
+    stage_text,
+    write_programs,
+)
+from analysis.session.state import Aim, Emulated, Place, Session, Stage, Step, Way, digest_of
 from daq import clock
-from rigs.errors import FileError, UseError
+from daq.store import load_manifest, read_run
+from daq.store.manifest import is_run
+from rigs.errors import CellError, FileError, RigError, UseError
+from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 
@@ -44,9 +61,9 @@ class Asked:
 
 @dataclass(frozen=True)
 class Means:
-    """What a session works with. hands: None for a person, or the emulated cell's own."""
+    """What a session works with."""
 
-    hands: Hands | None = None
+    hands: Hands
     start_rigd: StartRigd = Rigd.start
     start_inference: StartInference = Inference.start
 
@@ -78,27 +95,210 @@ def run_session(
             else:
                 screen.say(f"going on with the session {which_session}")
         place.write(session)
-        with _means(session, place, asked) if means is None else nullcontext(means) as equipment:
-            hands = equipment.hands or _hands(session, place, screen)
+        with _means(session, place, asked, screen) if means is None else nullcontext(means) as equipment:
             driver = LiveDriver(
-                rig.name, place.directory, hands, screen, asked.operator, asked.wait_min, equipment.start_rigd
+                rig.name, place.directory, equipment.hands, screen, asked.operator, asked.wait_min, equipment.start_rigd
             )
             driver.entered = bool(_entered_files(session, place))
             try:
-                guide = Guide(
-                    place, session, driver, screen, asked.pace, chosen_way=asked.correct,
-                    start_inference=equipment.start_inference,
-                )  # fmt: skip
-                return guide.run()
+                guided = guide.Guide(rig, asked.pace, place.directory, asked.correct)
+                return Conductor(place, session, driver, screen, guided, equipment.start_inference).run()
             finally:
                 driver.close()
 
 
+class Conductor:
+    """Carries out what the guide of a session decides, from one step to the next, until nothing is to be done."""
+
+    def __init__(
+        self,
+        place: Place,
+        session: Session,
+        driver: Driver,
+        screen: Screen,
+        guided: guide.Guide,
+        start_inference: StartInference = Inference.start,
+    ) -> None:
+        self._place, self._driver, self._screen, self._guide = place, driver, screen, guided
+        self._start_inference = start_inference
+        self._rig, self._text = load(session.rig_file)
+        self._state = guide.State(session)
+        self._inferences: dict[guide.Runs, Infers] = {}
+        self._corrected: Mapping[str, Program] = {}
+        """The corrected programs, once they are made, by those whose place they take."""
+
+    def run(self) -> Session:
+        """Go on to the end. Raises RigError; what was reached is kept."""
+        session = self._state.session
+        present = {attempt.run for step in session.steps for attempt in step.tries} | set(session.left_alone)
+        for path in sorted(self._place.runs.glob("*")):
+            if path.name not in present and is_run(path):
+                self._take(guide.Present(path.name, self._program_of(path)))
+        if session.correction and session.correction.way == "programs" and session.answer:
+            model, _ = load(self._place.model_of(session.answer))
+            self._corrected = corrected_programs(self._rig, model, session.stages, self._verify_steps())
+        if not any(step.tries for step in self._state.session.steps):
+            for stage in session.stages:
+                self._write(stage, self._programs(stage))
+        event: guide.Event | None = "begun"
+        while event is not None:
+            event = self._take(event)
+        return self._state.session
+
+    def _take(self, event: guide.Event) -> guide.Event | None:
+        """Take in an event, keep what it makes of the session, and carry out what follows; return what came of that."""
+        before = self._state.session
+        self._state, actions = self._guide.step(self._state, event)
+        if self._state.session != before:
+            self._place.write(self._state.session)
+        came = None
+        for action in actions:
+            came = self._carry_out(action)
+        return came
+
+    def _carry_out(self, action: guide.Action) -> guide.Event | None:
+        match action:
+            case guide.Say(lines):
+                for line in lines:
+                    self._screen.say(line)
+            case guide.SetUp(stage):
+                programs = self._programs(stage)
+                self._write(stage, programs)
+                self._driver.set_up(stage, programs)
+            case Drive(number):
+                began_s = clock.now_s()
+                run = self._driver.drive(self._state.session.steps[number], self._look)
+                return guide.Recorded(run, (clock.now_s() - began_s) / 60)
+            case guide.Begin(runs):
+                self._inferences[runs] = self._begun(runs)
+            case "await":
+                return self._awaited()
+            case "correct":
+                return self._correct()
+            case "enter":
+                return self._enter()
+            case "report":
+                return self._report()
+            case guide.Stop(error):
+                raise error
+        return None
+
+    def _look(self) -> None:
+        """Take in an answer that has come while a step is driven."""
+        runs = self._state.inferring
+        if runs is not None and self._inferences[runs].is_done:
+            try:
+                event: guide.Event = guide.Answered(self._inferences.pop(runs).result())
+            except RigError as error:
+                event = guide.NotUnderstood(error.what)
+            self._take(event)
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # What lies in the directory.
+
+    def _program_of(self, path: Path) -> str:
+        """The program of a run that may be of an open step; empty where it is not whole or usable, of another rig, or a
+        copy of one that a step has."""
+        try:
+            manifest = load_manifest(path)
+        except RigError:
+            return ""
+        if manifest.exit_status != "complete" or manifest.rig_name != self._rig.name or why_unusable(path):
+            return ""
+        # Somebody may have copied a run: it holds the readings of one that a step has.
+        readings = read_run(path).readings_sha256
+        driven = self._place.runs_of(self._state.session.steps)
+        return "" if any(read_run(run).readings_sha256 == readings for run in driven if is_run(run)) else manifest.name
+
+    def _programs(self, stage: Stage) -> dict[str, Program]:
+        """The programs that may be driven at a stage now."""
+        nominal = (step for step in self._state.session.steps if not step.program.endswith(FIXED))
+        programs = programs_of_steps(self._rig, [stage], [step for step in nominal if step.stage == stage.name])
+        return programs | {new.name: new for new in self._corrected.values() if new.stage == stage.name}
+
+    def _write(self, stage: Stage, programs: Mapping[str, Program]) -> None:
+        """Write the rig file and the programs of a stage; those that are there are the same."""
+        directory = self._place.directory
+        write_programs(self._state.session.maker, list(programs.values()), directory / "programs" / stage.name)
+        files = {**self._rig.beside, f"{stage.name}.yaml": stage_text(self._text, stage).encode()}
+        write_all_over(directory / "cells", {name: holding(content) for name, content in files.items()})
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # Understanding, correcting, and the end.
+
+    def _begun(self, runs: guide.Runs) -> Infers:
+        folder = self._place.directory / "found"
+        number = 1 + max((int(path.name) for path in folder.glob("[0-9]*") if path.name.isdigit()), default=0)
+        while (folder / f"{number:02d}.json").exists():
+            number += 1
+        model = self._place.directory / "cells" / f"{self._state.session.stages[0].name}.yaml"
+        used, judges = ([self._place.run(name) for name in names] for names in (runs.used, runs.judges))
+        return self._start_inference(used, judges, model, folder / f"{number:02d}")
+
+    def _awaited(self) -> guide.Answered:
+        assert self._state.inferring is not None  # noqa: S101 - it is waited for
+        inference, began_s = self._inferences.pop(self._state.inferring), clock.now_s()
+        count = len(self._state.session.runs_for("find"))
+        while not inference.is_done:
+            self._screen.show(f"understanding {count} runs: {clock.now_s() - began_s:.0f} s")
+            clock.sleep(_LOOK_S)
+        return guide.Answered(inference.result())
+
+    def _verify_steps(self) -> list[Step]:
+        """The steps after the correction, with the nominal programs that they begin from."""
+        return [
+            step.model_copy(update={"program": step.program.removesuffix(FIXED)})
+            for step in self._state.session.steps
+            if step.purpose == "verify"
+        ]
+
+    def _correct(self) -> guide.Corrected:
+        self._screen.show("making the correction")
+        session, place = self._state.session, self._place
+        assert session.answer is not None  # noqa: S101 - it is corrected by it
+        main = session.stages[0].name
+        finding = [step for step in session.runs_for("find") if step.stage == main]
+        runs = place.runs_of(finding), place.runs_of(session.runs_for("judge"))
+        model, directory = place.model_of(session.answer), place.directory / CORRECTIONS
+        verify = self._verify_steps()
+        correction, programs = corrected(self._rig, session, model, runs, verify, directory, self._guide.chosen_way)
+        self._corrected = programs
+        for stage in session.stages:
+            new = [program for program in programs.values() if program.stage == stage.name]
+            write_programs(session.maker, new, place.directory / "programs" / stage.name)
+        return guide.Corrected(correction, {name: program.name for name, program in programs.items()})
+
+    def _enter(self) -> guide.Event:
+        """Have the values entered. Raises CellError where no person confirms it."""
+        file = entries_file(self._place.directory / CORRECTIONS)
+        self._screen.say(f"enter the values of {file}, as it says")
+        if not self._driver.enter(file):
+            remedy = f"enter them, then: rig session {self._state.session.rig_file} --entered"
+            raise CellError(str(file), "no person has confirmed that its values are entered", remedy)
+        return "entered"
+
+    def _report(self) -> guide.Reported:
+        from analysis.session import report  # noqa: PLC0415 - slow to import
+
+        self._screen.show("writing the report")
+        session = self._state.session
+        verified = None if session.aim == "check" else report.verified_by(session, self._place)
+        page = report.write_report(session.model_copy(update={"verified": verified}), self._rig, self._place)
+        return guide.Reported(verified, page.name)
+
+
+_LOOK_S = 0.2
+
+
 @contextmanager
-def _means(session: Session, place: Place, asked: Asked) -> Iterator[Means]:
+def _means(session: Session, place: Place, asked: Asked, screen: Screen) -> Iterator[Means]:
     """Give what a session works with, in simulated time where it is asked for."""
-    if not (asked.fast and session.emulated):
-        yield Means()
+    files, emulated = _entered_files(session, place), session.emulated
+    if emulated is None:
+        yield Means(Person(screen, _confirmed))
+        return
+    if not asked.fast:
+        yield Means(EmulatedHands(place.directory, session.maker, emulated, files))
         return
     from analysis.session.simulated import (  # noqa: PLC0415 - imports the daemon
         SimulatedCells,
@@ -106,10 +306,9 @@ def _means(session: Session, place: Place, asked: Asked) -> Iterator[Means]:
         simulated_time,
     )
 
-    with simulated_time(session.emulated.seed) as simulated:
+    with simulated_time(emulated.seed) as simulated:
         cells = SimulatedCells(simulated, place.directory)
-        files = _entered_files(session, place)
-        hands = EmulatedHands(place.directory, session.maker, session.emulated, files, cells.start_cell)
+        hands = EmulatedHands(place.directory, session.maker, emulated, files, cells.start_cell)
         yield Means(hands, cells.start_rigd, SimulatedInference.start)
 
 
@@ -138,12 +337,6 @@ def _hold_same(session: Session, text: str, asked: Asked, place: Place) -> None:
     if (session.emulated is None) != (asked.emulated is None):
         kind = "a real" if session.emulated is None else "an emulated"
         raise UseError("--emulated", f"this session is of {kind} cell", "go on as it was begun, or give another -o")
-
-
-def _hands(session: Session, place: Place, screen: Screen) -> Hands:
-    if session.emulated is None:
-        return Person(screen, _confirmed)
-    return EmulatedHands(place.directory, session.maker, session.emulated, _entered_files(session, place))
 
 
 def _entered_files(session: Session, place: Place) -> list[Path]:

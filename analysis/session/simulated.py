@@ -8,18 +8,17 @@ the robot, in which it must be done in fact.
 
 from __future__ import annotations
 
-import queue
 import signal
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from analysis.emulation.keyboard import Keyboard
+from analysis.emulation.keyboard import CellEvent, Keyboard
 from analysis.emulation.pendant import Pendant
 from analysis.session.answer import Inference
 from analysis.session.cell import Rigd
@@ -44,7 +43,12 @@ class SimulatedChild:
 
     @classmethod
     def start(
-        cls, time_of_cell: SimulatedClock, arguments: Sequence[str | Path], folder: Path, log: Path
+        cls,
+        time_of_cell: SimulatedClock,
+        arguments: Sequence[str | Path],
+        folder: Path,
+        log: Path,
+        hear: Callable[[CellEvent], None],
     ) -> SimulatedChild:
         """Start one. arguments: of `rig emulate`, as `EmulatedHands` gives them; folder: of the session. Raises
         RigError."""
@@ -56,21 +60,23 @@ class SimulatedChild:
         write_cell_files(Path(options["-o"]), hidden, robot, text)
         time_of_cell.kill("cell")
         cell = SimulatedCell.switched_on(time_of_cell, folder, text, robot, robot.signal)
-        child = cls(
-            cell,
-            robot,
-            Pendant(hidden, Path(options["--programs"]), str(options["--for"])),
-            log,
-        )
+        pendant = Pendant(hidden, Path(options["--programs"]), str(options["--for"]))
+        child = cls(cell, robot, pendant, log, hear)
         with time_of_cell.process("cell"):
             child._keyboard.start()
-        child.lines.put("ready")
+        hear(CellEvent("ready", str(options["-o"]), "ready"))
         return child
 
-    def __init__(self, cell: SimulatedCell, robot: EmulatedRobot, pendant: Pendant, log: Path) -> None:
+    def __init__(
+        self,
+        cell: SimulatedCell,
+        robot: EmulatedRobot,
+        pendant: Pendant,
+        log: Path,
+        hear: Callable[[CellEvent], None],
+    ) -> None:
         self.name, self.log, self.runs, self.cell = "rig emulate", log, True, cell
-        self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._keyboard = Keyboard(robot, pendant, self._end, self.lines.put)
+        self._keyboard = Keyboard(robot, pendant, self._end, hear)
 
     def _end(self, _: int) -> None:
         self.runs = False
@@ -126,9 +132,11 @@ class SimulatedCells:
         self._child: SimulatedChild | None = None
         self.rigd: SimulatedRigd | None = None
 
-    def start_cell(self, arguments: Sequence[str | Path], log: Path) -> SimulatedChild:
+    def start_cell(
+        self, arguments: Sequence[str | Path], log: Path, hear: Callable[[CellEvent], None]
+    ) -> SimulatedChild:
         """`StartCell` of `EmulatedHands`."""
-        self._child = SimulatedChild.start(self._clock, arguments, self._folder, log)
+        self._child = SimulatedChild.start(self._clock, arguments, self._folder, log, hear)
         return self._child
 
     def start_rigd(self, rig_name: str, _rig_file: Path, _runs: Path, _log: Path) -> Rigd:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import datetime as dt
 import hashlib
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from analysis.correction.deviation import Count, Deviation, Expected, NotNegative
+from analysis.correction.deviation import Count, Deviation, Expected, NotNegative, Side
 from analysis.inference.acts import is_done
 from daq.store import durable
 from rigs.errors import CellError, FileError
@@ -37,7 +37,7 @@ _MOST_MINUTES = 10_000.0
 MOST_TRIES = 3
 """So often a step is driven again by itself before a person is asked to look at the cell."""
 
-MAIN: DrivenTest = "yaw"
+MAIN: DrivenTest = CIRCLES[0]
 """The test by which a session finds errors and shows that they are gone."""
 Aim = Literal["faults", "accuracy", "check"]
 """What a session is for: what is worn, loose or shifted; how accurate the arm can be made; or whether all is well."""
@@ -244,6 +244,11 @@ class Session(Part):
         """Return what is set up for a step."""
         return next(stage for stage in self.stages if stage.name == step.stage)
 
+    @property
+    def open_steps(self) -> list[Step]:
+        """The steps that are still to be driven."""
+        return [step for step in self.steps if step.is_open]
+
     def with_step(self, number: int, step: Step) -> Session:
         """Return the session with another state of a step, counted from 0."""
         return self.model_copy(update={"steps": (*self.steps[:number], step, *self.steps[number + 1 :])})
@@ -259,6 +264,18 @@ class Session(Part):
     def is_corrected(self) -> bool:
         """Whether the robot was driven with a correction."""
         return bool(self.verified and self.verified.same_after)
+
+    @property
+    def sides(self) -> tuple[Side, ...]:
+        """The error on the robot at each place that was driven before the correction."""
+        verified, correction = self.verified or Verified(), self.correction
+        at_place, elsewhere = (correction.same, correction.elsewhere) if correction else (None, None)
+        sides = []
+        if verified.same_before:
+            sides.append(Side("same", verified.same_before, verified.same_after, at_place))
+        if verified.elsewhere_before:
+            sides.append(Side("elsewhere", verified.elsewhere_before, verified.elsewhere_after, elsewhere))
+        return tuple(sides)
 
     @property
     def to_do(self) -> tuple[str, ...]:
@@ -284,7 +301,7 @@ def own_programs(session: Session, directory: Path) -> str:
     where nothing is to be corrected by it."""
     if not (session.answer and session.answer.model) or (session.correction and session.correction.way == "none"):
         return ""
-    model = directory / "found" / session.answer.found / session.answer.model
+    model = Place(directory).model_of(session.answer)
     return f"rig correct {as_argument(model)} --program FILE -o DIR"
 
 
@@ -324,6 +341,14 @@ class Place:
     def run(self, name: str) -> Path:
         """The directory of a run."""
         return self.runs / name
+
+    def runs_of(self, steps: Sequence[Step]) -> list[Path]:
+        """The directories of the runs of steps that were driven."""
+        return [self.run(step.run) for step in steps if step.run]
+
+    def model_of(self, answer: Answer) -> Path:
+        """The rig file with what was found."""
+        return self.directory / "found" / answer.found / answer.model
 
     def read(self) -> Session | None:
         """Return the session that is kept here, None where there is none. Raises FileError, RigFileError."""
@@ -368,10 +393,6 @@ class Place:
         except OSError as error:
             problem = f"cannot be written: {error.strerror or error}"
             raise CellError(str(self.file), problem, "free some space; the same command goes on") from None
-
-
-Keep = Callable[[Session], None]
-"""Keeps a state of the session."""
 
 
 def text_of(session: Session) -> str:

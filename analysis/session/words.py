@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 
-from analysis.correction.deviation import Deviation
+from analysis.correction.deviation import Deviation, Side
 from analysis.reporting.texts import texts_of
-from analysis.session.cell import Run, Screen
+from analysis.session.next_step import Following
 from analysis.session.plan import Pace, minutes_of
 from analysis.session.state import (
     Answer,
@@ -17,7 +17,6 @@ from analysis.session.state import (
     Session,
     Stage,
     Step,
-    Verified,
     Way,
     own_programs,
 )
@@ -34,88 +33,44 @@ _LONGEST = 46
 """Letters of a part's name and size: with its figures and its bar it has room on a terminal of 80."""
 
 
-class Words:
-    """Says what happens in a session."""
-
-    def __init__(self, directory: Path, screen: Screen) -> None:
-        self._directory, self._say = directory, screen.say
-
-    def plan(self, session: Session, pace: Pace) -> None:
-        """What is still to be driven."""
-        open_steps = [step for step in session.steps if step.is_open]
-        if not open_steps:
-            return
-        driven = len(session.steps) - len(open_steps)
-        goes_on = f", {driven} of {len(session.steps)} steps are done" if driven else ""
-        minutes = minutes_of(session.stages, open_steps, pace)
-        self._say(f"{session.rig}: {len(open_steps)} programs to drive, {minutes:.0f} minutes{goes_on}")
-        for line in plan_lines(open_steps):
-            self._say(f"  {line}")
-        self._say(f"programs for {session.maker}: {self._directory / 'programs'}")
-
-    def stage(self, stage: Stage) -> None:
-        """What is to be set up."""
-        self._say(f"-- {stage.name}: {stage.words}")
-
-    def step(self, session: Session, number: int) -> None:
-        """Which program is to be started, and by which commands it would be recorded without a session."""
-        step = session.steps[number]
-        again = (
-            " again"
-            if any(earlier.program == step.program and earlier.run for earlier in session.steps[:number])
-            else ""
-        )
-        self._say(f"step {number + 1} of {len(session.steps)}: start program {step.program}{again}")
-        if not again:
-            way = f" --direction {step.direction}" if step.direction else ""
-            self._say(f"  the same by hand: rig record start {step.program} --test {step.test}{way}; rig record stop")
-
-    def run(self, run: Run) -> None:
-        """Whether a run can be used."""
-        self._say(f"  {run.name}: {f'not usable: {run.why}; drive it again' if run.why else 'usable'}")
-
-    def left_alone(self, path: Path) -> None:
-        """A run that is of no step."""
-        self._say(f"  {path.name} is of no step of this session, or was cut off: left alone")
-
-    def answer(self, answer: Answer, before: Answer | None) -> None:
-        """What the runs so far show, unless it was said before."""
-        if before is not None and (answer.runs, answer.headline) == (before.runs, before.headline):
-            return
-        self._say(f"  {answer.runs} runs show: {answer.headline}")
-        for line in budget_lines(answer.parts):
-            self._say(f"    {line}")
-
-    def early(self, count: int) -> None:
-        """The rest is not needed."""
-        self._say(f"  the question is answered: {count} further programs to find errors are left out")
-
-    def more(self, answer: Answer, stage: Stage) -> None:
-        """What is driven in addition, and why."""
-        measure = next((act.words for act in answer.acts if act.kind == "measure"), answer.next_step)
-        self._say(f"  {answer.condition}: {measure}")
-        self._say(f"  so the stage {stage.name} comes next")
-
-    def correction(self, correction: Correction) -> None:
-        """What to do about the error."""
-        self._say(f"correction: {correction.sentence}")
-
-    def entries(self, file: Path) -> None:
-        """Where the values are."""
-        self._say(f"enter the values of {file}, as it says")
-
-    def end(self, session: Session) -> None:
-        """What came of it."""
-        for line in end_lines(session, self._directory):
-            self._say(line)
-
-
-def plan_lines(steps: list[Step]) -> Iterator[str]:
-    """Yield what is driven, a line for each purpose and stage."""
-    for (purpose, stage), group in groupby(steps, key=lambda step: (step.purpose, step.stage)):
+def plan_lines(session: Session, pace: Pace, directory: Path) -> Iterator[str]:
+    """Yield what is still to be driven, a line for each purpose and stage."""
+    if not (open_steps := session.open_steps):
+        return
+    driven = len(session.steps) - len(open_steps)
+    goes_on = f", {driven} of {len(session.steps)} steps are done" if driven else ""
+    minutes = minutes_of(session.stages, open_steps, pace)
+    yield f"{session.rig}: {len(open_steps)} programs to drive, {minutes:.0f} minutes{goes_on}"
+    for (purpose, stage), group in groupby(open_steps, key=lambda step: (step.purpose, step.stage)):
         programs = [step.program for step in group]
         times = [f"{name} × {programs.count(name)}" for name in dict.fromkeys(programs)]
-        yield f"{stage}, {_PURPOSES[purpose]}: {', '.join(times)}"
+        yield f"  {stage}, {_PURPOSES[purpose]}: {', '.join(times)}"
+    yield f"programs for {session.maker}: {directory / 'programs'}"
+
+
+def step_lines(session: Session, number: int) -> Iterator[str]:
+    """Yield which program is to be started, and by which commands it would be recorded without a session."""
+    step = session.steps[number]
+    is_again = any(earlier.program == step.program and earlier.run for earlier in session.steps[:number])
+    again = " again" if is_again else ""
+    yield f"step {number + 1} of {len(session.steps)}: start program {step.program}{again}"
+    if not again:
+        way = f" --direction {step.direction}" if step.direction else ""
+        yield f"  the same by hand: rig record start {step.program} --test {step.test}{way}; rig record stop"
+
+
+def answer_lines(answer: Answer, before: Answer | None) -> Iterator[str]:
+    """Yield what the runs so far show, unless it was said before."""
+    if before is None or (answer.runs, answer.headline) != (before.runs, before.headline):
+        yield f"  {answer.runs} runs show: {answer.headline}"
+        yield from (f"    {line}" for line in budget_lines(answer.parts))
+
+
+def more_lines(answer: Answer, stage: Stage) -> Iterator[str]:
+    """Yield what is driven in addition, and why."""
+    measure = next((act.words for act in answer.acts if act.kind == "measure"), answer.next_step)
+    yield f"  {answer.condition}: {measure}"
+    yield f"  so the stage {stage.name} comes next"
 
 
 def budget_lines(parts: tuple[PartOfError, ...]) -> Iterator[str]:
@@ -151,7 +106,7 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
         if answer.joined:
             yield f"then its {answer.joined} runs joined the last diagnosis, of {answer.runs} runs"
     if correction:
-        first, *further_lines = correction_lines(correction, session.verified)
+        first, *further_lines = correction_lines(correction, session.sides)
         yield f"corrected: {first}"
         yield from further_lines
     for number, act in enumerate(session.to_do):
@@ -169,25 +124,15 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
         yield f"the arm itself is unchanged; your own programs: {command}"
 
 
-def correction_lines(correction: Correction, verified: Verified | None) -> Iterator[str]:
-    """Yield what was corrected, and the error before, expected and measured after."""
-    sides = (
-        ("on the same circle", verified and verified.same_before, verified and verified.same_after, correction.same),
-        (
-            "at the other place",
-            verified and verified.elsewhere_before,
-            verified and verified.elsewhere_after,
-            correction.elsewhere,
-        ),
-    )
-    is_driven = any(after for _, _, after, _ in sides)
+def correction_lines(correction: Correction, sides: Sequence[Side]) -> Iterator[str]:
+    """Yield what was corrected, and the error before, expected and measured after at each place."""
+    is_driven = any(side.after for side in sides)
     yield _DRIVEN[correction.way] if is_driven else correction.sentence
-    for where, before, after, expected in sides:
-        if before and after:
-            by = f" (expected {expected.um:.1f} ± {expected.u_um:.1f})" if expected else ""
-            yield f"error of the path {where}: was {_size(before)}, is {_size(after)}{by}"
-        elif before:
-            yield f"error of the path {where}: {_size(before)}"
+    for side in sides:
+        where = f"error of the path {'on the same circle' if side.place == 'same' else 'at the other place'}"
+        expected = f" (expected {side.expected.um:.1f} ± {side.expected.u_um:.1f})" if side.expected else ""
+        before = _size(side.before)
+        yield f"{where}: was {before}, is {_size(side.after)}{expected}" if side.after else f"{where}: {before}"
     if is_driven and correction.work:
         work = correction.work
         yield (
@@ -207,7 +152,7 @@ def _size(error: Deviation) -> str:
     return f"{error.um:.1f} ± {error.u_um:.1f} µm rms (at most {error.largest_um:.0f})"
 
 
-def status_lines(session: Session, following: object, directory: Path) -> Iterator[str]:
+def status_lines(session: Session, following: Following, directory: Path) -> Iterator[str]:
     """Yield how far a session is, a line for each step, and what comes next."""
     began = session.began.replace("T", " ")
     yield f"session of {session.rig}, begun {began}, aim {session.aim}, {session.driven_minutes:.0f} minutes driven"
@@ -220,7 +165,7 @@ def status_lines(session: Session, following: object, directory: Path) -> Iterat
     if session.report:
         yield from end_lines(session, directory)
     else:
-        action = type(following).__name__.lower()
+        action = following if isinstance(following, str) else type(following).__name__.lower()
         yield f"next: {action}; go on with: rig session {as_argument(Path(session.rig_file))}"
 
 

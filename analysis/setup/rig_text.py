@@ -9,7 +9,6 @@ import datetime as dt
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
@@ -204,10 +203,7 @@ def _part(part: Gauge | Feedback | Circle, first: tuple[str, ...]) -> Iterator[s
     """The keys of a part: first those that a person looks for, then what differs from its default."""
     whole = part.model_dump(mode="json")
     differing = part.model_dump(mode="json", exclude_defaults=True)
-    return _items({key: whole[key] for key in first if key in whole} | differing)
-
-
-def _items(fields: dict[str, Any]) -> Iterator[str]:
+    fields = {key: whole[key] for key in first if key in whole} | differing
     return (f"{key}: {flow(value)}" for key, value in fields.items())
 
 

@@ -18,7 +18,7 @@ from analysis.setup.dialogue import Dialogue
 from analysis.setup.rig_text import chosen_arm
 from daq.discovery import ADDRESSES, RobotReport, joints_of, search_robot
 from rigs.arms import arm_names
-from rigs.errors import CellError, FileError
+from rigs.errors import CellError, FileError, UseError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
 from rigs.schema.feedback import Feedback
@@ -83,7 +83,10 @@ def ask_robot_if_any(answers: Answers, options: Options, dialogue: Dialogue) -> 
     """Find the robot whose joints guide from touch to touch; without one they are typed into a table."""
     axes = len(chosen_arm(answers.arm or "", options.measured_by).robot.axes)
     address = options.robot or answers.robot_address
-    if axes != DRIVEN_AXES:  # no interface reads them
+    if axes != DRIVEN_AXES and options.robot not in (None, _NO_ROBOT):
+        problem = f"is read of arms of {DRIVEN_AXES} axes only, and {answers.arm} has {axes}"
+        raise UseError("--robot", problem, "leave it out: the joints are typed into a table")
+    if axes != DRIVEN_AXES:
         return answers
     if address is None:
         question = (

@@ -21,7 +21,7 @@ from analysis.setup.gauge_questions import ask_baseline, ask_gauges, hold_baseli
 from analysis.setup.rig_text import chosen_arm, rig_text
 from analysis.setup.robot_questions import ask_arm, ask_circle, ask_robot, ask_robot_if_any, ask_tolerance, ask_tool
 from daq.store import durable
-from rigs.errors import CellError, FileError
+from rigs.errors import CellError, FileError, UseError
 from rigs.load import parse
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MeasuredBy
@@ -41,6 +41,8 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     if not path.parent.is_dir():
         raise FileError(str(path.parent), "is not a directory", "create it, or give another name")
     _check_new(path)
+    if options.measured_by == "tracker" and options.robot is not None:
+        raise UseError("--robot", "is not read beside a tracker, whose table has the joints", "leave it out")
     if options.baseline_mm is not None:
         hold_baseline_mm(options.baseline_mm, "--baseline-mm")
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")

@@ -110,7 +110,9 @@ class Made:
             self._current = None
             # What could be made of the good runs is shown, although others were refused.
             is_made = any((self._directory / key).iterdir())
-            problem = "" if is_made else _error_in(child.log) or child.ended().what
+            lines = child.log.read_text("utf-8", "replace").splitlines()
+            error = next((line.removeprefix("error: ") for line in lines if line.startswith("error: ")), "")
+            problem = "" if is_made else error or child.ended().what
             self._done[key] = f"took more than {_LONGEST_S / 60:.0f} min" if took_too_long else problem
             while len(self._done) > _MOST_KEPT:
                 old, _ = self._done.popitem(last=False)
@@ -123,9 +125,3 @@ class Made:
             arguments = [argument.replace("{out}", str(out)) for argument in making.arguments]
             log = self._directory / f"{key}.log"
             self._current = key, Child.start(making.module, "rig", arguments, log, nice=_NICE), clock.now_s()
-
-
-def _error_in(log: Path) -> str:
-    """The error that a command has reported, empty where it has none."""
-    lines = log.read_text("utf-8", "replace").splitlines()
-    return next((line.removeprefix("error: ") for line in lines if line.startswith("error: ")), "")

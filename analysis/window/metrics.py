@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 from analysis.window.shelf import Shown
-from daq.service.exposition import Metric, render
+from daq.service.exposition import Labels, Metric, render
 from rigs.schema.limits import Standing
 
 _STANDINGS: tuple[Standing, ...] = ("pass", "watch", "fail")
@@ -21,13 +21,8 @@ def metrics_of(runs: Iterable[Shown], *, daemon_is_up: bool) -> str:
     for run in runs:
         if run.figures and run.record is not None:
             newest.setdefault((run.record.rig, run.record.test, run.record.direction), run)
-    up = Metric("rig_up", "gauge", "1 where rigd answers, 0 where it does not.", (({}, float(daemon_is_up)),))
-    return render([up, *_metrics(list(newest.values()))])
-
-
-def _metrics(runs: list[Shown]) -> Iterator[Metric]:
     shown = []
-    for run in runs:
+    for run in newest.values():
         for figure in run.figures:
             if figure.limit or figure in run.leading:
                 record = run.record
@@ -35,9 +30,7 @@ def _metrics(runs: list[Shown]) -> Iterator[Metric]:
                 labels = {"rig": record.rig, "test": record.test, "direction": record.direction, "figure": figure.name}
                 shown.append((labels, figure))
     values = tuple((labels, figure.value.value) for labels, figure in shown)
-    yield Metric("rig_figure", "gauge", "Figure of the newest run of each test, in the unit of its name.", values)
     u = tuple((labels, figure.value.u) for labels, figure in shown)
-    yield Metric("rig_figure_uncertainty", "gauge", "Its standard uncertainty.", u)
     limits = tuple(
         ({**labels, "bound": name}, bound)
         for labels, figure in shown
@@ -45,11 +38,17 @@ def _metrics(runs: list[Shown]) -> Iterator[Metric]:
         for name, bound in (("watch", figure.limit.watch), ("fail", figure.limit.fail))
         if bound is not None
     )
-    yield Metric("rig_figure_limit", "gauge", "Limits of the rig file: from watch on, and beyond fail.", limits)
     standings = tuple(
         ({**labels, "standing": name}, float(figure.standing == name))
         for labels, figure in shown
         if figure.standing
         for name in _STANDINGS
     )
-    yield Metric("rig_figure_standing", "gauge", "1 for how the figure stands against its limits.", standings)
+    metrics: tuple[tuple[str, str, tuple[tuple[Labels, float], ...]], ...] = (
+        ("rig_up", "1 where rigd answers, 0 where it does not.", (({}, float(daemon_is_up)),)),
+        ("rig_figure", "Figure of the newest run of each test, in the unit of its name.", values),
+        ("rig_figure_uncertainty", "Its standard uncertainty.", u),
+        ("rig_figure_limit", "Limits of the rig file: from watch on, and beyond fail.", limits),
+        ("rig_figure_standing", "1 for how the figure stands against its limits.", standings),
+    )
+    return render([Metric(name, "gauge", help_text, samples) for name, help_text, samples in metrics])

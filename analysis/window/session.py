@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
-from analysis.correction.deviation import Deviation
-from analysis.session.next_step import Correct, Decide, Done, Drive, Enter, Infer, Report, next_of
-from analysis.session.state import Correction, Session, Verified
+from analysis.session.next_step import Drive, Infer, next_of
+from analysis.session.state import Session
 from analysis.session.words import correction_lines
-
-_BUSY = {Infer: "infer", Decide: "decide", Correct: "correct", Report: "report"}
 
 
 def summary(session: Session) -> dict[str, Any]:
     """Return a session as plain values; its texts stay as the session says them."""
-    answer, correction, verified = session.answer, session.correction, session.verified
+    answer, correction = session.answer, session.correction
     return {
         "rig": session.rig,
         "began": session.began,
@@ -37,8 +33,16 @@ def summary(session: Session) -> dict[str, Any]:
             for part in (answer.parts if answer else ())
         ],
         "remedies": list(session.to_do),
-        "correction": next(correction_lines(correction, verified)) if correction else "",
-        "before_after": [*_before_after(verified, correction)] if verified else [],
+        "correction": next(correction_lines(correction, session.sides)) if correction else "",
+        "before_after": [
+            {
+                "where": side.place,
+                "before": side.before.model_dump(exclude={"runs"}),
+                "after": side.after.model_dump(exclude={"runs"}) if side.after else None,
+                "expected": side.expected.model_dump() if side.expected else None,
+            }
+            for side in session.sides
+        ],
         "work": correction.work.model_dump() if correction and correction.work else None,
         "report": session.report,
     }
@@ -58,28 +62,6 @@ def _next(session: Session) -> dict[str, Any]:
                 "of": len(session.steps),
                 "stage": words,
             }
-        case Enter():
-            return {"key": "enter"}
-        case Done():
-            return {"key": "done"}
-    return {"key": _BUSY[type(following)]}
-
-
-def _before_after(verified: Verified, correction: Correction | None) -> Iterator[dict[str, Any]]:
-    """Yield the error before and after, and what was expected, at each place that was driven."""
-    at_place, elsewhere = (correction.same, correction.elsewhere) if correction else (None, None)
-    for where, before, after, expected in (
-        ("same", verified.same_before, verified.same_after, at_place),
-        ("elsewhere", verified.elsewhere_before, verified.elsewhere_after, elsewhere),
-    ):
-        if before:
-            yield {
-                "where": where,
-                "before": _error(before),
-                "after": _error(after),
-                "expected": ({"um": expected.um, "u_um": expected.u_um} if expected else None),
-            }
-
-
-def _error(error: Deviation | None) -> dict[str, float] | None:
-    return {"um": error.um, "u_um": error.u_um, "largest_um": error.largest_um} if error else None
+        case Infer():
+            return {"key": "infer"}
+    return {"key": following}

@@ -13,7 +13,7 @@ from analysis.history.history_file import FILE, Unusable, read_records
 from analysis.history.records import Record
 from analysis.measures.quantity import Quantity
 from analysis.reporting.labels import LEADING, in_order
-from analysis.reporting.runs_list import row
+from analysis.reporting.listings import run_row
 from daq.store import survey
 from daq.store.manifest import is_run
 from daq.store.retention import RunInfo, look
@@ -120,7 +120,7 @@ def _shown(run: RunInfo, record: Record | None) -> Shown:
         limit = limits.of(record.test, name) if record else None
         value = figures[name]
         judged.append(Figure(name, value, limit, limit.standing(value.value, value.u) if limit else None))
-    return Shown(run.path.name, run.path, row(run, time.time()), record, tuple(judged))
+    return Shown(run.path.name, run.path, run_row(run, time.time()), record, tuple(judged))
 
 
 @lru_cache(maxsize=64)

@@ -266,6 +266,10 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
         raise FileError(f"run {name!r}", first_error(error), "choose other names") from None
 
 
+class UnknownTestError(FileError):
+    """A run is of a test of a package that is not installed here: nothing of it is to be repaired."""
+
+
 def is_run(path: Path) -> bool:
     """Return whether a directory is a run, however damaged: one without a manifest may have its ledger. Raises OSError
     where it may not be entered."""
@@ -291,12 +295,21 @@ def load_manifest(run: Path) -> Manifest:
             raise FileError(str(run), "holds no run", "give the directory of a run") from None
         raise FileError(str(run), "has no manifest.json", to_recover(run)) from None
     except ValidationError as error:
-        if newer := of_newer_rig(str(path), error):
+        if newer := of_newer_rig(str(path), error) or _of_another_package(path, error):
             raise newer from None
         problem = f"is damaged or of another version: {first_error(error)}"
         raise FileError(str(path), problem, f"{to_recover(run)} or restore the file") from None
     except OSError as error:
         raise unreadable(path, error) from None
+
+
+def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError | None:
+    """Return the error of a manifest whose test is all that is wrong with it, None for any other."""
+    (first, *others) = error.errors(include_url=False, include_context=False)
+    if others or first["loc"] != ("test",) or not isinstance(first["input"], str):
+        return None
+    problem = f"is of the test {first['input'][:60]!r}, which neither rig nor a package beside it has"
+    return UnknownTestError(str(path), problem, "install that package where rig runs, or use the run where it was made")
 
 
 def _with_ledger(run: Path, manifest: Manifest, digest: str) -> Manifest:

@@ -37,7 +37,7 @@ from daq.store.ledger import (
     read_ledger,
     sha256,
 )
-from daq.store.manifest import MANIFEST, Manifest, load_manifest
+from daq.store.manifest import MANIFEST, Manifest, UnknownTestError, load_manifest
 from daq.store.run import left_over, read_chunk
 from daq.store.stream_writer import describe, store_chunk
 from rigs.errors import CellError, FileError
@@ -121,6 +121,8 @@ def _manifest_of(path: Path, done: Recovery) -> Manifest:
         read_bytes(path / MANIFEST, MOST_BYTES)  # one that the disk does not give now is neither missing nor damaged
     try:
         return load_manifest(path)
+    except UnknownTestError:
+        raise
     except FileError as error:
         opening = _opening_in(path)
         if opening is None:

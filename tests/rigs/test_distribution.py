@@ -26,6 +26,8 @@ requirements = [
 OF_A_PROGRAM = [
     ("pipx_metadata.json", "", f"add it: pipx inject {NAME} 'asyncua<2.2,>=2.1' lxml"),
     ("uv-receipt.toml", "", f"add it: uv tool install --with 'asyncua<2.2,>=2.1' --with lxml {NAME}"),
+    ("uv-receipt.toml", RECEIPT[:-9], f"add it: uv tool install --with 'asyncua<2.2,>=2.1' --with lxml {NAME}"),
+    ("uv-receipt.toml", "tool = 3", f"add it: uv tool install --with 'asyncua<2.2,>=2.1' --with lxml {NAME}"),
     (
         "uv-receipt.toml",
         RECEIPT,

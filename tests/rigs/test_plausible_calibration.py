@@ -28,6 +28,8 @@ def _with_term(**changed: Any) -> dict[str, Any]:
         ({"rig": "ur10e"}, "is the calibration of ur10e, and the rig file is that of paper-fanuc"),
         (_with_term(times=1e30), "term 1 has offset_deg 2e+28 in all, and an arm at most"),
         ({"factor": packed_factor(1e30 * np.eye(COUNT))}, "the uncertainty of width_deg of term 0 is 1e+30"),
+        ({"factor": packed_factor(np.zeros((COUNT, COUNT)))}, "of term 0 is 0, which no readings give"),
+        ({"widened": 1e30}, "states errors that no arm has"),
         ({"joints_deg": ((-30.0, 30.0),) * 7}, "is of an arm of 7 axes, and that of the rig file has 6"),
         ({"joints_deg": ((30.0, -30.0),) * 6}, "joints_deg are no ranges of joint angles"),
         ({"before_um": 1e12}, "states errors that no arm has"),

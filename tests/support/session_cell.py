@@ -10,9 +10,11 @@ from pathlib import Path
 import yaml
 
 import analysis
+from analysis.session.answer import Infers
 from analysis.session.cell import Run
-from analysis.session.guide import Guide, Infers
+from analysis.session.guide import Guide
 from analysis.session.plan import BY_ITSELF, FIXED, Program, planned
+from analysis.session.run import Conductor
 from analysis.session.state import Answer, PartOfError, Place, Session, Stage, Step, digest_of
 from rigs.load import load
 from rigs.schema.vocabulary import Direction
@@ -211,5 +213,5 @@ def gone_on(
     with place or Place(directory) as held:
         session = held.read()
         assert session is not None
-        guide = Guide(held, session, driver, screen or Screen(), BY_ITSELF, start_inference=oracle)
-        return guide.run()
+        guide = Guide(load(session.rig_file)[0], BY_ITSELF, directory)
+        return Conductor(held, session, driver, screen or Screen(), guide, oracle).run()

@@ -38,7 +38,7 @@ _DATA = re.compile(r"\s*(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]\s*=\s*(\{[^{}]*\
 _FDAT = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*FDAT\s+(\w+)\s*=\s*\{([^{}]*)\}?", re.IGNORECASE)
 _ROUTINE = re.compile(r"\s*(GLOBAL\s+)?(?:DEF|DEFFCT\s+\w+(?:\s*\[[^\]]*\])?)\s+(\w+)\s*\(", re.IGNORECASE)
 _TYPED = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s+([\w\s,]+)", re.IGNORECASE)
-_TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\bS(?:TOOL2?|BASE|IPO_MODE)\s*\()\s*$", re.IGNORECASE)
+_TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\b(S(?:TOOL2?|BASE|IPO_MODE|LOAD))\s*\()\s*$", re.IGNORECASE)
 """What stands before a set of tool and base that is only read."""
 _GLOBAL = re.compile(r"\bGLOBAL\b", re.IGNORECASE)
 _WORD = re.compile(r"[A-Za-z_]\w*")
@@ -58,7 +58,6 @@ def parse(texts: Texts) -> Parsed:
     for file in reversed(own_files):
         for begin, line in lines_in(blank[file]):
             _declare(reader, file, begin, line)
-    _watch_fdat(reader)
     for file, name in enumerate(texts.names):
         for begin, line in lines_in(blank[file]):
             if routine := _ROUTINE.match(line):
@@ -69,6 +68,7 @@ def parse(texts: Texts) -> Parsed:
             elif hides := _OWN_LIST.match(line):
                 why = reader.why(file, begin, f"{hides[1]} is declared here, beside the controller's own")
                 reader.beside.append(Call("\0", why))
+    _watch_fdat(reader)
     for file, name in enumerate(texts.names):
         if name.lower().endswith(".src"):
             for begin, line in lines_in(blank[file]):
@@ -149,7 +149,10 @@ def _watch_fdat(reader: Reader) -> None:
     for file, text in enumerate(reader.texts):
         for _, line in lines_in(text):
             for word in _WORD.finditer(line):
-                if word[0].upper() in reader.fdat and not _TAKEN.search(line[: word.start()]):
+                if word[0].upper() not in reader.fdat:
+                    continue
+                taken = _TAKEN.search(line[: word.start()])
+                if not taken or (taken[1] and reader.defined(file, taken[1])):  # a routine of their own may write it
                     reader.fdat_written.add(word[0].upper())
         if file + 1 == reader.points.files:
             return

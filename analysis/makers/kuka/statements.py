@@ -3,7 +3,8 @@
 Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators. BAS(#PTP_PARAMS),
 BAS(#CP_PARAMS) and BAS(#FRAMES) take tool, base and the frame of interpolation from FDAT_ACT, BAS(#TOOL, n) and
 BAS(#BASE, n) from the lists; BAS(#INITMOV) sets what the controller's own bas.src has. IR_STOPM handles stops, and
-stands in every program of the pendant.
+stands in every program of the pendant; SET_CD_PARAMS and USE_CM_PRO_VALUES, which set how easily a collision is
+detected, stand in every inline form of KSS 8.5 and newer.
 """
 
 from __future__ import annotations
@@ -99,7 +100,7 @@ and outputs."""
 _SYSTEM = re.compile(
     r"\$(?:VEL|ACC|APO|VEL_AXIS|ACC_AXIS|VEL_EXTAX|ACC_EXTAX|OV_PRO|OV_APPL|ADVANCE|OUT|ANOUT|FLAG|CYCFLAG|TIMER|"
     r"TIMER_STOP|TIMER_FLAG|CIRC_TYPE|CIRC_MODE|SPL_ORI_JOINT_AUTO|BWDSTART|H_POS|LOAD|LOAD_A1|LOAD_A2|LOAD_A3|"
-    r"ACT_TOOL|ACT_BASE|OUT_C|GEAR_JERK|JERK|APO_DIS_PTP|CMD|MSG_T|PRO_I_O|SEN_PINT|SEN_PREA|SINT_LIST|CYCLE|TORQUE_AXIS|"
+    r"ACT_TOOL|ACT_BASE|OUT_C|GEAR_JERK|JERK|APO_DIS_PTP|CMD|MSG_T|PRO_I_O|SEN_PINT|SEN_PREA|SINT_LIST|CYCLE|TORQUE_AXIS|COLLMON_TOL_PRO|"
     r"REDVEL|RED_VEL|VEL_AXIS_MA|LOOP_CONT|LOOP_MSG|OUTPUT|FILTER|ECO_LEVEL|OVERRIDE|ANIN|DIGIN\w*|SOFTPLCBOOL|"
     r"SOFTPLCINT|SOFTPLCREAL)",
     re.IGNORECASE,
@@ -114,7 +115,7 @@ _FUNCTIONS = words("""
     MSGNOTIFY MSGQUIT MSGSTATE MSGEVENT MSGDIALOG MSGLOOP MSGWAIT MSGTEST GET_SYSTEM_DATA KRLMSG
     NOT AND OR EXOR B_AND B_OR B_NOT B_EXOR IF ELSEIF WHILE UNTIL SWITCH CASE FOR TO STEP THEN WAIT SEC RETURN
     IR_STOPM SVEL_CP SVEL_PTP SVEL_JOINT SACC_CP SACC_PTP SACC_JOINT SGEAR_JERK SAPO SAPO_PTP SORI_TYP SLOAD STOOL
-    STOOL2 SBASE SIPO_MODE SJERK
+    STOOL2 SBASE SIPO_MODE SJERK SET_CD_PARAMS USE_CM_PRO_VALUES
     PULSE
     EKI_INIT EKI_OPEN EKI_CLOSE EKI_CLEAR EKI_SEND EKI_CHECKBUFFER EKI_GETBOOL EKI_GETINT EKI_GETREAL EKI_GETSTRING
     EKI_GETFRAME EKI_SETBOOL EKI_SETINT EKI_SETREAL EKI_SETSTRING EKI_SETFRAME
@@ -426,7 +427,10 @@ def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> l
             value = reader.place(file, begin, right) if whole else reader.why(file, begin, f"a part of {name} is set")
             return [Set(name[1:].lower(), value)]
         case "$IPO_MODE" | "$ORI_TYPE":
-            return [_mode(reader, file, begin, name, right.strip().upper())]
+            mode, computed = right.strip().upper(), reader.why(file, begin, "$ORI_TYPE is computed")
+            modes: dict[str, Value] = {"#VAR": OFF, "#JOINT": OFF, "#CONSTANT": "on"}
+            outside = Set("external_tcp", OFF if mode == "#BASE" else "on")
+            return [outside if name == "$IPO_MODE" else Set("switch", modes.get(mode, computed))]
         case "TOOL_DATA" | "BASE_DATA":
             return _data(reader, file, begin, left, right)
         case "FDAT_ACT":
@@ -436,14 +440,6 @@ def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> l
     if name.startswith("$") and not _SYSTEM.fullmatch(name):
         return [Forget(reader.why(file, begin, f"{left} is not known here"))]
     return []
-
-
-def _mode(reader: Reader, file: int, begin: int, name: str, right: str) -> Set:
-    """Return what sets whether the tool stands outside, or whether lines keep the orientation of their start."""
-    if name == "$IPO_MODE":
-        return Set("external_tcp", OFF if right == "#BASE" else "on")
-    modes: dict[str, Value] = {"#VAR": OFF, "#JOINT": OFF, "#CONSTANT": "on"}
-    return Set("switch", modes.get(right) or reader.why(file, begin, "$ORI_TYPE is computed"))
 
 
 def _data(reader: Reader, file: int, begin: int, left: str, right: str) -> list[Statement]:

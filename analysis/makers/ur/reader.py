@@ -201,20 +201,13 @@ def parse(texts: Texts) -> Parsed:
     for word in _WORD.finditer(text):
         if reader.points.knows(word[0]) and word.start() not in reader.spent:
             reader.points.change(word[0], 0, reader.lines.at(word.start()))
-    return reader.points.parsed(
-        Program(reader.routines, _initial, tuple(reader.beside), kept=("tool",), starts=_starts(reader))
-    )
+    # What stands outside of all routines runs when a script is sent, or the only one around others.
+    starts = "" if reader.routines[""] else reader.outer[0] if len(reader.outer) == 1 else None
 
+    def initial(part: str) -> Value:
+        return "tcp" if part == "tool" else OFF
 
-def _starts(reader: _Reader) -> str | None:
-    """Return the routine that runs when a script is sent: what stands outside of all, or the only one around others."""
-    if reader.routines[""]:
-        return ""
-    return reader.outer[0] if len(reader.outer) == 1 else None
-
-
-def _initial(part: str) -> Value:
-    return "tcp" if part == "tool" else OFF
+    return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside), kept=("tool",), starts=starts))
 
 
 def _declare(reader: _Reader, events: list[re.Match[str]]) -> None:

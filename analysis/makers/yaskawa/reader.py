@@ -225,7 +225,9 @@ def _instruction(reader: _Reader, text: str) -> None:
     if move := _MOVE.match(text):
         _move(reader, move)
         return
-    _mentioned(reader, text)
+    for mention in _NAME.finditer(text) if reader.file == 0 else ():  # a position that is no target there
+        if reader.points.knows(reader.key(mention[0])):
+            reader.points.change(reader.key(mention[0]), 0, reader.line)
     word = text.split(maxsplit=1)[0].upper()
     conditional = re.search(r"\bIF\b", text[len(word) :]) is not None
     if text.startswith("*"):
@@ -300,14 +302,6 @@ def _call(reader: _Reader, call: re.Match[str]) -> None:
         elsewhere = reader.why(f"{call['job']} is called in another user frame")
         statements = [Set("relative", elsewhere), statement, Set("relative", OFF)]
     (reader.blocks.perhaps if re.search(r"\bIF\b", call["rest"]) else reader.blocks.add)(*statements)
-
-
-def _mentioned(reader: _Reader, text: str) -> None:
-    """Take the positions that an instruction has otherwise than as a target."""
-    if reader.file == 0:
-        for mention in _NAME.finditer(text):
-            if reader.points.knows(reader.key(mention[0])):
-                reader.points.change(reader.key(mention[0]), 0, reader.line)
 
 
 def _unless_relative(name: str, values: tuple[Value, ...]) -> Value:

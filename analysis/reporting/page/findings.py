@@ -1,13 +1,17 @@
-"""The faults that a diagnosis found, in sentences: what is wrong, where it shows, and what it makes of the error."""
+"""A diagnosis on the page: its faults in sentences (what is wrong, where it shows, what it makes of the error), and
+tables with a bar in each row: the parts of the error, the largest first, and the staircase of the gap.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from analysis.inference.result import Diagnosis, Named, Rival
-from analysis.reporting.answer_words import AnswerWords, fields_of, part_of
-from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, size, sure
+from analysis.inference.result import BudgetPart, Diagnosis, Named, Rival
+from analysis.reporting.answer_words import AnswerWords, doubt_words, fields_of, part_of, shown_parts
+from analysis.reporting.diagnosis_words import beside_u, likely_rivals, micrometres, percent, size, sure
+from analysis.reporting.stairs import left_words, stairs_of
 from analysis.reporting.texts import Texts
 from rigs.effects import Effect
 from rigs.schema.vocabulary import CIRCLES
@@ -88,3 +92,112 @@ def diagnosis_words(diagnosis: Diagnosis) -> str:
     if diagnosis.next_test:
         lines.append(f"Next test: {diagnosis.next_test.test}, {diagnosis.next_test.why}.")
     return " ".join(lines)
+
+
+_TENTHS = 1000
+"""Tenths of a percent in a whole."""
+
+
+@dataclass(frozen=True)
+class BudgetRow:
+    """A part of the error. beside: its size and why it is no fault; share: in percent; start, width: of its bar in
+    percent of the column; rank: its class, empty where it has none; rank_words: the class in words; times: how many
+    times as much as usual it does."""
+
+    part: str
+    beside: tuple[str, ...]
+    um: str
+    share: str
+    start: float
+    width: float
+    rank: str
+    rank_words: str
+    times: str
+
+
+@dataclass(frozen=True)
+class BudgetTable:
+    """The rows of the parts, the line of the small ones, and whether a share is below zero, which is to be explained.
+    zero: where the bars start, in percent of their column."""
+
+    rows: tuple[BudgetRow, ...]
+    negative: bool
+    zero: float
+
+
+def budget_table(diagnosis: Diagnosis, texts: Texts) -> BudgetTable | None:
+    """The table of the budget of a diagnosis; None where it has none. The shares that are shown add up to 100 %."""
+    if not diagnosis.budget:
+        return None
+    large, small = shown_parts(diagnosis)
+    shares = [part.share for part in large] + ([sum(part.share for part in small)] if small else [])
+    low, high = min(0.0, *shares), max(0.0, *shares)
+    span = high - low or 1.0
+    words, rows = AnswerWords(diagnosis, texts), []
+    for k, (share, tenths) in enumerate(zip(shares, _tenths(shares), strict=True)):
+        start, width = 100 * (min(share, 0.0) - low) / span, 100 * abs(share) / span
+        shown = f"{tenths / 10:.1f} %".replace("-", "−")
+        if k < len(large):
+            rows.append(_budget_row(large[k], words, shown, start, width))
+        else:
+            rows.append(BudgetRow(texts("smaller_parts", count=len(small)), (), "", shown, start, width, "", "", ""))
+    return BudgetTable(tuple(rows), any(part.share < 0 for part in large), -100 * low / span)
+
+
+def _budget_row(part: BudgetPart, words: AnswerWords, share: str, start: float, width: float) -> BudgetRow:
+    texts = words.texts
+    doubt = [doubt_words(part.doubt, texts)] if part.doubt and part.doubt != "usual" else []
+    return BudgetRow(
+        part=words.part_name(part),
+        beside=tuple(filter(None, [words.size_of(part), *doubt])),
+        um=beside_u(part.um, part.u_um),
+        share=share,
+        start=start,
+        width=width,
+        rank=part.rank or "",
+        rank_words=words.rank_of(part),
+        times=words.times_usual(part),
+    )
+
+
+def _tenths(shares: Sequence[float]) -> list[int]:
+    """Shares that add up to 1 in whole tenths of a percent that add up to 1000: what rounding leaves goes to those that
+    lost most by it."""
+    exact = [_TENTHS * share for share in shares]
+    whole = [math.floor(tenths) for tenths in exact]
+    lost = _TENTHS - sum(whole)
+    for k in sorted(range(len(exact)), key=lambda k: whole[k] - exact[k])[:lost]:
+        whole[k] += 1
+    return whole
+
+
+@dataclass(frozen=True)
+class StepRow:
+    """A step: its name, what is left at each place in words, the width of each place's bar in percent of the column,
+    and the step in a sentence, which a screen reader says."""
+
+    name: str
+    left: tuple[str, ...]
+    widths: tuple[float, ...]
+    sentence: str
+
+
+@dataclass(frozen=True)
+class StepTable:
+    """The rows, and the headings of the places of their figures."""
+
+    places: tuple[str, ...]
+    rows: tuple[StepRow, ...]
+
+
+def step_table(diagnosis: Diagnosis, texts: Texts) -> StepTable | None:
+    """The table of the staircase of a diagnosis; None where it has none."""
+    stairs = stairs_of(diagnosis, texts)
+    if stairs is None:
+        return None
+    rows = []
+    for number, step in enumerate(stairs.steps):
+        widths = tuple(100 * residue.um / stairs.largest_um for residue in step.left)
+        sentence = texts("step_now", number=number, count=len(stairs.steps) - 1, name=step.name)
+        rows.append(StepRow(step.name, tuple(map(left_words, step.left)), widths, sentence))
+    return StepTable(tuple(texts(f"runs_{place}") for place in stairs.places), tuple(rows))

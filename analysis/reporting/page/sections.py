@@ -2,26 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import get_args
 
 import numpy as np
 
+from analysis.measures.columns import figure_columns
 from analysis.measures.joint_reversals import apart, turns
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.pooled import pairs_of, pooled
+from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, by_test
+from analysis.reporting.chart import Picture
 from analysis.reporting.labels import LEADING, in_order
-from analysis.reporting.page.chart import Picture
-from analysis.reporting.page.circle_charts import circle_charts, joint_chart
-from analysis.reporting.page.columns import Column, columns_of, shown
-from analysis.reporting.page.model_charts import simulated_charts
+from analysis.reporting.model_charts import simulated_charts
 from analysis.reporting.page.report import Report
-from analysis.reporting.page.target_charts import target_charts
-from analysis.reporting.run_words import eccentricities_in_words, lag_in_words, what_u_is
+from analysis.reporting.page.verdict import title_of
+from analysis.reporting.run_charts import circle_charts, joint_chart, target_charts
+from analysis.reporting.run_words import eccentricities_in_words, figure_in_words, lag_in_words, what_u_is
 from analysis.reporting.texts import Texts
 from rigs.schema.vocabulary import TestName
+
+_UNPLACED_DEG = 15.0
+"""Standard uncertainty beyond which a place on the circle is no place: 2 u to either side are then a sixth of it."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """Figures by name; title: `acw`; note: what they are of; sd: between the runs, of those that were repeated."""
+
+    title: str
+    note: str
+    figures: Mapping[str, Quantity]
+    sd: Mapping[str, str]
+
+
+def columns_of(group: Sequence[Result], texts: Texts) -> list[Column]:
+    """The columns of the runs of one test."""
+    columns, words = [], {"mean": "mean_of_runs", "pairs": "pairs"}
+    for column in figure_columns(group):
+        note = column.run if column.kind == "run" else texts(words[column.kind], count=column.count)
+        columns.append(Column(title_of(column, texts), note, column.figures, column.sd))
+    return columns
+
+
+def shown(name: str, figure: Quantity, texts: Texts) -> str:
+    """A figure as people read it: rounded to two digits of its u; a place that may be anywhere is said to be so."""
+    if name.endswith("_at_deg") and not figure.u < _UNPLACED_DEG:
+        return texts("no_place")
+    return figure_in_words(name, figure)
+
 
 _ORDER = get_args(TestName)
 _MOST_DRAWN = 2
@@ -98,7 +129,7 @@ def _section(report: Report, group: Sequence[Result], joints: Sequence[Picture],
         remarks=tuple(f"{line[:1].upper()}{line[1:]}." for line in lines),
         doubts=_doubts(group),
         reversals=_reversals(group[0], texts) if circle else (),
-        pictures=(*charts, *simulated_charts(report, group, texts), *joints),
+        pictures=(*charts, *simulated_charts(report.simulated, report.corrected, group, texts), *joints),
     )
 
 

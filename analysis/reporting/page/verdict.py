@@ -10,9 +10,9 @@ import yaml
 
 from analysis.inference.result import Diagnosis
 from analysis.inference.verdict import JudgedFigure, judged_figures
+from analysis.measures.columns import FigureColumn
 from analysis.measures.results import Result
 from analysis.reporting.labels import whole_label
-from analysis.reporting.page.columns import title_of
 from analysis.reporting.texts import Texts
 from analysis.traces.kind import kinds
 from rigs.schema.limits import COVERAGE, Limits, Standing
@@ -94,3 +94,8 @@ def _bounds(figure: JudgedFigure, texts: Texts) -> str:
 def rule(texts: Texts) -> str:
     """The decision rule in words."""
     return texts("rule", coverage=f"{COVERAGE:g}")
+
+
+def title_of(column: FigureColumn, texts: Texts) -> str:
+    """What a column is of: a direction, or both against each other; empty where the test has no direction."""
+    return texts("acw_against_cw") if column.kind == "pairs" else column.direction

@@ -24,20 +24,17 @@ from analysis.inference.acts import is_done
 from analysis.inference.state import FAULT
 from analysis.reporting.act_words import ActWords
 from analysis.reporting.answer_words import AnswerWords
+from analysis.reporting.chart import Picture
 from analysis.reporting.diagnosis_words import micrometres, remains_lines, remains_rows
-from analysis.reporting.html_page import environment, write_html
-from analysis.reporting.page.budget_table import budget_table, step_table
-from analysis.reporting.page.chart import Picture
-from analysis.reporting.page.findings import diagnosis_words, findings_of
-from analysis.reporting.page.heading import NO_HEADING, Heading, fields_of
-from analysis.reporting.page.live_chart import colours, live
-from analysis.reporting.page.model_charts import diagnosis_charts
-from analysis.reporting.page.pdf import is_pdf, write_pdf
+from analysis.reporting.html_page import environment, is_pdf, write_html, write_pdf
+from analysis.reporting.live_chart import colours, live
+from analysis.reporting.model_charts import diagnosis_charts
+from analysis.reporting.page.findings import budget_table, diagnosis_words, findings_of, step_table
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.sections import sections_of
-from analysis.reporting.page.still_chart import still
-from analysis.reporting.page.trace import instruments_of, runs_of
+from analysis.reporting.page.trace import NO_HEADING, Heading, fields_of, instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, named, rule, verdict_sentence
+from analysis.reporting.still_chart import still
 from analysis.reporting.texts import Language, Texts, texts_of
 from rigs.distribution import version
 

@@ -179,11 +179,14 @@ class Writer:
         if pen.maybe(0.6):
             return [
                 f";FOLD PTP P{k} Vel=100 % PDAT{k} Tool[{tool}]:grip Base[{base}]:table;%{{PE}}%R 8.3.38",
-                "$BWDSTART=FALSE", f"PDAT_ACT=PPDAT{k}", f"FDAT_ACT=FP{k}", "BAS(#PTP_PARAMS,100)", f"PTP {name}", ";ENDFOLD",
+                "$BWDSTART=FALSE", f"PDAT_ACT=PPDAT{k}", f"FDAT_ACT=FP{k}", "BAS(#PTP_PARAMS,100)",
+                *["SET_CD_PARAMS (0)"] * (self.count % 2), f"PTP {name}", ";ENDFOLD",
             ]  # fmt: skip
         return [
             f"SLIN {name} WITH $VEL=SVEL_CP(0.5, , LCPDAT{k}), $TOOL=STOOL2(FP{k}), $BASE=SBASE(FP{k}.BASE_NO), "
             f"$IPO_MODE=SIPO_MODE(FP{k}.IPO_FRAME)"
+            + f", $LOAD=SLOAD(FP{k}.TOOL_NO), $COLLMON_TOL_PRO[1]=USE_CM_PRO_VALUES(0)"
+            * (self.count % 2)
         ]
 
     def arc(self, scope: _Scope) -> list[str]:

@@ -70,7 +70,7 @@ class Pen:
 
     def flange(self, q: Array) -> Array:
         """Return the nominal flange (4, 4)."""
-        return chain(self.here.nominal, q)[0]
+        return chain(self.here, q)[0]
 
     def tool(self) -> Array:
         """Return a gripper (4, 4)."""

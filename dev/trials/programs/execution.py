@@ -10,12 +10,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dev.trials.programs.arms import Array, Cell, branches, chain, frame, solved
+from dev.trials.programs.arms import Array, Cell, branches, chain, frame, placed, solved, turn_of
 
 Place = tuple[str, int]
 """A file and a line."""
@@ -78,6 +79,31 @@ def every_way(most: int, seed: int) -> Iterator[Ways]:
         yield Ways((), rng)
 
 
+def _rng(seed: int, name: str) -> np.random.Generator:
+    digest = hashlib.blake2b(f"{seed}:{name}".encode(), digest_size=8).digest()
+    return np.random.default_rng(int.from_bytes(digest))
+
+
+@lru_cache(maxsize=_MOST_KEPT)
+def _number(seed: int, name: str, low: float, high: float) -> float:
+    return float(_rng(seed, name).uniform(low, high))
+
+
+@lru_cache(maxsize=_MOST_KEPT)
+def _shift(seed: int, name: str) -> Array:
+    rng = _rng(seed, name)
+    T = frame(rng.uniform(-60, 60, 3), Rotation.from_rotvec(rng.uniform(-0.2, 0.2, 3)))
+    T.setflags(write=False)
+    return T
+
+
+def copied(value: Any) -> Any:
+    """Return a value of a program whose lists and records are not those of another variable."""
+    if isinstance(value, list | tuple):
+        return type(value)(map(copied, value))
+    return {key: copied(item) for key, item in value.items()} if isinstance(value, dict) else value
+
+
 @dataclass(frozen=True)
 class World:
     """What programs cannot know: the same value for the same name in one world. `stated` are tools and frames that
@@ -88,17 +114,15 @@ class World:
 
     def rng(self, name: str) -> np.random.Generator:
         """Return random numbers that belong to a name."""
-        digest = hashlib.blake2b(f"{self.seed}:{name}".encode(), digest_size=8).digest()
-        return np.random.default_rng(int.from_bytes(digest))
+        return _rng(self.seed, name)
 
     def number(self, name: str, low: float = -40.0, high: float = 40.0) -> float:
         """Return a number."""
-        return float(self.rng(name).uniform(low, high))
+        return _number(self.seed, name, low, high)
 
     def shift(self, name: str) -> Array:
         """Return a frame (4, 4) near the identity: some centimetres and degrees."""
-        rng = self.rng(name)
-        return frame(rng.uniform(-60, 60, 3), Rotation.from_rotvec(rng.uniform(-0.2, 0.2, 3)))
+        return _shift(self.seed, name)
 
 
 @dataclass(frozen=True)
@@ -116,7 +140,7 @@ class Reached:
 class Robot:
     """An arm as its controller drives it, and what it reached."""
 
-    _cache: ClassVar[dict[Any, Array | None]] = {}
+    _cache: ClassVar[dict[Any, Any]] = {}
 
     def __init__(self, dialect: str, here: Cell, world: World, ways: Ways) -> None:
         self.dialect, self.here, self.world, self.ways = dialect, here, world, ways
@@ -129,7 +153,7 @@ class Robot:
         if not np.isfinite(q).all() or np.abs(q).max() > 7:
             raise Ended
         self.q = np.array(q, dtype=float)
-        F, _ = chain(self.here.nominal, self.q)
+        F = self.flange(self.q)
         self.reached.append(Reached(place, sources, F, tool[:3, 3], self.q))
 
     def pose(
@@ -153,14 +177,22 @@ class Robot:
     def solve(self, F: Array, near: Array, chosen: Callable[[Array], bool] | None = None) -> Array | None:
         """Return joint angles (6,) rad for a flange F (4, 4), or None."""
         key = (self.dialect, F.tobytes(), near.tobytes(), chosen)
+        return self._once(key, lambda: self._solved(F, near, chosen))
+
+    def flange(self, q: Array) -> Array:
+        """Return the nominal flange (4, 4) at joint angles q (6,) rad."""
+        return self._once((self.dialect, q.tobytes()), lambda: chain(self.here, q)[0])
+
+    def _once(self, key: Any, make: Callable[[], Any]) -> Any:
+        """Return what was made for a key: ways repeat their places."""
         if key not in self._cache:
             if len(self._cache) > _MOST_KEPT:
                 self._cache.clear()
-            self._cache[key] = self._solved(F, near, chosen)
+            self._cache[key] = make()
         return self._cache[key]
 
     def _solved(self, F: Array, near: Array, chosen: Callable[[Array], bool] | None) -> Array | None:
-        q = solved(self.here.nominal, F, near)
+        q = solved(self.here, F, near)
         if (
             q is not None
             and self.here.allows(q)
@@ -169,8 +201,10 @@ class Robot:
         ):
             return q
         ways = [] if q is None else [q]
-        for seed in branches(self.dialect):
-            other = solved(self.here.nominal, F, seed)
+        others = self._once(
+            (self.dialect, F.tobytes()), lambda: [solved(self.here, F, seed) for seed in branches(self.dialect)]
+        )
+        for other in others:
             if other is not None:
                 ways.append(near + (other - near + np.pi) % (2 * np.pi) - np.pi)
                 ways.append(other)
@@ -179,23 +213,20 @@ class Robot:
 
     def _line(self, F: Array) -> Array | None:
         """Return what `_along` returns, once for each line."""
-        key = (self.dialect, F.tobytes(), self.q.tobytes(), "line")
-        if key not in self._cache:
-            self._cache[key] = self._along(F)
-        return self._cache[key]
+        return self._once((self.dialect, F.tobytes(), self.q.tobytes(), "line"), lambda: self._along(F))
 
     def _along(self, F: Array) -> Array | None:
         """Return joint angles (6,) rad at the end of a line, followed from where the arm stands."""
         near = self.solve(F, self.q)
         if near is not None and np.abs(near - self.q).max() < _NEAR_RAD:
             return near
-        begin, _ = chain(self.here.nominal, self.q)
-        turn = Rotation.from_matrix(F[:3, :3] @ begin[:3, :3].T).as_rotvec()
+        begin = self.flange(self.q)
+        shares = np.linspace(0, 1, _PARTS + 1)[1:, None]
+        turns = Rotation.from_rotvec(shares * turn_of(F[:3, :3] @ begin[:3, :3].T)).as_matrix() @ begin[:3, :3]
+        places = begin[:3, 3] + shares * (F[:3, 3] - begin[:3, 3])
         q = self.q
-        for share in np.linspace(0, 1, _PARTS + 1)[1:]:
-            place = begin[:3, 3] + share * (F[:3, 3] - begin[:3, 3])
-            way = frame(place, Rotation.from_rotvec(share * turn) * Rotation.from_matrix(begin[:3, :3]))
-            one = solved(self.here.nominal, F if share == 1 else way, q)
+        for share, place, R in zip(shares[:, 0], places, turns, strict=True):
+            one = solved(self.here, F if share == 1 else placed(place, R), q)
             if one is None or np.abs(one - q).max() > _NEAR_RAD or not self.here.allows(one):
                 return None
             q = one
@@ -208,7 +239,7 @@ class Robot:
 
     def pose_now(self, tool: Array) -> Array:
         """Return where the tool is (4, 4) in the base, as the controller computes it."""
-        return chain(self.here.nominal, self.q)[0] @ tool
+        return self.flange(self.q) @ tool
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from dev.trials.programs.arms import Array, cell, frame, links
+from dev.trials.programs.arms import Array, cell, links, placed
 from dev.trials.programs.execution import (
     Branch,
     Do,
@@ -29,6 +28,7 @@ from dev.trials.programs.execution import (
     steps_of,
 )
 from dev.trials.programs.expressions import NotUnderstood
+from dev.trials.programs.frames import angles_of, inverted, of_angles, shifted
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 _AXES = ("X", "Y", "Z", "W", "P", "R")
@@ -162,7 +162,7 @@ def _positions(name: str, rows: list[str], begin: int) -> dict[int, Position]:
         X = None
         if all(axis in numbers for axis in _AXES):
             values = [numbers[axis] for axis in _AXES]
-            X = frame(tuple(values[:3]), Rotation.from_euler("xyz", values[3:], degrees=True))
+            X = of_angles(*values)
         rail = numbers.get("E1", 0.0)
         for other in others:
             rail += sum(float(value) for value in re.findall(rf"=\s*({_NUMBER})", other))
@@ -258,9 +258,9 @@ class Machine:
     def _with(self, T: Array, component: int, text: str) -> Array:
         found = re.fullmatch(rf"\(?({_NUMBER})\)?", text.strip())
         value = float(found[1]) if found else self.world.number(text)
-        numbers = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)]
+        numbers = list(angles_of(T))
         numbers[component - 1] = value
-        return frame(tuple(numbers[:3]), Rotation.from_euler("xyz", numbers[3:], degrees=True))
+        return of_angles(*numbers)
 
     def _value(self, text: str) -> Array:
         if found := re.fullmatch(r"PR\[(\d+)[^\]]*\]", text.strip()):
@@ -270,7 +270,7 @@ class Machine:
             return np.eye(4) if position.X is None else position.X
         if text.strip() == "LPOS":
             tool, user = self._frame("tool", self.ut or 0), self._frame("frame", self.uf or 0)
-            return np.asarray(np.linalg.inv(user) @ self.robot.pose_now(tool))
+            return np.asarray(inverted(user) @ self.robot.pose_now(tool))
         return self.world.shift(text)
 
     def _taught(self, number: int) -> Position:
@@ -311,24 +311,21 @@ class Machine:
             return
         X = position.X
         if X is None and position.q is not None:
-            X = np.linalg.inv(user) @ self._flange(position.q) @ tool
+            X = inverted(user) @ self.robot.flange(position.q) @ tool
         if X is None:
             raise Ended
         if relative:
-            now = np.linalg.inv(user) @ self.robot.pose_now(tool)
-            X = frame(now[:3, 3] + X[:3, 3], Rotation.from_matrix(X[:3, :3] @ now[:3, :3]))
+            now = inverted(user) @ self.robot.pose_now(tool)
+            X = placed(now[:3, 3] + X[:3, 3], X[:3, :3] @ now[:3, :3])
         if offset is not None:
             X = offset @ X
         if tool_offset is not None:
             X = X @ tool_offset
         if self.program.routines[self.running[-1]].tracks:
             X = self.world.shift("track") @ X
-        F = frame((0.0, -position.rail, 0.0), Rotation.identity()) @ user @ X @ np.linalg.inv(tool)
+        F = shifted(user @ X @ inverted(tool), -position.rail)
         chosen = Config(position.config) if position.config and not relative else None
         self.robot.pose(F, tool[:3, 3], place, src, chosen, straight=text[0] != "J")
-
-    def _flange(self, q: Array) -> Array:
-        return links(self.robot.here.nominal, q)[-1]
 
     def _options(self, text: str) -> tuple[bool, Array | None, Array | None]:
         relative = bool(re.search(r"\bINC\b", text, re.I))
@@ -370,7 +367,7 @@ class Config:
 
 def config_letters(q: Array) -> str:
     """Return N or F of the wrist, U or D of the elbow, T or B of the side to which the arm faces."""
-    first, shoulder, elbow, _, wrist, *_ = links(cell("fanuc").nominal, q)
+    first, shoulder, elbow, _, wrist, *_ = links(cell("fanuc"), q)
     reach, bend = wrist[:3, 3] - shoulder[:3, 3], elbow[:3, 3] - shoulder[:3, 3]
     above = bend - (bend @ reach) / (reach @ reach) * reach
     up, front = above @ first[:3, 2] > 0, (wrist[:3, 3] - first[:3, 3]) @ first[:3, 0] > 0

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from dev.trials.programs.arms import Array, cell, frame, links
+from dev.trials.programs.arms import Array, cell, links, placed
 from dev.trials.programs.execution import (
     Branch,
     Do,
@@ -29,6 +28,7 @@ from dev.trials.programs.execution import (
     steps_of,
 )
 from dev.trials.programs.expressions import NotUnderstood
+from dev.trials.programs.frames import angles_of, inverted, of_angles, shifted
 
 SCALE = (1365.3, -1137.8, 1000.0, 1024.0, -1024.0, 568.9)
 """Pulses per degree of the axes."""
@@ -224,7 +224,7 @@ class Machine:
             return
         else:
             T = self.world.shift(text)
-            numbers = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)]
+            numbers = list(angles_of(T))
         base = old or Position(0, "BASE", 0, (), (), frozenset())
         self.variables[key] = Position(base.tool, base.kind, base.user, tuple(numbers), base.rconf, base.src | {place})
 
@@ -232,22 +232,17 @@ class Machine:
         if key in self.variables:
             return self.variables[key]
         T = self.world.shift(key)
-        numbers = (*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True))
-        return Position(0, "OUTSIDE", 0, tuple(map(float, numbers)), (), frozenset())
+        return Position(0, "OUTSIDE", 0, angles_of(T), (), frozenset())
 
     def _as_shift(self, key: str) -> Array:
         numbers = self._variable(key).numbers
-        return frame(tuple(numbers[:3]), Rotation.from_euler("xyz", numbers[3:6], degrees=True))
+        return of_angles(*numbers[:6])
 
     def _relative(self, key: str, rest: str, place: Place) -> None:
         step, tool = self._as_shift(key), self._frame("tool", 0)
         now = self.robot.pose_now(tool)
-        X = (
-            now @ step
-            if "TF" in rest
-            else frame(now[:3, 3] + step[:3, 3], Rotation.from_matrix(step[:3, :3] @ now[:3, :3]))
-        )
-        self.robot.pose(X @ np.linalg.inv(tool), tool[:3, 3], place, self._variable(key).src | {place})
+        X = now @ step if "TF" in rest else placed(now[:3, 3] + step[:3, 3], step[:3, :3] @ now[:3, :3])
+        self.robot.pose(X @ inverted(tool), tool[:3, 3], place, self._variable(key).src | {place})
 
     def _move(self, word: str, rest: str, text: str, place: Place) -> None:
         found = re.match(r"(C|P)0*(\d+)", rest)
@@ -268,19 +263,19 @@ class Machine:
         src = position.src | {place}
         tool = self._frame("tool", position.tool)
         if position.kind == "PULSE":
-            q = np.radians(np.array(position.numbers[:6]) / np.array(SCALE))
+            q = np.radians(np.divide(position.numbers[:6], SCALE))
             if self.shift is None and not self.tracking:
                 self.robot.joints(q, tool, place, src)
                 return
-            F = links(self.robot.here.nominal, q)[-1]
+            F = self.robot.flange(q)
         else:
             user = self._frame("frame", position.user) if position.kind == "USER" else np.eye(4)
-            X = frame(tuple(position.numbers[:3]), Rotation.from_euler("xyz", position.numbers[3:6], degrees=True))
-            F = user @ X @ np.linalg.inv(tool)
+            X = of_angles(*position.numbers[:6])
+            F = user @ X @ inverted(tool)
         F = self._shifted(F, tool)
         if self.tracking or text.startswith("SY"):
             F = self.world.shift("conveyor") @ F
-        F = frame((0.0, -rail, 0.0), Rotation.identity()) @ F
+        F = shifted(F, -rail)
         chosen = Rconf(position.rconf[:6]) if position.rconf and position.kind != "PULSE" else None
         self.robot.pose(F, tool[:3, 3], place, src, chosen, straight=word != "MOVJ")
 
@@ -293,9 +288,9 @@ class Machine:
             T = T @ step
         else:
             U = self._frame("frame", int(where[4:-1])) if where.startswith("UF") else np.eye(4)
-            X = np.linalg.inv(U) @ T
-            T = U @ frame(X[:3, 3] + step[:3, 3], Rotation.from_matrix(step[:3, :3] @ X[:3, :3]))
-        return T @ np.linalg.inv(tool)
+            X = inverted(U) @ T
+            T = U @ placed(X[:3, 3] + step[:3, 3], step[:3, :3] @ X[:3, :3])
+        return T @ inverted(tool)
 
     def _unknown(self, name: str) -> None:
         """A job without text: nothing, or elsewhere and with a shift and other frames."""
@@ -319,7 +314,7 @@ class Rconf:
 
 def rconf(q: Array) -> tuple[int, ...]:
     """Return 0 for a flipped wrist, the upper elbow and the front, and 1 for R, T, S of 180 degrees and more."""
-    first, shoulder, elbow, _, wrist, *_ = links(cell("yaskawa").nominal, q)
+    first, shoulder, elbow, _, wrist, *_ = links(cell("yaskawa"), q)
     reach, bend = wrist[:3, 3] - shoulder[:3, 3], elbow[:3, 3] - shoulder[:3, 3]
     above = bend - (bend @ reach) / (reach @ reach) * reach
     up, front = above @ first[:3, 2] > 0, (wrist[:3, 3] - first[:3, 3]) @ first[:3, 0] > 0

@@ -4,7 +4,6 @@ with $IPO_MODE = #TCP the tool stands in $BASE and the work hangs at $TOOL; miss
 
 from __future__ import annotations
 
-import copy
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,9 +11,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from dev.trials.programs.arms import Array, cell, chain, frame
+from dev.trials.programs.arms import Array, cell, chain, placed
 from dev.trials.programs.execution import (
     Branch,
     Do,
@@ -28,13 +26,16 @@ from dev.trials.programs.execution import (
     Step,
     Ways,
     World,
+    copied,
     run_steps,
     steps_of,
 )
-from dev.trials.programs.expressions import KRL, NotUnderstood, Tokens, Tree
+from dev.trials.programs.expressions import KRL, NotUnderstood, Tree
+from dev.trials.programs.frames import angles_of, inverted, of_angles, shifted
 
 Value = tuple[Any, frozenset[Place]]
 _NOWHERE: frozenset[Place] = frozenset()
+_STATE = ("$TOOL", "$BASE", "$IPO_MODE")
 _FRAMES = {"$NULLFRAME", "$WORLD", "$ROBROOT"}
 _STILL = frozenset(
     [
@@ -86,6 +87,8 @@ _STILL = frozenset(
         "CONST",
         "INIT",
         "RET",
+        "SET_CD_PARAMS",
+        "USE_CM_PRO_VALUES",
     ]
 )
 
@@ -208,6 +211,38 @@ def _tree(text: str) -> Tree:
     return KRL.tree(KRL.tokens(text))
 
 
+@lru_cache(maxsize=4096)
+def _assignment(text: str) -> tuple[Tree, Tree | None] | None:
+    """Return the target and the value of an assignment, None for a value that is no expression; None for any other
+    instruction."""
+    try:
+        tokens = KRL.tokens(text)
+        target = KRL.term(tokens)
+    except NotUnderstood:
+        return None
+    if tokens.peek() != "=" or target[0] not in ("name", "field", "index"):
+        return None
+    tokens.take()
+    try:
+        return target, KRL.tree(tokens)
+    except NotUnderstood:
+        return target, None
+
+
+@lru_cache(maxsize=4096)
+def _move_of(word: str, text: str) -> tuple[list[Tree], dict[str, Tree], bool]:
+    """Return the points of a move, what it sets for itself, and whether it is one in the tool."""
+    text, _, settings = re.sub(r"\s+", " ", text).partition(" WITH ")
+    found = {name: re.search(re.escape(name) + r"\s*=\s*([^,]+(?:\([^)]*\))?)", settings, re.I) for name in _STATE}
+    tokens = KRL.tokens(text)
+    points = [KRL.tree(tokens)]
+    if word in ("CIRC", "SCIRC"):
+        tokens.take(",")
+        points.append(KRL.tree(tokens))
+    in_tool = "#TOOL" in [text for _, text in tokens.items]
+    return points, {name: _tree(match[1]) for name, match in found.items() if match}, in_tool
+
+
 def _valued(text: str, line: _Line) -> Any:
     text = text.strip()
     if not text:
@@ -241,7 +276,7 @@ class Machine:
     def call(self, name: str, values: list[Value]) -> Value:
         """Call a routine; what it gets counts as its own."""
         routine = self.program.routines[name]
-        self.scopes.append(dict(zip(routine.parameters, copy.deepcopy(values), strict=False)))
+        self.scopes.append(dict(zip(routine.parameters, copied(values), strict=False)))
         try:
             value = run_steps(self, routine.steps, len(self.scopes))
         finally:
@@ -257,7 +292,7 @@ class Machine:
                 value = self.evaluate(_tree(found[2]), line)
             except NotUnderstood:
                 return
-            self.scopes[-1][found[1].upper().replace(" ", "")] = copy.deepcopy(value)
+            self.scopes[-1][found[1].upper().replace(" ", "")] = copied(value)
 
     def instruction(self, text: str, line: _Line) -> None:
         """Do one instruction."""
@@ -301,16 +336,12 @@ class Machine:
             self.armed.append(found[1])
 
     def _assigned(self, text: str, line: _Line) -> bool:
-        try:
-            tokens = KRL.tokens(text)
-            target = KRL.term(tokens)
-        except NotUnderstood:
+        parts = _assignment(text)
+        if parts is None:
             return False
-        if tokens.peek() != "=" or target[0] not in ("name", "field", "index"):
-            return False
-        tokens.take()
+        target, tree = parts
         try:
-            value = self.evaluate(KRL.tree(tokens), line)
+            value = (self.world.number(text), _NOWHERE) if tree is None else self.evaluate(tree, line)
         except NotUnderstood:
             value = (self.world.number(text), _NOWHERE)
         self.assign(target, value, line)
@@ -326,13 +357,13 @@ class Machine:
         scope = next((one for one in (self.scopes[-1], self.scopes[0]) if key in one), self.scopes[0])
         if not path:
             old, before = scope.get(key, (None, _NOWHERE))
-            new = copy.deepcopy(value[0])
+            new = copied(value[0])
             if isinstance(old, dict) and isinstance(new, dict) and not key.startswith("$"):
                 new = {**old, **new} if set(new) < set(old) else new  # what is not written stays
             scope[key] = (new, value[1] | before)
             return
         old, src = self._read(key)
-        new = copy.deepcopy(old) if isinstance(old, dict) else {}
+        new = copied(old) if isinstance(old, dict) else {}
         new[path[0]] = value[0]
         scope[key] = (new, src | value[1] | {line.place})
 
@@ -365,7 +396,7 @@ class Machine:
 
     def _pose_now(self) -> dict[str, Any]:
         base, tool = (as_matrix(self._read(name)[0]) for name in ("$BASE", "$TOOL"))
-        return as_frame(np.linalg.inv(base) @ self.robot.pose_now(tool))
+        return as_frame(inverted(base) @ self.robot.pose_now(tool))
 
     def evaluate(self, tree: Tree, line: _Line) -> Value:
         """Return a value and where its numbers stand."""
@@ -406,7 +437,7 @@ class Machine:
             case "BAS":
                 self._bas(str(first), values[1][0] if len(values) > 1 else 0)
             case "INV_POS":
-                return as_frame(np.linalg.inv(as_matrix(first))), src
+                return as_frame(inverted(as_matrix(first))), src
             case "STOOL2":
                 return self._read(f"TOOL_DATA[{int(first['TOOL_NO'])}]")
             case "SBASE":
@@ -440,9 +471,9 @@ class Machine:
     def _bas(self, command: str, number: Any) -> None:
         variables = self.scopes[0]
         if command == "#TOOL":
-            variables["$TOOL"] = copy.deepcopy(self._read(f"TOOL_DATA[{int(number)}]"))
+            variables["$TOOL"] = copied(self._read(f"TOOL_DATA[{int(number)}]"))
         elif command == "#BASE":
-            variables["$BASE"] = copy.deepcopy(self._read(f"BASE_DATA[{int(number)}]"))
+            variables["$BASE"] = copied(self._read(f"BASE_DATA[{int(number)}]"))
         elif command in ("#PTP_PARAMS", "#CP_PARAMS", "#FRAMES", "#PTP_DAT", "#CP_DAT"):
             active = self._read("FDAT_ACT")[0]
             if isinstance(active, dict) and "TOOL_NO" in active:
@@ -453,20 +484,15 @@ class Machine:
     def _move(self, word: str, text: str, line: _Line) -> None:
         if re.match(r"(?i)\s*\$AXIS_ACT\b", text):
             return  # to where the arm stands
-        text, _, settings = re.sub(r"\s+", " ", text).partition(" WITH ")
-        state = {name: self._read(name)[0] for name in ("$TOOL", "$BASE", "$IPO_MODE")}
-        for name in state:
-            if found := re.search(re.escape(name) + r"\s*=\s*([^,]+(?:\([^)]*\))?)", settings, re.I):
-                state[name] = self.evaluate(_tree(found[1]), line)[0]
-        tokens = KRL.tokens(text)
-        for k in range(2 if word in ("CIRC", "SCIRC") else 1):
-            if k:
-                tokens.take(",")
-            value, src = self.evaluate(KRL.tree(tokens), line)
-            self._to(word, value, state, line, src | {line.place}, tokens)
+        points, settings, in_tool = _move_of(word, text)
+        state = {name: self._read(name)[0] for name in _STATE}
+        state |= {name: self.evaluate(tree, line)[0] for name, tree in settings.items()}
+        for point in points:
+            value, src = self.evaluate(point, line)
+            self._to(word, value, state, line, src | {line.place}, in_tool=in_tool)
 
     def _to(
-        self, word: str, value: Any, state: dict[str, Any], line: _Line, src: frozenset[Place], tokens: Tokens
+        self, word: str, value: Any, state: dict[str, Any], line: _Line, src: frozenset[Place], *, in_tool: bool
     ) -> None:
         tool, base = as_matrix(state["$TOOL"]), as_matrix(state["$BASE"])
         if not isinstance(value, dict):
@@ -477,24 +503,20 @@ class Machine:
             q = now + given if word.endswith("REL") else given
             self.robot.joints(np.radians(q), tool, line.place, src)
             return
-        X = np.linalg.inv(base) @ self.robot.pose_now(tool)
+        X = inverted(base) @ self.robot.pose_now(tool)
         if word.endswith("REL"):
             step = as_matrix(value)
-            X = (
-                X @ step
-                if "#TOOL" in [text for _, text in tokens.items]
-                else frame(X[:3, 3] + step[:3, 3], Rotation.from_matrix(step[:3, :3] @ X[:3, :3]))
-            )
+            X = X @ step if in_tool else placed(X[:3, 3] + step[:3, 3], step[:3, :3] @ X[:3, :3])
         else:
             now = as_frame(X)
             X = as_matrix({**now, **{name: value[name] for name in now if name in value}})
         rail = float(value.get("E1", 0.0))
         if state["$IPO_MODE"] == "#TCP":
-            F = base @ np.linalg.inv(tool @ X)
-            point = (np.linalg.inv(F) @ base)[:3, 3]
+            F = base @ inverted(tool @ X)
+            point = (inverted(F) @ base)[:3, 3]
         else:
-            F, point = base @ X @ np.linalg.inv(tool), tool[:3, 3]
-        F = frame((0.0, -rail, 0.0), Rotation.identity()) @ F
+            F, point = base @ X @ inverted(tool), tool[:3, 3]
+        F = shifted(F, -rail)
         chosen = Status(_bits(value["S"]), _bits(value.get("T"))) if "PTP" in word and "S" in value else None
         self.robot.pose(F, point, line.place, src, chosen, straight="PTP" not in word)
 
@@ -527,7 +549,7 @@ class Status:
 def status_turn(q: Array) -> tuple[int, int]:
     """Return S (overhead, axis 3 above its stretched angle near zero, axis 5 negative) and T (signs) of a KR 10."""
     here = cell("kuka")
-    T = chain(here.nominal, q)[0]
+    T = chain(here, q)[0]
     wrist = T[:3, 3] - here.nominal.d[5] * T[:3, 2]
     front = np.cos(np.arctan2(wrist[1], wrist[0]) + q[0]) > 0
     status = int(not front) + 2 * int(q[2] > np.radians(3)) + 4 * int(q[4] <= 0)
@@ -539,13 +561,13 @@ def as_matrix(value: Any) -> Array:
     if not isinstance(value, dict):
         raise Ended
     x, y, z, a, b, c = (float(value.get(name, 0.0)) for name in "XYZABC")
-    return frame((x, y, z), Rotation.from_euler("ZYX", (a, b, c), degrees=True))
+    return of_angles(x, y, z, c, b, a)
 
 
 def as_frame(T: Array) -> dict[str, Any]:
     """Return the aggregate of a frame (4, 4)."""
-    values = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_euler("ZYX", degrees=True)]
-    return {name: float(value) for name, value in zip("XYZABC", values, strict=True)}
+    x, y, z, c, b, a = angles_of(T)
+    return {"X": x, "Y": y, "Z": z, "A": a, "B": b, "C": c}
 
 
 def _binary(operator: str, a: Any, b: Any) -> Any:

@@ -4,17 +4,16 @@ nearest to where it stands, else to that of confdata: quadrants of axes 1, 4, 6,
 
 from __future__ import annotations
 
-import copy
 import re
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from dev.trials.programs.arms import Array, cell, chain, frame
-from dev.trials.programs.execution import Ended, Place, Robot, Ways, World, run_steps
+from dev.trials.programs.arms import Array, cell, chain, placed
+from dev.trials.programs.execution import Ended, Place, Robot, Ways, World, copied, run_steps
 from dev.trials.programs.expressions import NotUnderstood, Tree
+from dev.trials.programs.frames import inverted, of_angles, of_quaternion, quaternion_of, shifted
 from dev.trials.programs.rapid_text import Program, Value
 
 __all__ = ["Conf", "Machine", "Program", "confdata"]
@@ -146,7 +145,7 @@ class Machine:
         self.scopes[0]["TOOL0"] = ([True, unit, []], _NOWHERE)
         self.scopes[0]["WOBJ0"] = ([False, True, "", unit, unit], _NOWHERE)
         for name, value in program.data:
-            self.scopes[0][name] = copy.deepcopy(value(self))
+            self.scopes[0][name] = copied(value(self))
 
     def run(self) -> None:
         """Drive the program from main."""
@@ -160,7 +159,7 @@ class Machine:
         keyed = {key: value for key, value in values if key}
         for parameter in routine.parameters:
             scope[parameter] = keyed.get(parameter) or next(plain, (self.world.number(parameter), _NOWHERE))
-        self.scopes.append(copy.deepcopy(scope))
+        self.scopes.append(copied(scope))
         try:
             value = run_steps(self, routine.steps, len(self.scopes))
         finally:
@@ -169,7 +168,7 @@ class Machine:
 
     def declare(self, name: str, value: Value) -> None:
         """Make a variable of the routine."""
-        self.scopes[-1][name] = copy.deepcopy(value)
+        self.scopes[-1][name] = copied(value)
 
     def assign(self, target: Tree, value: Value) -> None:
         """Write data or a part of them."""
@@ -181,13 +180,13 @@ class Machine:
         scope = next((s for s in (self.scopes[-1], self.scopes[0]) if name in s), self.scopes[0])
         if not path:
             before = scope.get(name, value)[1]
-            scope[name] = (copy.deepcopy(value[0]), value[1] | before)
+            scope[name] = (copied(value[0]), value[1] | before)
             return
         old, src = scope.get(name) or (self.outside(name, ""), _NOWHERE)
-        part = new = copy.deepcopy(old)
+        part = new = copied(old)
         for step in reversed(path[1:]):
             part = part[step]
-        part[path[0]] = copy.deepcopy(value[0])
+        part[path[0]] = copied(value[0])
         scope[name] = (new, src | value[1])
 
     def _step(self, tree: Tree) -> int:
@@ -204,10 +203,7 @@ class Machine:
             if stated is None and kind == wanted:
                 stated = self.world.shift(name)
             if stated is not None:
-                pose = [
-                    stated[:3, 3].tolist(),
-                    Rotation.from_matrix(stated[:3, :3]).as_quat(scalar_first=True).tolist(),
-                ]
+                pose = _pose_of(stated)
                 unit = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
                 return [True, pose, []] if key == "tool" else [False, True, "", pose, unit]
         if kind == "POSE":
@@ -262,38 +258,33 @@ class Machine:
         src = frozenset[Place]().union(*(value[1] for _, value in values))
         match name:
             case "OFFS":
-                new = copy.deepcopy(plain[0])
+                new = copied(plain[0])
                 new[0] = [a + b for a, b in zip(new[0], plain[1:4], strict=False)]
                 return new, src
             case "RELTOOL":
-                new = copy.deepcopy(plain[0])
+                new = copied(plain[0])
                 turns = [keyed.get(key, 0.0) for key in ("RX", "RY", "RZ")]
-                step = frame(tuple(plain[1:4]), Rotation.from_euler("xyz", turns, degrees=True))
-                new[:2] = _pose_of(_frame(new) @ step)
+                new[:2] = _pose_of(_frame(new) @ of_angles(*plain[1:4], *turns))
                 return new, src
             case "CROBT":
                 tool, wobj = keyed.get("TOOL", self._read("TOOL0")[0]), keyed.get("WOBJ", self._read("WOBJ0")[0])
-                X = np.linalg.inv(_wobj(wobj)) @ self.robot.pose_now(_frame(tool[1]))
+                X = inverted(_wobj(wobj)) @ self.robot.pose_now(_frame(tool[1]))
                 return self._target(X), src
             case "CJOINTT":
                 return [np.degrees(self.robot.q).tolist(), [9e9] * 6], src
             case "CALCJOINTT":
-                F = (
-                    _wobj(keyed.get("WOBJ", self._read("WOBJ0")[0]))
-                    @ _frame(plain[0])
-                    @ np.linalg.inv(_frame(plain[1][1]))
-                )
+                F = _wobj(keyed.get("WOBJ", self._read("WOBJ0")[0])) @ _frame(plain[0]) @ inverted(_frame(plain[1][1]))
                 q = self.robot.solve(F, self.robot.q)
                 if q is None:
                     raise Ended
                 return [np.degrees(q).tolist(), [9e9] * 6], src
             case "ORIENTZYX":
                 z, y, x = plain[:3]
-                return Rotation.from_euler("ZYX", [z, y, x], degrees=True).as_quat(scalar_first=True).tolist(), src
+                return quaternion_of(of_angles(0.0, 0.0, 0.0, x, y, z)), src
             case "POSEMULT":
                 return _pose_of(_frame(plain[0]) @ _frame(plain[1])), src
             case "POSEINV":
-                return _pose_of(np.linalg.inv(_frame(plain[0]))), src
+                return _pose_of(inverted(_frame(plain[0]))), src
             case "CTOOL":
                 return self._read("TOOL0")[0], src
             case "DEFFRAME" | "DEFACCFRAME" | "ORIENT":
@@ -342,12 +333,12 @@ class Machine:
         else:
             tool, wobj = plain[1][0], keyed.get("WOBJ", self._read("WOBJ0"))[0]
             there = _frame(plain[0][0])
-            now = np.linalg.inv(_wobj(wobj)) @ self.robot.pose_now(_frame(tool[1]))
+            now = inverted(_wobj(wobj)) @ self.robot.pose_now(_frame(tool[1]))
             here = _frame(keyed["EXEP"][0]) if "EXEP" in keyed else now
             if "ROT" in switches:
-                self.displaced = here @ np.linalg.inv(there)
+                self.displaced = here @ inverted(there)
             else:
-                self.displaced = frame(here[:3, 3] - there[:3, 3], Rotation.identity())
+                self.displaced = placed(here[:3, 3] - there[:3, 3], np.eye(3))
 
     def _move(
         self, name: str, plain: list[Value], keyed: dict[str, Value], place: Place, where: frozenset[Place]
@@ -372,13 +363,13 @@ class Machine:
                 continue
             X = self.displaced @ _frame(value)
             if tool[0] is True:
-                F = _wobj(wobj) @ X @ np.linalg.inv(_frame(tool[1]))
+                F = _wobj(wobj) @ X @ inverted(_frame(tool[1]))
                 point = np.array(tool[1][0], dtype=float)
             else:
-                F = _frame(tool[1]) @ np.linalg.inv(_wobj(wobj) @ X)
-                point = (np.linalg.inv(F) @ _frame(tool[1]))[:3, 3]
+                F = _frame(tool[1]) @ inverted(_wobj(wobj) @ X)
+                point = (inverted(F) @ _frame(tool[1]))[:3, 3]
             rail = value[3][0] if len(value) > 3 and abs(value[3][0]) < 9e8 else 0.0
-            F = frame((0.0, -rail, 0.0), Rotation.identity()) @ F
+            F = shifted(F, -rail)
             configured = self.conf["CONFJ" if name.startswith(("MOVEJ", "TRIGGJ")) else "CONFL"]
             chosen = Conf(*value[2][:4]) if configured else None
             self.robot.pose(F, point, place, sources, chosen, straight="J" not in name[4:6])
@@ -408,7 +399,7 @@ class Conf:
 def confdata(q: Array) -> list[float]:
     """Return the quadrants of axes 1, 4 and 6, and cfx of an IRB 120: stretched, axis 3 stands at -77 degrees."""
     here = cell("abb")
-    wrist = chain(here.nominal, q)[0]
+    wrist = chain(here, q)[0]
     centre = wrist[:3, 3] - here.nominal.d[5] * wrist[:3, 2]
     front = centre[0] * np.cos(q[0]) + centre[1] * np.sin(q[0]) > 0
     cfx = 4 * (not front) + 2 * (np.degrees(q[2]) < -77) + int(q[4] < 0)
@@ -435,8 +426,7 @@ def _binary(operator: str, a: Any, b: Any) -> Any:
 def _frame(pose: Any) -> Array:
     """A pose, or the pose of a robtarget."""
     try:
-        quaternion = np.array(pose[1], dtype=float)
-        return frame(np.array(pose[0], dtype=float), Rotation.from_quat(quaternion, scalar_first=True))
+        return of_quaternion(*map(float, pose[0]), *map(float, pose[1]))
     except (TypeError, ValueError, IndexError):
         raise Ended from None
 
@@ -448,4 +438,4 @@ def _wobj(wobj: Any) -> Array:
 
 
 def _pose_of(T: Array) -> list[list[float]]:
-    return [T[:3, 3].tolist(), Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True).tolist()]
+    return [T[:3, 3].tolist(), quaternion_of(T)]

@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from dev.trials.programs.arms import Array, cell, chain, frame
+from dev.trials.programs.arms import Array, cell, chain, placed
 from dev.trials.programs.execution import (
     Branch,
     Do,
@@ -28,6 +27,7 @@ from dev.trials.programs.execution import (
     steps_of,
 )
 from dev.trials.programs.expressions import UR, NotUnderstood, Tree
+from dev.trials.programs.frames import inverted, of_vector, vector_of
 
 Value = tuple[Any, frozenset[Place]]
 _NOWHERE: frozenset[Place] = frozenset()
@@ -48,12 +48,13 @@ class Pose(list[float]):
 
     def matrix(self) -> Array:
         """Return the frame (4, 4) in mm."""
-        return frame(1e3 * np.array(self[:3]), Rotation.from_rotvec(self[3:]))
+        x, y, z, *vector = map(float, self)
+        return of_vector(1e3 * x, 1e3 * y, 1e3 * z, *vector)
 
 
 def as_pose(T: Array) -> Pose:
     """Return the pose of a frame (4, 4)."""
-    return Pose([*(T[:3, 3] / 1e3), *Rotation.from_matrix(T[:3, :3]).as_rotvec()])
+    return Pose([*(T[:3, 3] / 1e3).tolist(), *vector_of(T)])
 
 
 @dataclass(frozen=True)
@@ -312,17 +313,17 @@ class Machine:
             case "get_forward_kin":
                 q = self.robot.q if first is None else np.array(first)
                 tool = plain[1][0].matrix() if len(plain) > 1 else self.tool
-                return as_pose(chain(self.robot.here.nominal, q)[0] @ tool), src
+                return as_pose(chain(self.robot.here, q)[0] @ tool), src
             case "pose_trans":
                 return as_pose(Pose(first).matrix() @ Pose(plain[1][0]).matrix()), src
             case "pose_add":
                 A, B = Pose(first).matrix(), Pose(plain[1][0]).matrix()
-                return as_pose(frame(A[:3, 3] + B[:3, 3], Rotation.from_matrix(B[:3, :3] @ A[:3, :3]))), src
+                return as_pose(placed(A[:3, 3] + B[:3, 3], B[:3, :3] @ A[:3, :3])), src
             case "pose_sub":
                 A, B = Pose(first).matrix(), Pose(plain[1][0]).matrix()
-                return as_pose(frame(A[:3, 3] - B[:3, 3], Rotation.from_matrix(A[:3, :3] @ B[:3, :3].T))), src
+                return as_pose(placed(A[:3, 3] - B[:3, 3], A[:3, :3] @ B[:3, :3].T)), src
             case "pose_inv":
-                return as_pose(np.linalg.inv(Pose(first).matrix())), src
+                return as_pose(inverted(Pose(first).matrix())), src
             case "d2r":
                 return float(np.radians(first)), src
             case "r2d":
@@ -354,7 +355,7 @@ class Machine:
         X = Pose(keyed["x"][0] if "x" in keyed else plain[0][0])
         near = keyed.get("qnear", plain[1] if len(plain) > 1 else None)
         tool = keyed["tcp"][0].matrix() if "tcp" in keyed else self.tool
-        q = self.robot.solve(X.matrix() @ np.linalg.inv(tool), self.robot.q if near is None else np.array(near[0]))
+        q = self.robot.solve(X.matrix() @ inverted(tool), self.robot.q if near is None else np.array(near[0]))
         if q is None:
             raise Ended
         return [float(one) for one in q]
@@ -368,7 +369,7 @@ class Machine:
                 raise Ended
             sources = src | frozenset(line.places)
             if isinstance(value, Pose):
-                F = self.shifted @ value.matrix() @ np.linalg.inv(self.tool)
+                F = self.shifted @ value.matrix() @ inverted(self.tool)
                 self.robot.pose(F, self.tool[:3, 3], line.places[0], sources, straight=name[4] in "lpc")
             else:
                 self.robot.joints(np.array(value, dtype=float), self.tool, line.places[0], sources)

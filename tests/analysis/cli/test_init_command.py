@@ -111,6 +111,8 @@ def test_an_arm_of_five_axes_is_not_asked_for_gauges(tmp_path: Path) -> None:
     assert "so-101: has 5 axes, and the ball link's programs are of six; give --measured-by sockets" in one_line(
         init(tmp_path, "--arm", "so-101"), 3
     )
+    words = ("--measured-by", "sockets", "--arm", "so-101", "--robot", "192.168.1.20")
+    assert "--robot: is read of arms of 6 axes only, and so-101 has 5" in one_line(init(tmp_path, *words), 2)
 
 
 def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> None:
@@ -245,6 +247,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         (["--baseline-mm", "5", "--robot", "x"], 3, "nearer than two gauges stand: their bodies alone are 8 mm thick"),
         (["--name", "My Cell", "--robot", "x"], 3, "--name"),
         (["--key", "g1.interface=tesa_tt", "--robot", "x"], 2, "give --g1 PORT"),
+        (["--measured-by", "tracker", "--robot", "x"], 2, "--robot: is not read beside a tracker"),
     ],
 )
 def test_wrong_options_are_one_line(tmp_path: Path, given: Sequence[str], code: int, says: str) -> None:

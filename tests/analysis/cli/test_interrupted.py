@@ -13,7 +13,7 @@ import pytest
 
 from analysis import save_run, simulate
 from analysis.reporting import diagnosis_report
-from analysis.reporting.extended_rig import write_extended
+from analysis.reporting.diagnosis_report import write_extended
 from analysis.reporting.html_page import write_html
 from daq.store import read_run
 from rigs.effects import play_of_joint

@@ -14,7 +14,7 @@ from analysis.inference.result import Diagnosis
 from analysis.inference.search import SearchResult, search
 from analysis.inference.state import background_effects, background_terms
 from analysis.inference.validation import covariance_of
-from analysis.reporting.extended_rig import write_extended
+from analysis.reporting.diagnosis_report import write_extended
 from rigs.calibration import TIMES, CalibratedModel, Parameter, Term, packed_factor
 from rigs.effects import Backlash, Effect, GaugeScale, JointOffset, LinkGeometry, TransmissionError
 from rigs.load import load

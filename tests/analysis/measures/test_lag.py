@@ -12,9 +12,8 @@ from analysis import evaluate, load_run
 from analysis.measures.lag import lag_of
 from analysis.measures.lap_curve import LapCurve, curve_of
 from analysis.measures.reduction import reduced
-from analysis.reporting.run_object import as_object
+from analysis.reporting.run_object import as_object, compare, verdict
 from analysis.reporting.run_report import as_tables
-from analysis.reporting.truth import compare, verdict
 from analysis.simulation.simulate import simulate
 from analysis.traces.laps import laps_of
 from rigs.effects import Effect, TimeLag

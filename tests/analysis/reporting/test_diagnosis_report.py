@@ -16,12 +16,11 @@ from rich.console import Console
 from analysis.correction.support import supports
 from analysis.inference.result import Condition, Diagnosis, Gap, ResidualBand
 from analysis.model.predict import model_of
-from analysis.reporting.diagnosis_curves import strands_of
 from analysis.reporting.diagnosis_picture import picture
 from analysis.reporting.diagnosis_report import hold_empty, write
 from analysis.reporting.diagnosis_screen import as_screen
 from analysis.reporting.diagnosis_words import closed, plain, shortened, size, stretch, sure
-from analysis.reporting.page.model_charts import diagnosis_charts
+from analysis.reporting.model_charts import diagnosis_charts, strands_of
 from analysis.reporting.texts import texts_of
 from rigs.effects import VOCABULARY, LinkGeometry, TransmissionError
 from rigs.errors import FileError

@@ -17,9 +17,8 @@ from analysis.kinematics.arm import arm_of, forward
 from analysis.measures.link_angle import CircleKind
 from analysis.measures.pooled import pooled
 from analysis.measures.results import Result, by_test
-from analysis.reporting.run_object import as_object
+from analysis.reporting.run_object import as_object, compare
 from analysis.reporting.run_report import as_tables
-from analysis.reporting.truth import compare
 from analysis.traces.kind import Kind
 from rigs.errors import FileError
 from rigs.load import load, load_hidden

@@ -47,6 +47,16 @@ def test_complete_run_needs_nothing(tmp_path: Path) -> None:
     assert (path / "manifest.json").read_bytes() == before
 
 
+def test_a_test_of_a_package_that_is_not_here_needs_the_package(tmp_path: Path) -> None:
+    manifest = finished(tmp_path) / "manifest.json"
+    text = manifest.read_text().replace('"yaw"', '"height"')
+    manifest.write_text(text)
+    for use in (load_manifest, recover):
+        with pytest.raises(FileError, match=r"of the test 'height', which neither .*; install that package"):
+            use(manifest.parent)
+    assert manifest.read_text() == text
+
+
 def test_torn_chunk_is_kept(tmp_path: Path) -> None:
     path = crash(record(tmp_path))
     torn = (path / "g1-0001.arrow").read_bytes()[:-3]

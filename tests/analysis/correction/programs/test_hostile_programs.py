@@ -171,6 +171,13 @@ def test_a_start_without_a_program_is_refused(tmp_path: Path, cell: Path) -> Non
     assert done.returncode == 2 and "give --program as well" in done.stderr and done.stderr.count("\n") == 1
 
 
+def test_a_start_from_which_no_posture_comes_is_said(tmp_path: Path, cell: Path) -> None:
+    path = tmp_path / "a.script"
+    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--start-joints", "0,-80,100,-20,80,0")
+    assert done.returncode == 0 and "a.script: no target takes its posture from --start-joints" in done.stderr
+
+
 def test_programs_of_one_name_are_refused(tmp_path: Path, cell: Path) -> None:
     paths = [tmp_path / name / "a.script" for name in ("x", "y")]
     for path in paths:

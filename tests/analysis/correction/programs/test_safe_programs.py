@@ -438,6 +438,14 @@ KUKA_ROWS: dict[str, tuple[dict[str, str], Left]] = {
         {"a.src": HEAD + "PTP {q0}\nBAS(#VEL_PTP,50)\nLIN {p1}\nEND\nDEF BAS(c:IN,n:IN)\n$BASE.X=1\nEND\n"},
         [(6, "unknown_frame")],
     ),
+    "one that may write the tool of a motion": (
+        {
+            "a.src": HEAD + "PTP {q0}\nSLIN XP WITH $TOOL=STOOL2(FP1), $BASE=SBASE(FP1.BASE_NO), "
+            "$LOAD=SLOAD(FP1.TOOL_NO)\nEND\nDEFFCT LOAD SLOAD(n:OUT)\nn=2\nENDFCT\n",
+            "a.dat": "DEFDAT a\nDECL E6POS XP={p1}\nDECL FDAT FP1={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE}\nENDDAT\n",
+        },
+        [(2, "unknown_tool")],
+    ),
     "two of them": (
         {
             "a.src": HEAD + 'MsgNotify("x")\nPTP {p1}\nEND\n',

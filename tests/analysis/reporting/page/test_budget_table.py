@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from analysis.inference.result import BudgetPart
-from analysis.reporting.page.budget_table import BudgetTable, budget_table
+from analysis.reporting.page.findings import BudgetTable, budget_table
 from analysis.reporting.texts import LANGUAGES, Language, texts_of
 from tests.support.handmade_diagnosis import PLAY, SMALL, diagnosis
 

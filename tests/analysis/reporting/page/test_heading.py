@@ -11,9 +11,9 @@ from unittest import mock
 import pytest
 
 from analysis import evaluate_runs, load_run
-from analysis.reporting.page.heading import Heading
-from analysis.reporting.page.pdf import hold_pdf, write_pdf
+from analysis.reporting.html_page import hold_pdf, write_pdf
 from analysis.reporting.page.report import Report, gather
+from analysis.reporting.page.trace import Heading
 from analysis.reporting.page.write_page import rendered, write_page
 from analysis.reporting.texts import texts_of
 from rigs.distribution import to_install

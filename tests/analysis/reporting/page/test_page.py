@@ -20,11 +20,10 @@ from typer.testing import CliRunner
 from analysis import evaluate_runs, load_run
 from analysis.cli import app
 from analysis.inference.result import Condition, Looked, Remains
-from analysis.reporting.page.circle_charts import circle_charts
 from analysis.reporting.page.report import Report, gather
-from analysis.reporting.page.still_chart import still
-from analysis.reporting.page.target_charts import directions, interpolated, target_charts
 from analysis.reporting.page.write_page import rendered, write_page
+from analysis.reporting.run_charts import circle_charts, directions, interpolated, target_charts
+from analysis.reporting.still_chart import still
 from analysis.reporting.texts import texts_of
 from rigs.errors import FileError, UseError
 from rigs.load import load, load_hidden

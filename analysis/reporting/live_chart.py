@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.reporting.page.chart import LOOKS, Chart, Line, Picture, SphereChart
+from analysis.reporting.chart import LOOKS, Chart, Line, Picture, SphereChart
 from rigs.text import plain_values
 
 

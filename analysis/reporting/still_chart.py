@@ -1,6 +1,6 @@
-"""A picture of the page as SVG: what is printed, and what a browser without scripts shows.
+"""A picture on paper: as SVG in the page, which is printed and shown without scripts, and as a part of a PNG.
 
-Text stays text in it, so that it is small, sharp on paper and has every letter that the reader's fonts have.
+Text stays text in the SVG, so that it is small, sharp on paper and has every letter that the reader's fonts have.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase, SubFigure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.projections.polar import PolarAxes
 
 from analysis.kinematics.arm import Array
-from analysis.reporting.page.chart import LOOKS, Chart, Frame, Line, Picture, SphereChart
-from analysis.reporting.sheet import Sheet
+from analysis.reporting.chart import LOOKS, Chart, Frame, Line, Picture, SphereChart
+from analysis.reporting.sheet import Part, Sheet
 
 _GREY, _RULE, _SHADE = "#6b6b6b", "#dddddd", "#f2c14e"
 _DASHES = {"solid": "-", "dash": (0, (5, 2)), "dot": (0, (1.2, 1.4)), "dashdot": (0, (5, 1.5, 1.2, 1.5))}
@@ -36,6 +37,8 @@ _WIDEST = 45
 """Letters of all names that stand in one line below a picture."""
 _PANEL_LETTERS = 62
 """Letters of a step's name in a line above its panel."""
+_CAPTION_LETTERS = 150
+"""Letters of a caption in a line of a PNG."""
 _TAG = re.compile(r"<[^>]*>")
 _SPACE = re.compile(r"\s+")
 _STYLE: dict[Any, Any] = {
@@ -49,36 +52,58 @@ _STYLE: dict[Any, Any] = {
 def still(picture: Picture) -> str:
     """Return a picture as SVG; two of the same data are the same text."""
     with mpl.rc_context(_STYLE):
-        sheet = _sphere(picture) if isinstance(picture, SphereChart) else _chart(picture)
+        sheet = Sheet(*_size_inch(picture))
+        _drawn(sheet, picture)
         written = io.StringIO()
         sheet.savefig(written, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
     # The SVG with places to a tenth of a point, 0.04 mm on paper, and without what no reader needs
     svg = written.getvalue()
     svg = _HEAD.sub("", svg)
-    svg = _TAG.sub(lambda tag: _DECIMALS.sub(_tenths, tag[0]), svg)
+
+    def tenths(number: re.Match[str]) -> str:
+        return f"{float(number[0]):.1f}".removesuffix(".0")
+
+    svg = _TAG.sub(lambda tag: _DECIMALS.sub(tenths, tag[0]), svg)
     return _FONTS.sub("font-family: sans-serif", _SPACE.sub(" ", svg))
 
 
-def _tenths(number: re.Match[str]) -> str:
-    return f"{float(number[0]):.1f}".removesuffix(".0")
+def part_of(picture: Picture, note: str = "") -> Part:
+    """Return a picture as a part of a sheet, under its title, with a note behind it, and what its caption says."""
+    words = [f"{picture.title}{note}", *textwrap.wrap(picture.caption, _CAPTION_LETTERS)]
+
+    def draw(sheet: SubFigure) -> None:
+        with mpl.rc_context({"font.size": 8.0}):
+            sheet.suptitle("\n".join(words), fontsize=8.5, x=0.01, ha="left")
+            _drawn(sheet, picture)
+
+    return 1.3 * _size_inch(picture)[1] + 0.15 * len(words), draw
 
 
-def _chart(chart: Chart) -> Sheet:
-    if chart.frame == "polar":
-        return _polar(chart)
-    if chart.panels:
-        return _panels(chart)
-    sheet = Sheet(6.9, _HEIGHTS_INCH[chart.frame])
-    axes: Axes = sheet.subplots()
-    _lay_out(axes, chart)
-    _legend(sheet, chart)
-    return sheet
+def _size_inch(picture: Picture) -> tuple[float, float]:
+    """Width and height on the paper of a page."""
+    if isinstance(picture, SphereChart):
+        return 5.4, 3.6
+    if picture.panels:
+        return 6.9, 0.5 + 1.45 * -(-len(picture.panels) // 2)
+    return 3.4 if picture.frame == "polar" else 6.9, _HEIGHTS_INCH[picture.frame]
 
 
-def _panels(chart: Chart) -> Sheet:
+def _drawn(sheet: FigureBase, picture: Picture) -> None:
+    if isinstance(picture, SphereChart):
+        _sphere(sheet, picture)
+    elif picture.frame == "polar":
+        _polar(sheet, picture)
+    elif picture.panels:
+        _panels(sheet, picture)
+    else:
+        axes: Axes = sheet.subplots()
+        _lay_out(axes, picture)
+        _legend(sheet, axes, picture)
+
+
+def _panels(sheet: FigureBase, chart: Chart) -> None:
     """Each step of a picture that is stepped through, in the same scale."""
     rows = -(-len(chart.panels) // 2)
-    sheet = Sheet(6.9, 0.5 + 1.45 * rows)
     panels = sheet.subplots(rows, 2, sharex=True, sharey=True, squeeze=False).ravel()
     for step, (name, axes) in enumerate(zip(chart.panels, panels, strict=False)):
         _lay_out(axes, chart.at_step(step), shared=True)
@@ -89,14 +114,17 @@ def _panels(chart: Chart) -> Sheet:
     for axes in panels[-2:]:
         axes.set_xlabel(chart.x_label)
     sheet.supylabel(chart.y_label, fontsize=8)
-    _legend(sheet, chart)
-    return sheet
+    _legend(sheet, panels[0], chart)
 
 
-def _legend(sheet: Sheet, chart: Chart) -> None:
+def _legend(sheet: FigureBase, axes: Axes, chart: Chart) -> None:
     wide = sum(len(line.name) for line in chart.lines) > _WIDEST
-    drawn = sheet.axes[0].get_legend_handles_labels()
-    sheet.legend(*drawn, loc="outside lower center", ncols=3 if wide else len(chart.lines), frameon=False)
+    sheet.legend(
+        *axes.get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=3 if wide else len(chart.lines),
+        frameon=False,
+    )
 
 
 def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
@@ -135,11 +163,14 @@ def _draw(axes: Axes, line: Line) -> None:
         )
         return
     if len(line.x) > _MOST_SYMBOLS:
-        # Many points as one path of steps without length, whose round ends are dots: a fifth of the size of symbols
-        steps = Path(np.repeat(np.stack([line.x, line.y], axis=1), 2, axis=0), [Path.MOVETO, Path.LINETO] * len(line.x))
+        # Many points as one path of steps of hardly a length (without any, PNG has none), whose round ends are dots: a
+        # fifth of the size of symbols
+        places = np.repeat(np.stack([line.x, line.y], axis=1), 2, axis=0)
+        places[1::2, 0] += 1e-6 * max(float(np.ptp(line.x)), 1e-9)
+        steps = Path(places, [Path.MOVETO, Path.LINETO] * len(line.x))
         steps.should_simplify = False
         colour = LOOKS[line.role].light
-        axes.add_patch(PathPatch(steps, fill=False, lw=3.0, capstyle="round", ec=colour))
+        axes.add_patch(PathPatch(steps, fill=False, lw=3.0, capstyle="round", ec=colour, snap=False))
         axes.plot([], [], "o", ms=3, color=colour, label=line.name)
         axes.autoscale_view()
         return
@@ -151,8 +182,7 @@ def _draw(axes: Axes, line: Line) -> None:
         axes.plot(line.x, line.y, ls="", **symbol)
 
 
-def _polar(chart: Chart) -> Sheet:
-    sheet = Sheet(3.4, _HEIGHTS_INCH["polar"])
+def _polar(sheet: FigureBase, chart: Chart) -> None:
     axes = sheet.add_subplot(projection="polar")
     assert isinstance(axes, PolarAxes)  # noqa: S101 - for the type checker
     hole, circle = chart.hole, np.linspace(0.0, 2 * np.pi, 181)
@@ -168,13 +198,11 @@ def _polar(chart: Chart) -> Sheet:
     axes.grid(color=_RULE, lw=0.5)
     axes.spines["polar"].set_visible(False)
     sheet.legend(loc="outside lower center", ncols=len(chart.lines), frameon=False)
-    return sheet
 
 
-def _sphere(chart: SphereChart) -> Sheet:
+def _sphere(sheet: FigureBase, chart: SphereChart) -> None:
     from mpl_toolkits.mplot3d import Axes3D  # noqa: PLC0415 - slow to import, needed here only
 
-    sheet = Sheet(5.4, 3.6)
     axes = sheet.add_subplot(projection="3d")
     assert isinstance(axes, Axes3D)  # noqa: S101 - for the type checker
     sphere, surface, targets = chart.words
@@ -188,4 +216,3 @@ def _sphere(chart: SphereChart) -> Sheet:
     for name in "xyz":
         getattr(axes, f"set_{name}label")(f"{name} / mm")
     sheet.legend(loc="outside lower center", ncols=3, frameon=False)
-    return sheet
