@@ -163,8 +163,8 @@ class CalibratedArm:
         """Postures (axes,) rad of the nominal arm from which to look for a pose (4, 4), the nearest first."""
         arm = self._model.arm
         if self._axes == DRIVEN_AXES:
-            found = inverse(arm, pose[None])
-            branches = found.q[0][found.found[0]]
+            solutions = inverse(arm, pose[None])
+            branches = solutions.q[0][solutions.found[0]]
             allowed = within_limits(arm, branches)[0] if len(branches) else branches
             return sorted(allowed, key=lambda one: float(np.abs(one - near).max())) or [near]
         starts = self._starts(near)
