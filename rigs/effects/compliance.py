@@ -62,7 +62,7 @@ class Compliance(Effect):
         if payload_kg <= 0:
             return cls.FREE
         spread = max(_STATED_SHARE * payload_kg, _LEAST_KG)
-        return (FreeShape("payload_kg", 0.0, spread, tried=(_HEAVY_KG, -payload_kg), stated=True),)
+        return (FreeShape("payload_kg", 0.0, spread, tried=(_HEAVY_KG, -payload_kg), stated=True, low=-payload_kg),)
 
     def apply(self, scene: S) -> S:
         """The joint gives way in the direction in which gravity pulls it."""

@@ -22,6 +22,7 @@ from analysis.correction.support import supports
 from analysis.correction.work import tool_poses, work_angles
 from analysis.kinematics.arm import forward
 from analysis.model.predict import model_of
+from analysis.reporting.program_report import reached
 from rigs.edit import extended
 from rigs.effects import Compliance, Effect, Found, JointOffset, LinkGeometry, TransmissionError, size_field
 from rigs.load import load
@@ -245,6 +246,27 @@ def test_targets_beyond_the_driven_joint_angles_are_marked(tmp_path: Path) -> No
     assert min(found["path"]["u_um"][:2]) > 10
     assert found["path"]["u_um"][2] is None and table[2]["u_um"] == table[2]["u_frame_um"] == ""
     assert found["work"]["after_um"] < 0.1 * found["work"]["before_um"]
+
+
+def test_work_where_no_run_measured_is_said_to_be_unknown(tmp_path: Path) -> None:
+    cell = tmp_path / "cell.yaml"
+    zero = _known(JointOffset(axis=3, offset_deg=0.05), 0.002, ((0.0, 1.0),) * 6)
+    cell.write_text(extended(load("ur10e")[1], [zero], "cell"), encoding="utf-8")
+    path = tmp_path / "path.csv"
+    path.write_text(",".join(JOINTS) + "\n0,-80,100,-20,80,0\n")
+    words = ["correct", str(cell), "--path", str(path), "-o"]
+    said = " ".join(CliRunner().invoke(app, [*words, str(tmp_path / "1")]).stdout.split())
+    assert "No run measured where the work is: how large the error stays there is not known." in said
+    assert "how well they are reached is not known, no run measured there" in said and "nan" not in said
+    found = json.loads(CliRunner().invoke(app, [*words, str(tmp_path / "2"), "--json"]).stdout)
+    assert found["work"]["unknown_share"] == 1.0
+    assert found["path"]["largest_mm"]["u"] is None and found["path"]["u_frame_um"] == [None]
+
+
+def test_u_of_a_program_is_that_of_targets_that_runs_cover() -> None:
+    u_mm = np.array([0.1, 0.2])
+    assert reached(u_mm, 2 * u_mm).endswith("± 0.400 mm in its base (standard uncertainty at the worst target)")
+    assert "worst target of those where runs say it" in reached(np.append(u_mm, np.nan), np.append(u_mm, np.nan))
 
 
 def test_without_the_joint_angles_of_the_runs_coverage_is_unknown(tmp_path: Path) -> None:
