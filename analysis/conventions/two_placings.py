@@ -6,7 +6,7 @@ rows from some row on, or every other row, are given a placing of their own and 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -40,9 +40,8 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
         return ""
     T = forward(fitted.arm, q)
     best, words = np.inf, ""
-    for part, called in _parts(rows):
-        few = min(part.sum(), (~part).sum())
-        after = _left_mm(fitted, T, part) if few >= _FEWEST_ROWS else np.inf
+    for part, called in _parts(rows, lambda part: _left_mm(fitted, T, part)):
+        after, few = _left_mm(fitted, T, part), min(part.sum(), (~part).sum())
         if after < min(best, (_SHARE if few >= _FEW_ROWS else _SHARE_OF_FEW) * fitted.rms_mm):
             best, words = after, called
     if not words:
@@ -53,12 +52,17 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
     )
 
 
-def _parts(rows: Array) -> Iterator[tuple[Mask, str]]:
-    """Rows that may have a placing of their own, with how they are called."""
-    count = len(rows)
-    for first in np.unique(np.linspace(_FEWEST_ROWS, count - _FEWEST_ROWS, _SPLITS).astype(int)).tolist():
-        yield np.arange(count) >= first, f"rows from about {rows[first]} on"
-    yield rows % 2 == 0, "every other row"
+def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask, str]]:
+    """Rows that may have a placing of their own, with how they are called: those from the row on at which least
+    remains, of a few tried and then of those beside it, and every other row where there are enough."""
+    place, last = np.arange(len(rows)), len(rows) - _FEWEST_ROWS
+    tried = np.unique(np.linspace(_FEWEST_ROWS, last, _SPLITS).astype(int)).tolist()
+    near, step = min(tried, key=lambda first: left_mm(place >= first)), last // _SPLITS
+    first = min(range(max(_FEWEST_ROWS, near - step), min(last, near + step) + 1), key=lambda k: left_mm(place >= k))
+    yield place >= first, f"rows from about {rows[first]} on"
+    other = rows % 2 == 0
+    if min(other.sum(), (~other).sum()) >= _FEWEST_ROWS:
+        yield other, "every other row"
 
 
 def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
