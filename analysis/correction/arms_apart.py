@@ -102,15 +102,15 @@ def arms_apart(rig: Rig, other: Rig) -> ArmsApart:
     if rms(np.linalg.norm(second - first, axis=1)) > _OTHER_MODEL_MM:
         what = f"its arm is built otherwise than that of {rig.name}: {other.robot.name}, not {rig.robot.name}"
         raise FileError(other.name, what, "compare arms of one model")
-    found = [one.forward(q_deg) for one in arms]
-    difference = pose_error(found[0].T, found[1].T)
+    stands_at = [one.forward(q_deg) for one in arms]
+    difference = pose_error(stands_at[0].T, stands_at[1].T)
     return ArmsApart(
         (rig.name, other.name),
         q_deg,
         difference[:, :3],
         np.degrees(np.linalg.norm(difference[:, 3:], axis=1)),
-        rest_mm(found[1].T[:, :3, 3], found[0].T),
-        np.hypot(found[0].u_mm, found[1].u_mm),
+        rest_mm(stands_at[1].T[:, :3, 3], stands_at[0].T),
+        np.hypot(stands_at[0].u_mm, stands_at[1].u_mm),
         _constants(arms[0].rig, arms[1].rig),
         (dict(joint_traits(rig).play_deg), dict(joint_traits(other).play_deg)),
         tuple(
