@@ -63,7 +63,7 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
             sizes = [min(1.0, form.STRAIGHT)]
             if is_play(form):  # its response depends on its width
                 sizes = sorted({min(1.0, _PLAY_SIGMA / max(float(next(sigmas)), 1e-9)), *_PLAYS})
-            tried = [{free.field: value} for free in form.free(scope.payload_kg) for value in free.tried]
+            tried = [{free.field: free.tried} for free in form.free(scope.payload_kg) if free.tried is not None]
             for whole, size in ((scaled(healthy(form), size), size) for size in sizes):
                 shaped = tuple(whole.model_copy(update=shape) for shape in tried)
                 candidates.append(Candidate(name_of(form), phases(whole), shaped, size))

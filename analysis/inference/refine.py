@@ -387,7 +387,7 @@ def _unknowns(linear: Linearisation, effects: Sequence[Effect], first: int) -> l
             )
         for free in effect.free(linear.payload_kg):
             begin = float(getattr(effect, free.field))
-            unknowns.append(Unknown(k, free.field, free.expected, free.spread_from(begin), free.low))
+            unknowns.append(Unknown(k, free.field, free.expected, free.spread_from(begin)))
     return unknowns
 
 

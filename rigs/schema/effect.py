@@ -101,16 +101,15 @@ class Scope:
 
 @dataclass(frozen=True)
 class FreeShape:
-    """A shape that is fitted with the size: what is expected, and how far it may be off. tried: the values at which a
-    search looks for it; none where a search does not. stated: whether what is expected was stated, and so holds unless
-    readings say otherwise: a fit that begins elsewhere may be as far off as it begins. low: a fit takes it no lower."""
+    """A shape that is fitted with the size: what is expected, and how far it may be off. tried: the value at which a
+    search looks for it; None where a search does not. stated: whether what is expected was stated, and so holds unless
+    readings say otherwise: a fit that begins elsewhere may be as far off as it begins."""
 
     field: str
     expected: float
     spread: float
-    tried: tuple[float, ...] = ()
+    tried: float | None = None
     stated: bool = False
-    low: float = -math.inf
 
     def spread_from(self, begin: float) -> float:
         """Return its spread in a fit that begins at a value."""
