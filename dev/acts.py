@@ -252,7 +252,7 @@ def of_places(kind: str, way: str, seed: int) -> Cell:
         rest = [fault for fault in faults if fault.name != repaired]
         still = replace(arm_with(rest), scatter_mm=0.0)
         there = observe_run(model_of(rig), measured(still, np.random.default_rng([55, seed]), 1), way)
-        runs = [replace(there, one=one) for one in by_socket(there.one)]
+        runs = by_socket(there)
         return left_um(runs, FittedRuns(runs), entered)
 
     whole = error_um(None, [])

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.inference.diagnose import diagnose
-from analysis.inference.observation import residuals_of
+from analysis.inference.observation import residual_of
 from analysis.inference.prepared_runs import prepare_runs
 from analysis.inference.result import Diagnosis
 from analysis.inference.setups import fit_run_setups, with_effects
@@ -85,7 +85,7 @@ def _left(rig: Rig, used: Measured, judge: Measured, effects: Sequence[Effect]) 
     (runs, judges), _ = prepare_runs(rig, [used], [judge])
     runs, judges = with_effects(runs, effects), with_effects(judges, effects)
     placed, _ = fit_run_setups(runs)
-    (left,) = (residuals_of(one.model, [one.one], placed)[0] for one in judges)
+    (left,) = (residual_of(one, placed) for one in judges)
     return left
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from analysis import calibrate
 from analysis.correction.pose_uncertainty import CalibratedUncertainty, covered, frame_u_mm
 from analysis.inference.diagnose import diagnose
-from analysis.inference.observation import residuals_of
+from analysis.inference.observation import residual_of
 from analysis.inference.prepared_runs import prepare_runs
 from analysis.inference.setups import fit_run_setups, with_effects
 from analysis.kinematics.arm import Array, Mask
@@ -99,8 +99,8 @@ def of_placement(arm: str, placement: str, folder: Path) -> str:
     (judges, _), _ = prepare_runs(rig, [runs[placement]], [])
     judges = with_effects(judges, [*(one.effect for one in found.written), *found.calibrated.effects])
     placed, _ = fit_run_setups(judges)
-    left = np.concatenate([residuals_of(one.model, [one.one], placed)[0] for one in judges])
-    q = np.concatenate([one.one.table.q[one.one.rows] for one in judges])
+    left = np.concatenate([residual_of(judge, placed) for judge in judges])
+    q = np.concatenate([judge.table.q[judge.rows] for judge in judges])
     stated = _stated(rig, found.calibrated, q, q, found.train.noise_floor_um)
     return _row(f"{arm}, without {placement}", [(np.linalg.norm(left, axis=1), *stated)], found.calibrated, begin)
 

@@ -18,7 +18,7 @@ from scipy.optimize import differential_evolution
 
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles
 from analysis.geometry.programs import circle_of, hemisphere_of
-from analysis.measures.sphere import free_sphere
+from analysis.measures.radial import free_sphere
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
 from analysis.paper import published
 from analysis.paper.simulated_tests import curve_of

@@ -39,7 +39,7 @@ LISTED = 12
 
 def faults(look: SearchResult, seen: ObservedRun) -> list[tuple[str, float]]:
     """The faults, each with what it does to the readings in µm."""
-    gains = [None] * len(look.state.refined.effects)
+    gains = [None] * len(look.effects)
     found = named_effects(look, FittedRuns([seen]), gains, effect_changes(look))
     return [(label_of(one.effect), one.worth_um) for one in found if one.stands]
 
@@ -47,9 +47,9 @@ def faults(look: SearchResult, seen: ObservedRun) -> list[tuple[str, float]]:
 def shares_of(look: SearchResult) -> list[tuple[str, float]]:
     """What a healthy arm's share of each name is worth in µm, the most first."""
     columns: dict[str, list[int]] = {}
-    for form in look.selection.columns.forms:
+    for form in look.columns.forms:
         columns.setdefault(form.name, []).extend(form.columns)
-    X, mean = look.selection.columns.X, look.posterior.mean
+    X, mean = look.columns.X, look.posterior.mean
     own = [(name, worth(look.linear, X[:, cols] @ mean[cols]).whole_um) for name, cols in columns.items()]
     return sorted(own, key=lambda one: -one[1])
 
@@ -60,7 +60,7 @@ def told(pairs: list[tuple[str, float]]) -> str:
 
 def seen_of(run: ObservedRun) -> Seen:
     """The poses of a run, for the other solver."""
-    return Seen(run.one.table.q[run.one.rows], run.one.values)
+    return Seen(run.table.q[run.rows], run.values)
 
 
 def plain_of(run: ObservedRun) -> Peer:
@@ -70,7 +70,7 @@ def plain_of(run: ObservedRun) -> Peer:
 
 def in_own_setup(run: ObservedRun, name: str) -> ObservedRun:
     """A run of another series, whose instrument stood elsewhere."""
-    return replace(run, one=replace(run.one, setup=f"{run.one.setup} of {name}"))
+    return replace(run, setup=f"{run.setup} of {name}")
 
 
 def judged(rig: Rig, table: PoseTable, series: str, folds: int, only: int) -> None:
@@ -85,7 +85,7 @@ def judged(rig: Rig, table: PoseTable, series: str, folds: int, only: int) -> No
         plain_mm = plain_of(used).held_out_mm(ARM, seen_of(left_out), again=False)
         look = search([used], lambda doing: None)
         after = gap([left_out], stages_of(FittedRuns([used]), look), look, [series])
-        rows.append((len(left_out.one.rows), 1e-3 * after.before_um, plain_mm, 1e-3 * after.calibrated_um))
+        rows.append((len(left_out.rows), 1e-3 * after.before_um, plain_mm, 1e-3 * after.calibrated_um))
         own = faults(look, used)
         names.update(name for name, _ in own)
         print(

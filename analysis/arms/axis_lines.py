@@ -72,7 +72,10 @@ def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
     The first axis is taken to point as the base's z and the last as the flange's, with the joint's sense in `senses`;
     x axes are chosen so that the offsets are the smallest.
     """
-    z, senses = _signed(axes)
+    senses = np.ones(len(axes.directions))
+    senses[0] = -1.0 if axes.directions[0, 2] < 0 else 1.0
+    senses[-1] = -1.0 if axes.directions[-1] @ axes.T_base_flange[:3, 2] < 0 else 1.0
+    z = axes.directions * senses[:, None]
     base = axes.points[0] - (axes.points[0] @ z[0]) * z[0]
     step = _turned(base, np.eye(3), z[0], a=0.0)
     steps, offsets, ds, frames = [step], [], [], []
@@ -82,14 +85,18 @@ def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
         offsets.append(_angle(steps[-1].x, x, z[axis]))
         frames.append(_frame(x, z[axis], origin))
         steps.append(step)
-    origin, x = _last(step, z[-1], axes.T_base_flange)
+    # On the last axis origin and x are as the flange has them, or as near as the axis allows.
+    flange_x, flange = axes.T_base_flange[:3, 0], axes.T_base_flange[:3, 3]
+    x = flange_x - (flange_x @ z[-1]) * z[-1]
+    length = float(np.linalg.norm(x))
+    origin, x = step.origin + ((flange - step.origin) @ z[-1]) * z[-1], x / length if length > _PARALLEL else step.x
     ds.append((origin - step.origin) @ z[-1])
     offsets.append(_angle(step.x, x, z[-1]))
     frames.append(_frame(x, z[-1], origin))
     return DenavitHartenberg(
-        a=np.array([one.a for one in steps]),
-        alpha=np.array([one.alpha for one in steps]),
-        beta=np.array([one.beta for one in steps]),
+        a=np.array([link.a for link in steps]),
+        alpha=np.array([link.alpha for link in steps]),
+        beta=np.array([link.beta for link in steps]),
         d=np.array(ds),
         offset=np.array(offsets),
         senses=senses,
@@ -97,14 +104,6 @@ def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
         T_base_link=np.array(frames),
         T_last_flange=np.linalg.inv(frames[-1]) @ axes.T_base_flange,
     )
-
-
-def _signed(axes: AxisLines) -> tuple[Array, Array]:
-    """Directions (axes, 3) of the z axes, and the senses (axes,) in which the joints turn about them."""
-    senses = np.ones(len(axes.directions))
-    senses[0] = -1.0 if axes.directions[0, 2] < 0 else 1.0
-    senses[-1] = -1.0 if axes.directions[-1] @ axes.T_base_flange[:3, 2] < 0 else 1.0
-    return axes.directions * senses[:, None], senses
 
 
 def _linked(before: _Step, z: Array, point: Array, z_next: Array, point_next: Array) -> tuple[Array, Array, _Step]:
@@ -132,14 +131,6 @@ def _turned(origin: Array, R: Array, z_next: Array, a: float) -> _Step:
     beta, alpha = float(np.arcsin(np.clip(x, -1.0, 1.0))), float(np.arctan2(-y, z))
     x_next = R @ [np.cos(beta), np.sin(alpha) * np.sin(beta), -np.cos(alpha) * np.sin(beta)]
     return _Step(alpha, a, beta, origin + a * R[:, 0], x_next)
-
-
-def _last(before: _Step, z: Array, T_base_flange: Array) -> tuple[Array, Array]:
-    """Origin (3,) mm and x axis (3,) on the last axis z, as the flange has them or as near as the axis allows."""
-    flange_x, flange = T_base_flange[:3, 0], T_base_flange[:3, 3]
-    x = flange_x - (flange_x @ z) * z
-    length = float(np.linalg.norm(x))
-    return before.origin + ((flange - before.origin) @ z) * z, x / length if length > _PARALLEL else before.x
 
 
 def _towards(before: Array, x: Array) -> Array:

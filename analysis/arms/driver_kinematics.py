@@ -89,8 +89,18 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
     errors. remarks: lines at the head. Raises FileError for an arm that is not built as one of the maker.
     """
     joint_senses(arm, where, "kinematics.yaml")
-    layout = _layout(arm_of(robot), maker, where)
-    between = _between(arm_of(robot), layout)
+    # The layout whose axes are those of the nominal arm: each pair of frames has its axis in common, and the flange of
+    # both is one.
+    for layout in (layout for layout in LAYOUTS[maker] if len(layout.origins) == arm.axes):
+        between = _between(arm_of(robot), layout)
+        flange = between[-1] @ (np.eye(4) if layout.flange is None else _frame(layout.flange))
+        if np.abs(flange - np.eye(4)).max() < _SAME_MM and all(
+            np.hypot(T[0, 3], T[1, 3]) < _SAME_MM and np.arccos(min(T[2, 2], 1.0)) < _SAME_RAD for T in between
+        ):
+            break
+    else:
+        problem = f"the arm is not built as one for which {maker} has a kinematics.yaml"
+        raise FileError(f"{where}, robot.axes", problem, "write a URDF or a xacro instead: they describe any arm")
     before = [np.eye(4), *between[:-1]]
     origins = [
         np.linalg.inv(start) @ T @ end for start, T, end in zip(before, joint_origins(arm), between, strict=True)
@@ -106,30 +116,14 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
     return head + yaml.safe_dump({layout.above: entries} if layout.above else entries, sort_keys=False)
 
 
-def _layout(nominal: Arm, maker: str, where: str) -> Layout:
-    """The layout whose axes are those of the nominal arm. Raises FileError where there is none."""
-    for layout in LAYOUTS[maker]:
-        if len(layout.origins) == nominal.axes and _fits(_between(nominal, layout), layout):
-            return layout
-    what = f"the arm is not built as one for which {maker} has a kinematics.yaml"
-    raise FileError(f"{where}, robot.axes", what, "write a URDF or a xacro instead: they describe any arm")
-
-
 def _between(nominal: Arm, layout: Layout) -> list[Array]:
     """The maker's frame (4, 4) mm of each link in that of the rig file, all joints at zero; of the last link the flange
     of both is the same, so that its frame follows from there where the file has a flange."""
-    ours, theirs, found = np.eye(4), np.eye(4), []
+    ours, theirs, between = np.eye(4), np.eye(4), []
     for T, origin in zip(joint_origins(nominal), layout.origins, strict=True):
         ours, theirs = ours @ T, theirs @ _frame(origin)
-        found.append(np.linalg.inv(ours) @ theirs)
-    return found
-
-
-def _fits(between: Sequence[Array], layout: Layout) -> bool:
-    """Whether each pair of frames has its axis in common, and the flange of both is one."""
-    axes = all(np.hypot(T[0, 3], T[1, 3]) < _SAME_MM and np.arccos(min(T[2, 2], 1.0)) < _SAME_RAD for T in between)
-    flange = between[-1] @ (np.eye(4) if layout.flange is None else _frame(layout.flange))
-    return axes and bool(np.abs(flange - np.eye(4)).max() < _SAME_MM)
+        between.append(np.linalg.inv(ours) @ theirs)
+    return between
 
 
 def _frame(origin: Origin) -> Array:

@@ -14,20 +14,20 @@ _ZERO = 1e-15
 """Metres and rad below which a number is the rounding of zero; a thousandth of what a file may differ from its arm."""
 
 
-def joint_senses(arm: Arm, where: str, what: str) -> list[int]:
+def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
     """Return 1 or -1 for each joint (6): the sense in which its axis turns with the controller's angle.
 
-    Raises FileError where an axis turns with the angle of another joint, or by another ratio. what: the kind of file.
+    Raises FileError where an axis turns with the angle of another joint, or by another ratio. kind: of file.
     """
     senses = np.sign(np.diag(arm.coupling))
     if not np.array_equal(arm.coupling, np.diag(senses)) or not senses.all():
         wrong = (arm.coupling != np.diag(senses)).any(axis=1) | (senses == 0)
         axis = int(np.flatnonzero(wrong)[0]) + 1
-        raise FileError(
-            f"{where}, robot.coupling",
-            f"axis {axis} does not turn with joint {axis} alone and one to one, and {what} has no way to say so",
-            "in a copy, set coupling to its signs, and turn the controller's angles into those of the axes beforehand",
+        problem = f"axis {axis} does not turn with joint {axis} alone and one to one, and {kind} has no way to say so"
+        remedy = (
+            "in a copy, set coupling to its signs, and turn the controller's angles into those of the axes beforehand"
         )
+        raise FileError(f"{where}, robot.coupling", problem, remedy)
     return [int(sense) for sense in senses]
 
 
@@ -37,8 +37,7 @@ def joint_origins(arm: Arm) -> Array:
     c, s = np.cos(arm.offset), np.sin(arm.offset)
     turned = np.tile(np.eye(4), (len(arm.a), 1, 1))
     turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = c, -s, s, c
-    origins: Array = arm.links_at_zero @ turned
-    return origins
+    return np.asarray(arm.links_at_zero @ turned)
 
 
 def rail_way(arm: Arm) -> Array:

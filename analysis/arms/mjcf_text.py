@@ -8,7 +8,6 @@ stiffness, frictionloss, armature) and body/inertial.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from xml.etree import ElementTree
@@ -17,11 +16,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis.arms.joint_origins import RAIL_JOINT, joint_origins, joint_senses, rail_way
-from analysis.arms.urdf_text import require_names
+from analysis.arms.urdf_text import add_remarks, numbers_text, require_names, xml_text
 from analysis.kinematics.arm import RAIL_MM, Arm, Array
 from rigs.schema.robot import JointAxis, Robot
 
-_HYPHENS = re.compile("-(?=-)")
 _DENSITY = 2700.0
 """kg/m³ of aluminium. Moments of inertia are not known: those of a ball of the link's mass are written."""
 _LEAST_KG = 1e-3
@@ -54,13 +52,12 @@ def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: 
     senses = joint_senses(arm, where, "MJCF")
     require_names(robot, where)
     root = ElementTree.Element("mujoco", model=robot.name)
-    for remark in (_HEAD, *remarks):
-        root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))
+    add_remarks(root, (_HEAD, *remarks))
     ElementTree.SubElement(root, "compiler", angle="radian")
     body = _body(ElementTree.SubElement(root, "worldbody"), "base_link", arm.T_world_base)
     if robot.rail:
-        limits_m = _numbers([end / RAIL_MM for end in robot.rail.limits_mm])
-        slide = {"name": RAIL_JOINT, "type": "slide", "axis": _numbers(rail_way(arm)), "limited": "true"}
+        limits_m = numbers_text([end / RAIL_MM for end in robot.rail.limits_mm])
+        slide = {"name": RAIL_JOINT, "type": "slide", "axis": numbers_text(rail_way(arm)), "limited": "true"}
         ElementTree.SubElement(body, "joint", slide | {"range": limits_m})
         _inertia(body, _LEAST_KG)
     for number, (axis, sense, T) in enumerate(zip(robot.axes, senses, joint_origins(arm), strict=True), start=1):
@@ -70,8 +67,7 @@ def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: 
         _inertia(body, kg, np.array(axis.centre_mm) / 1000.0 * axis.mass_kg / kg)
         _hinges(body, axis, sense, number, traits)
     ElementTree.SubElement(body, "site", {"name": "tool"} | _place(arm.T_flange_tool))
-    ElementTree.indent(root)
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+    return xml_text(root)
 
 
 def _body(parent: ElementTree.Element, name: str, T: Array) -> ElementTree.Element:
@@ -82,7 +78,7 @@ def _body(parent: ElementTree.Element, name: str, T: Array) -> ElementTree.Eleme
 def _place(T: Array) -> dict[str, str]:
     """Position in m and quaternion, the real part first, of a frame (4, 4) mm."""
     quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
-    return {"pos": _numbers(T[:3, 3] / 1000.0), "quat": _numbers(quaternion)}
+    return {"pos": numbers_text(T[:3, 3] / 1000.0), "quat": numbers_text(quaternion)}
 
 
 def _inertia(body: ElementTree.Element, kg: float, centre_m: Array | Sequence[float] = (0.0, 0.0, 0.0)) -> None:
@@ -90,7 +86,7 @@ def _inertia(body: ElementTree.Element, kg: float, centre_m: Array | Sequence[fl
     radius_m = (3.0 * kg / (4.0 * np.pi * _DENSITY)) ** (1.0 / 3.0)
     moment = repr(float(0.4 * kg * radius_m**2))
     ElementTree.SubElement(
-        body, "inertial", pos=_numbers(centre_m), mass=repr(float(kg)), diaginertia=" ".join([moment] * 3)
+        body, "inertial", pos=numbers_text(centre_m), mass=repr(float(kg)), diaginertia=" ".join([moment] * 3)
     )
 
 
@@ -103,14 +99,9 @@ def _hinges(body: ElementTree.Element, axis: JointAxis, sense: int, number: int,
 
     low, high = (float(np.radians(limit)) for limit in axis.limits_deg)
     friction = {"frictionloss": repr(float(nm))} if (nm := traits.friction_nm.get(number)) else {}
-    add(axis.name, limited="true", range=_numbers([low, high]), **friction)
+    add(axis.name, limited="true", range=numbers_text([low, high]), **friction)
     if width_deg := traits.play_deg.get(number):
         half = float(np.radians(width_deg)) / 2.0
-        add(f"{axis.name}_play", limited="true", range=_numbers([-half, half]))
+        add(f"{axis.name}_play", limited="true", range=numbers_text([-half, half]))
     if soft := traits.compliance_deg_per_nm.get(number):
         add(f"{axis.name}_compliance", limited="false", stiffness=repr(1.0 / float(np.radians(soft))))
-
-
-def _numbers(values: Sequence[float] | Array) -> str:
-    """Numbers with all their digits."""
-    return " ".join(repr(float(value)) for value in values)

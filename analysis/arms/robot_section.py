@@ -54,30 +54,34 @@ class Section:
     largest_rad: float
 
 
-def robot_of(name: str, found: DenavitHartenberg, joints: Sequence[Joint], rail: Rail | None = None) -> Robot:
+def robot_of(name: str, constants: DenavitHartenberg, joints: Sequence[Joint], rail: Rail | None = None) -> Robot:
     """Return the robot with these constants and joints.
 
     What lies beyond the last joint is its `tool`: a flange that stands on axis 6 leaves none.
     """
-    columns = zip(found.a, found.alpha, found.beta, found.d, found.offset, found.T_base_link, joints, strict=True)
-    axes = tuple(
-        JointAxis(
-            name=joint.name,
-            a_mm=_written(a),
-            alpha_deg=_degrees(alpha),
-            beta_deg=_degrees(beta),
-            d_mm=_written(d),
-            offset_deg=_degrees(offset),
-            limits_deg=joint.limits_deg,
-            speed_deg_s=joint.speed_deg_s,
-            mass_kg=joint.mass_kg,
-            centre_mm=_centre(joint, T),
+    dh, axes = constants, list[JointAxis]()
+    columns = zip(dh.a, dh.alpha, dh.beta, dh.d, dh.offset, dh.T_base_link, joints, strict=True)
+    for a, alpha, beta, d, offset, T, joint in columns:
+        centre_mm = (joint.centre_mm - T[:3, 3]) @ T[:3, :3] if joint.mass_kg else np.zeros(3)  # in the link's frame
+        axes.append(
+            JointAxis(
+                name=joint.name,
+                a_mm=_written(a),
+                alpha_deg=_degrees(alpha),
+                beta_deg=_degrees(beta),
+                d_mm=_written(d),
+                offset_deg=_degrees(offset),
+                limits_deg=joint.limits_deg,
+                speed_deg_s=joint.speed_deg_s,
+                mass_kg=joint.mass_kg,
+                centre_mm=_vector(centre_mm.round(_CENTRE_DECIMALS)),
+            )
         )
-        for a, alpha, beta, d, offset, T, joint in columns
-    )
-    coupling = tuple(tuple(float(one) for one in row) for row in np.diag(found.senses))
-    base = Pose(xyz_mm=_vector(found.base_mm))
-    return Robot(name=name, axes=axes, coupling=coupling, base=base, rail=rail, tool=_pose(found.T_last_flange))
+    coupling = tuple(tuple(float(ratio) for ratio in row) for row in np.diag(dh.senses))
+    roll, pitch, yaw = (_degrees(angle) for angle in roll_pitch_yaw(dh.T_last_flange))
+    tool = Pose(xyz_mm=_vector(dh.T_last_flange[:3, 3]), rpy_deg=(roll, pitch, yaw))
+    base = Pose(xyz_mm=_vector(dh.base_mm))
+    return Robot(name=name, axes=tuple(axes), coupling=coupling, base=base, rail=rail, tool=tool)
 
 
 def robot_text(robot: Robot) -> str:
@@ -108,13 +112,19 @@ def checked_section(
     without the axes. Raises FileError that names path where the section cannot be written, or differs by more than
     the tolerance.
     """
-    text = "".join(f"# {plain(line)}\n" for line in head) + _section_text(name, axes, joints, path)
+    try:
+        section = robot_text(robot_of(name, denavit_hartenberg(axes), joints, axes.rail))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise FileError(str(path), f"{place}: {first['msg']}", "correct it: its units are metres and radians") from None
+    text = "".join(f"# {plain(line)}\n" for line in head) + section
     robot = parsed(text)
     q = random_postures(robot)
     largest_mm, largest_rad = largest_difference(flange_poses(robot, q), source(q))
     if not (largest_mm <= tolerance_mm and largest_rad <= TOLERANCE):
-        what = f"as modified Denavit-Hartenberg it differs by {largest_mm:.1e} mm and {largest_rad:.1e} rad"
-        raise FileError(str(path), what, "nothing is written; please report it with this file")
+        problem = f"as modified Denavit-Hartenberg it differs by {largest_mm:.1e} mm and {largest_rad:.1e} rad"
+        raise FileError(str(path), problem, "nothing is written; please report it with this file")
     return Section(robot, text, largest_mm, largest_rad)
 
 
@@ -138,25 +148,11 @@ def flange_poses(robot: Robot, q: Array) -> Array:
     return forward(arm_of(robot), q)
 
 
-def largest_difference(T: Array, other: Array) -> tuple[float, float]:
+def largest_difference(T: Array, its_T: Array) -> tuple[float, float]:
     """Return how far apart two stacks of poses (n, 4, 4) are at most: mm, and rad."""
     # The chord of the turn between, since the arc cosine of its trace has no digits near zero.
-    chord = np.linalg.norm(T[:, :3, :3] - other[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
-    return float(np.linalg.norm(T[:, :3, 3] - other[:, :3, 3], axis=1).max()), float(chord.max())
-
-
-def _section_text(name: str, axes: AxisLines, joints: Sequence[Joint], path: Path) -> str:
-    try:
-        return robot_text(robot_of(name, denavit_hartenberg(axes), joints, axes.rail))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise FileError(str(path), f"{place}: {first['msg']}", "correct it: its units are metres and radians") from None
-
-
-def _centre(joint: Joint, T: Array) -> tuple[float, float, float]:
-    """The centre of a joint's mass in its link's frame at T (4, 4)."""
-    return _vector(((joint.centre_mm - T[:3, 3]) @ T[:3, :3]).round(_CENTRE_DECIMALS) if joint.mass_kg else np.zeros(3))
+    chord = np.linalg.norm(T[:, :3, :3] - its_T[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
+    return float(np.linalg.norm(T[:, :3, 3] - its_T[:, :3, 3], axis=1).max()), float(chord.max())
 
 
 def _written(value: float) -> float:
@@ -173,9 +169,3 @@ def _degrees(angle: float) -> float:
 def _vector(values: Array) -> tuple[float, float, float]:
     x, y, z = (_written(value) for value in values)
     return x, y, z
-
-
-def _pose(T: Array) -> Pose:
-    """A frame (4, 4) as position and fixed-axis roll-pitch-yaw."""
-    roll, pitch, yaw = (_degrees(angle) for angle in roll_pitch_yaw(T))
-    return Pose(xyz_mm=_vector(T[:3, 3]), rpy_deg=(roll, pitch, yaw))

@@ -29,7 +29,6 @@ from analysis.kinematics.arm import Array, arm_of, link_frames
 from rigs.arms import Arm
 from rigs.errors import FileError
 from rigs.files import read_text
-from rigs.schema.robot import Robot
 
 MAKER = "Universal Robots"
 _ROUNDING = 1e-14
@@ -74,21 +73,31 @@ def calibrated(arm: Arm, path: Path) -> CalibratedArm:
     """Return an arm of the library with the calibration of a file. Raises FileError."""
     if arm.maker != MAKER:
         raise FileError(arm.name, "has no calibration.conf: only the arms of Universal Robots do", "leave it out")
-    differences = read_calibration(path)
-    classic = _classic(arm.robot, differences)
-    tolerance_mm = TOLERANCE + _ROUNDING * float(np.abs(differences.d).max())
+    by, nominal = read_calibration(path), arm_of(arm.robot)
+    # The classic constants are the modified ones of the link before each joint.
+    a, alpha = np.append(nominal.a[1:], 0.0), np.append(nominal.alpha[1:], 0.0)
+    classic = _Classic(nominal.offset + by.theta, a + by.a, nominal.d + by.d, alpha + by.alpha)
+    # Names, limits and masses are as published; the centres of mass stay where they are with all joints at zero.
+    links = link_frames(nominal, np.zeros((1, 6)))[0]
+    centres = [T[:3, 3] + T[:3, :3] @ np.array(axis.centre_mm) for axis, T in zip(arm.robot.axes, links, strict=True)]
     section = checked_section(
         f"{arm.robot.name}, calibrated",
         classic.axes(),
-        _joints(arm.robot),
+        [
+            Joint(axis.name, axis.limits_deg, axis.speed_deg_s, axis.mass_kg, centre_mm)
+            for axis, centre_mm in zip(arm.robot.axes, centres, strict=True)
+        ],
         [f"{arm.maker} {arm.model} with its own calibration: {path.name}"],
         lambda q: classic.frames(q)[:, 6],
         path,
-        tolerance_mm,
+        TOLERANCE + _ROUNDING * float(np.abs(by.d).max()),
     )
     q = random_postures(arm.robot)
     moved_mm, _ = largest_difference(flange_poses(section.robot, q), flange_poses(arm.robot, q))
-    return CalibratedArm(section, tuple(_doubts(differences, moved_mm)), moved_mm)
+    doubts = [] if by.is_calibrated else ["calibration_status is 0: the arm was not calibrated"]
+    if moved_mm > _LARGE_MM:
+        doubts.append(f"that is more than {_LARGE_MM:g} mm; check that the file is of this model")
+    return CalibratedArm(section, tuple(doubts), moved_mm)
 
 
 def read_calibration(path: Path) -> Differences:
@@ -149,34 +158,3 @@ class _Classic:
         """The axes that the joints turn about: each the z axis of the frame before it."""
         T = self.frames(np.zeros((1, 6)))[0]
         return AxisLines(T[:6, :3, 3], T[:6, :3, 2], T[6])
-
-
-def _classic(robot: Robot, by: Differences) -> _Classic:
-    """The classic constants of a UR, whose modified ones are those of the link before each joint, with differences."""
-    arm = arm_of(robot)
-    a, alpha = np.append(arm.a[1:], 0.0), np.append(arm.alpha[1:], 0.0)
-    return _Classic(arm.offset + by.theta, a + by.a, arm.d + by.d, alpha + by.alpha)
-
-
-def _joints(robot: Robot) -> list[Joint]:
-    """Names, limits and masses as published; the centres of mass stay where they are with all joints at zero."""
-    T = link_frames(arm_of(robot), np.zeros((1, 6)))[0]
-    return [
-        Joint(
-            axis.name,
-            axis.limits_deg,
-            axis.speed_deg_s,
-            axis.mass_kg,
-            T_link[:3, 3] + T_link[:3, :3] @ np.array(axis.centre_mm),
-        )
-        for axis, T_link in zip(robot.axes, T, strict=True)
-    ]
-
-
-def _doubts(differences: Differences, moved_mm: float) -> list[str]:
-    said = []
-    if not differences.is_calibrated:
-        said.append("calibration_status is 0: the arm was not calibrated")
-    if moved_mm > _LARGE_MM:
-        said.append(f"that is more than {_LARGE_MM:g} mm; check that the file is of this model")
-    return said

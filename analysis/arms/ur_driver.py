@@ -39,12 +39,12 @@ def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, re
     lines at the head. Raises FileError for an arm of another kind, UseError for a hash that is none.
     """
     if calibration_hash is not None and not _HASH.fullmatch(calibration_hash):
-        what = f"{calibration_hash!r} is not a hash of the driver"
-        raise UseError("--hash", what, "copy it from the file that the driver extracted: calib_ and digits")
+        problem = f"{calibration_hash!r} is not a hash of the driver"
+        raise UseError("--hash", problem, "copy it from the file that the driver extracted: calib_ and digits")
     off_deg = np.abs(np.degrees(arm.alpha) - _TWISTS_DEG)
     if (off_deg > _MOST_DEG).any() or -1 in joint_senses(arm, where, "calibration.yaml"):
-        what = "the arm is not built as one of Universal Robots, for whose driver calibration.yaml is"
-        raise FileError(f"{where}, robot.axes", what, "leave out --for ur-driver: a URDF describes any arm")
+        problem = "the arm is not built as one of Universal Robots, for whose driver calibration.yaml is"
+        raise FileError(f"{where}, robot.axes", problem, "leave out --for ur-driver: a URDF describes any arm")
     kinematics: dict[str, object] = {}
     for link, T in zip(LINKS, joint_origins(arm), strict=True):
         xyz, rpy = metres_and_rpy(T)

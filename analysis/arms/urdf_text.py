@@ -8,7 +8,7 @@ centres, and no moments of inertia or torques: these are written as zero, and sa
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from analysis.arms.joint_origins import RAIL_JOINT, joint_origins, joint_senses, metres_and_rpy, rail_way
 from analysis.kinematics.arm import RAIL_MM, Arm, Array
 from rigs.errors import FileError
-from rigs.schema.robot import JointAxis, Rail, Robot
+from rigs.schema.robot import Robot
 
 _RAIL_M_S = 1.0
 """What is written as the rail's speed, which a rig file does not know and a URDF must have."""
@@ -39,25 +39,27 @@ def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -
     require_names(robot, where)
     fixed = _fixed_joints(robot)
     root = ElementTree.Element("robot", name=robot.name)
-    for remark in (_HEAD, *([_RAIL_HEAD] if robot.rail else []), *remarks):
-        root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))
+    add_remarks(root, (_HEAD, *([_RAIL_HEAD] if robot.rail else []), *remarks))
     _link(root, "world")
     _link(root, stands := "rail_base" if robot.rail else "base_link")
     _joint(root, fixed[0], "fixed", ("world", stands), arm.T_world_base)
     if robot.rail:
         _link(root, "base_link")
-        _sliding(_joint(root, RAIL_JOINT, "prismatic", (stands, "base_link"), np.eye(4)), robot.rail, rail_way(arm))
+        slide = _joint(root, RAIL_JOINT, "prismatic", (stands, "base_link"), np.eye(4))
+        low, high = (end / RAIL_MM for end in robot.rail.limits_mm)
+        _limited(slide, rail_way(arm).tolist(), low, high, _RAIL_M_S)
     before = "base_link"
     for k, (axis, sense, T) in enumerate(zip(robot.axes, senses, joint_origins(arm), strict=True), start=1):
         _link(root, link := f"link_{k}", axis.mass_kg, axis.centre_mm)
-        _turning(_joint(root, axis.name, "revolute", (before, link), T), axis, sense)
+        turns = _joint(root, axis.name, "revolute", (before, link), T)
+        low, high, speed = np.radians([*axis.limits_deg, axis.speed_deg_s]).tolist()
+        _limited(turns, (0, 0, sense), low, high, speed)
         before = link
     _link(root, "flange", robot.payload_kg)
     _joint(root, fixed[1], "fixed", (before, "flange"), np.eye(4))
     _link(root, "tool")
     _joint(root, fixed[2], "fixed", ("flange", "tool"), arm.T_flange_tool)
-    ElementTree.indent(root)
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+    return xml_text(root)
 
 
 def require_names(robot: Robot, where: str) -> None:
@@ -65,13 +67,13 @@ def require_names(robot: Robot, where: str) -> None:
     names = [axis.name for axis in robot.axes]
     for k, name in enumerate(names, start=1):
         if not name.strip() or not name.isprintable():
-            what = f"axis {k} has the name {name!r}, which no joint of a URDF can have"
-            raise FileError(f"{where}, robot.axes", what, "give it a name of printable characters")
+            problem = f"axis {k} has the name {name!r}, which no joint of a URDF can have"
+            raise FileError(f"{where}, robot.axes", problem, "give it a name of printable characters")
         if name in (*names[: k - 1], *_fixed_joints(robot), *([RAIL_JOINT] if robot.rail else [])):
             raise FileError(f"{where}, robot.axes", f"two joints would be named {name!r}", "rename one of them")
     if not robot.name.isprintable():
-        what = f"{robot.name!r} is a name that no URDF can have"
-        raise FileError(f"{where}, robot.name", what, "give it a name of printable characters")
+        problem = f"{robot.name!r} is a name that no URDF can have"
+        raise FileError(f"{where}, robot.name", problem, "give it a name of printable characters")
 
 
 def _fixed_joints(robot: Robot) -> tuple[str, str, str]:
@@ -84,7 +86,7 @@ def _link(root: ElementTree.Element, name: str, kg: float = 0.0, centre_mm: Sequ
     link = ElementTree.SubElement(root, "link", name=name)
     if kg > 0:
         inertial = ElementTree.SubElement(link, "inertial")
-        ElementTree.SubElement(inertial, "origin", xyz=_numbers([x / 1000.0 for x in centre_mm]), rpy="0.0 0.0 0.0")
+        ElementTree.SubElement(inertial, "origin", xyz=numbers_text([x / 1000.0 for x in centre_mm]), rpy="0.0 0.0 0.0")
         ElementTree.SubElement(inertial, "mass", value=repr(float(kg)))
         moments = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0.0")
         ElementTree.SubElement(inertial, "inertia", moments)
@@ -96,26 +98,31 @@ def _joint(
     """Add a joint between a parent and a child link at T_parent_joint (4, 4) mm, and return it."""
     joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
     xyz, rpy = metres_and_rpy(T_parent_joint)
-    ElementTree.SubElement(joint, "origin", xyz=_numbers(xyz), rpy=_numbers(rpy))
+    ElementTree.SubElement(joint, "origin", xyz=numbers_text(xyz), rpy=numbers_text(rpy))
     ElementTree.SubElement(joint, "parent", link=links[0])
     ElementTree.SubElement(joint, "child", link=links[1])
     return joint
 
 
-def _turning(joint: ElementTree.Element, axis: JointAxis, sense: int) -> None:
-    """Add the axis and the limits of a joint that turns."""
-    ElementTree.SubElement(joint, "axis", xyz=f"0 0 {sense}")
-    lower, upper, speed = (repr(float(np.radians(value))) for value in (*axis.limits_deg, axis.speed_deg_s))
-    ElementTree.SubElement(joint, "limit", lower=lower, upper=upper, velocity=speed, effort="0.0")
+def _limited(joint: ElementTree.Element, way: Sequence[float], lower: float, upper: float, speed: float) -> None:
+    """Add the axis (3,) and the limits of a joint that moves."""
+    ElementTree.SubElement(joint, "axis", xyz=" ".join(map(repr, way)))
+    limit = {"lower": repr(lower), "upper": repr(upper), "velocity": repr(speed), "effort": "0.0"}
+    ElementTree.SubElement(joint, "limit", limit)
 
 
-def _sliding(joint: ElementTree.Element, rail: Rail, way: Array) -> None:
-    """Add the axis and the limits of a rail, whose way (3,) is in the frame of the base."""
-    ElementTree.SubElement(joint, "axis", xyz=_numbers(way.tolist()))
-    lower, upper = (repr(end / RAIL_MM) for end in rail.limits_mm)
-    ElementTree.SubElement(joint, "limit", lower=lower, upper=upper, velocity=repr(_RAIL_M_S), effort="0.0")
-
-
-def _numbers(values: Sequence[float]) -> str:
-    """Numbers with all their digits."""
+def numbers_text(values: Sequence[float] | Array) -> str:
+    """Return numbers with all their digits."""
     return " ".join(repr(float(value)) for value in values)
+
+
+def xml_text(root: ElementTree.Element) -> str:
+    """Return an element as a file, a line for each element in it."""
+    ElementTree.indent(root)
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+
+
+def add_remarks(root: ElementTree.Element, remarks: Iterable[str]) -> None:
+    """Add comments to an element; two hyphens in a row would end one."""
+    for remark in remarks:
+        root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import product
 from xml.etree import ElementTree
 
-from analysis.arms.urdf_text import urdf_text
+from analysis.arms.urdf_text import urdf_text, xml_text
 from analysis.kinematics.arm import Arm
 from rigs.errors import FileError
 from rigs.schema.robot import Robot
@@ -44,15 +45,9 @@ def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) 
     for part in urdf:
         if part.get("name") == "world" and part.tag == "link":
             continue
-        _prefix(part)
+        # The prefix before the names of links and joints, and the parent in the place of the world.
+        for element, key in product(part.iter(), ("name", "link")):
+            if called := element.get(key):
+                element.set(key, "${parent}" if called == "world" else "${prefix}" + called)
         (root if callable(part.tag) else macro).append(part)
-    ElementTree.indent(root)
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
-
-
-def _prefix(part: ElementTree.Element) -> None:
-    """Put the prefix before the names of a link or joint, and the parent in the place of the world."""
-    for element in part.iter():
-        for key in ("name", "link"):
-            if name := element.get(key):
-                element.set(key, "${parent}" if name == "world" else "${prefix}" + name)
+    return xml_text(root)

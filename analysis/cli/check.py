@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @command(app, "rig check cell.yaml")
 def check(
-    given: Annotated[
+    arguments: Annotated[
         list[str],
         typer.Argument(
             metavar="RIG|RUN…",
@@ -33,16 +33,16 @@ def check(
 ) -> None:
     """Check a rig file: report every mistake with its line, and whether the robot can drive the tests. Of runs, check
     whether units, joints, gauges, times and places are meant as labelled."""
-    runs = [Path(argument) for argument in given if Path(argument).is_dir()]
-    if runs and len(runs) < len(given):
-        not_a_run = next(argument for argument in given if not Path(argument).is_dir())
+    runs = [Path(argument) for argument in arguments if Path(argument).is_dir()]
+    if runs and len(runs) < len(arguments):
+        not_a_run = next(argument for argument in arguments if not Path(argument).is_dir())
         raise UseError(not_a_run, "is no directory with runs", "check a rig file by itself, or runs")
     if runs:
         _check_runs(runs, as_json=as_json)
         return
-    if len(given) > 1 or as_json:
-        raise UseError(given[0], "is no directory with runs", "check one rig file at a time, without --json")
-    _check_rig(given[0])
+    if len(arguments) > 1 or as_json:
+        raise UseError(arguments[0], "is no directory with runs", "check one rig file at a time, without --json")
+    _check_rig(arguments[0])
 
 
 def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:

@@ -126,12 +126,12 @@ def _mjcf(
         torques = torques_of(nm_per_a)
         friction = friction_nm(analysis.load_run(friction_of).condition.friction or {}, torques)
         if not friction:
-            what = "shows no friction: it has no motor currents, or no joint turns back in motion"
-            raise FileError(str(friction_of), what, "give a run of a circle with the currents of the motors")
+            problem = "shows no friction: it has no motor currents, or no joint turns back in motion"
+            raise FileError(str(friction_of), problem, "give a run of a circle with the currents of the motors")
     traits = joint_traits(rig, friction)
     parts = [
-        f"{what} of axis {', '.join(map(str, sorted(of)))}"
-        for what, of in (
+        f"{cause} of axis {', '.join(map(str, sorted(of)))}"
+        for cause, of in (
             ("play", traits.play_deg),
             ("deflection under load", traits.compliance_deg_per_nm),
             ("friction", traits.friction_nm),

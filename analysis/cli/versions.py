@@ -37,8 +37,8 @@ def versions(
         done = roll_back(rig_file, back_to, dt.datetime.now(dt.UTC))
         say(f"{rig_file} is {back_to} now; what it was is {done.kept}")
         if done.differing:
-            what = f"beside the calibration {', '.join(done.differing)} are those of {back_to} now"
-            say(f"{what}; compare them with {done.kept.name}", err=True, mark="note: ")
+            which = f"beside the calibration {', '.join(done.differing)} are those of {back_to} now"
+            say(f"{which}; compare them with {done.kept.name}", err=True, mark="note: ")
         say("next: correct the robot's targets and programs again: rig correct", err=True)
         return
     versions_here = versions_in(rig_file, folder or rig_file.parent)

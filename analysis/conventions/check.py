@@ -9,16 +9,13 @@ from typing import Any
 
 from analysis.conventions.finding import Convention, Finding
 from analysis.conventions.gauge_order import ORDER, SIGN
-from analysis.conventions.gauge_sign import sign_findings
+from analysis.conventions.gauge_sign import repeat_findings, sign_findings
 from analysis.conventions.joints import JOINTS, joint_findings
 from analysis.conventions.lost_poses import DUPLICATES, WILDNESS
 from analysis.conventions.place import PLACE, SOURCE, STAMPS, STANDS, stand_findings
-from analysis.conventions.repeats import repeat_findings
 from analysis.conventions.units import UNITS, unit_findings
 from analysis.traces.loading import Measured
-from analysis.traces.tables import Table
 from rigs.errors import FileError
-from rigs.rig import Rig
 
 Runs = Sequence[Measured]
 
@@ -85,12 +82,12 @@ def refuse_impossible(run: Measured, where: str) -> None:
                 raise FileError(where, finding.what, finding.remedy)
 
 
-def _each(of_table: Callable[[Table, Rig], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:
-    """The findings of each run by its table and rig."""
+def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:
+    """The findings of each run by itself."""
 
     def find(runs: Runs) -> Iterator[Finding]:
         for run in runs:
-            for finding in of_table(run.table, run.rig):
+            for finding in of_run(run):
                 yield replace(finding, runs=(run.run.manifest.name,))
 
     return find
@@ -98,13 +95,7 @@ def _each(of_table: Callable[[Table, Rig], Iterable[Finding]]) -> Callable[[Runs
 
 def _by_kind(convention: str) -> Callable[[Runs], Iterator[Finding]]:
     """The findings about a convention that only some kinds of test can break."""
-    return _each(lambda table, rig: table.kind.findings(convention, table, rig))
-
-
-def _stands(runs: Runs) -> Iterator[Finding]:
-    for run in runs:
-        for finding in stand_findings(run):
-            yield replace(finding, runs=(run.run.manifest.name,))
+    return _each(lambda run: run.table.kind.findings(convention, run.table, run.rig))
 
 
 def _gauges(runs: Runs) -> Iterator[Finding]:
@@ -115,16 +106,6 @@ def _gauges(runs: Runs) -> Iterator[Finding]:
         findings = list(find([run for run in runs if run.run.manifest.name not in named]))
         named.update(name for finding in findings for name in finding.runs)
         yield from findings
-
-
-def _measured_places(runs: Runs) -> Iterator[Finding]:
-    """What speaks against an instrument; places of an arm that was simulated are meant to be computed."""
-    yield from _by_kind(SOURCE)([run for run in runs if not run.is_simulated])
-
-
-def _always(runs: Runs) -> str:
-    del runs
-    return ""
 
 
 def _joints_hidden(runs: Runs) -> str:
@@ -154,7 +135,7 @@ _no_yaw = _without(STAMPS, "no circle is among the runs")
 _no_poses = _without(SOURCE, "no poses are among the runs")
 _no_targets = _without(PLACE, "no targets are among the runs")
 CONVENTIONS = (
-    Convention(UNITS, "mm and degrees, or µm, inches, metres, radians", _always),
+    Convention(UNITS, "mm and degrees, or µm, inches, metres, radians", lambda _: ""),
     Convention(JOINTS, "do order, signs, zeros and coupling of the joints fit", _joints_hidden),
     Convention(ORDER, "are g1 and g2 exchanged", _no_yaw),
     Convention(SIGN, "do the readings grow with the distance from the ball", _no_pair),
@@ -170,13 +151,14 @@ CONVENTIONS = (
 _SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
 _OF_PATHS = tuple(map(_by_kind, _SHOWN_BY_PATHS))
 _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
-    _each(unit_findings),
-    _each(joint_findings),
+    _each(lambda run: unit_findings(run.table, run.rig)),
+    _each(lambda run: joint_findings(run.table, run.rig)),
     _gauges,
-    _measured_places,
+    # Places of an arm that was simulated are meant to be computed.
+    lambda runs: _by_kind(SOURCE)([run for run in runs if not run.is_simulated]),
     _by_kind(STAMPS),
     _by_kind(PLACE),
-    _stands,
+    _each(stand_findings),
     _by_kind(WILDNESS),
     _by_kind(DUPLICATES),
 )

@@ -59,11 +59,27 @@ def order_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
     if labelled.apart_mm < _BEYOND * labelled.rest_mm:
         return
     if exchanged.apart_mm <= _CLOSER * labelled.apart_mm:
-        yield _exchanged(labelled)
+        (u, v), (angle_u, angle_v) = labelled.by_distance, labelled.by_angle
+        fact = (
+            f"g1 and g2 may be exchanged, which reverses every angle: the ball is ({u:.2f}, {v:.2f}) mm off centre by "
+            f"their mean, ({angle_u:.2f}, {angle_v:.2f}) mm by their difference"
+        )
+        remedy = (
+            "press a probe to see which is which, and exchange their columns or ports; if they are right, the robot "
+            "errs by as much"
+        )
+        yield Finding(ORDER, "likely", ("g1_mm", "g2_mm"), EXCHANGED, fact, remedy)
     elif labelled.size_mm > _SEEN_MM:
         for number, meaning_of_sign in ((1, first), (2, second)):
             if meaning_of_sign.apart_mm <= _NEGATED * meaning_of_sign.size_mm and labelled.apart_mm > labelled.size_mm:
-                yield _negated(number)
+                name, second_name = f"g{number}", f"g{3 - number}"
+                fact = (
+                    f"{name} may count the other way than {second_name}: only then do the mean of the gauges and their "
+                    "difference show the ball in one place"
+                )
+                remedy = f"press {name} and see whether it counts as {second_name} does; give counts in the rig file, "
+                remedy += "or change its sign"
+                yield Finding(SIGN, "likely", (f"{name}_mm",), negated(number), fact, remedy)
 
 
 @dataclass(frozen=True)
@@ -96,29 +112,6 @@ class _Eccentricities:
         return cls(-fit[1:, 0], np.array([-fit[2, 1], fit[1, 1]]), rms_mm)
 
 
-def _exchanged(labelled: _Eccentricities) -> Finding:
-    (u, v), (angle_u, angle_v) = labelled.by_distance, labelled.by_angle
-    what = (
-        f"g1 and g2 may be exchanged, which reverses every angle: the ball is ({u:.2f}, {v:.2f}) mm off centre by "
-        f"their mean, ({angle_u:.2f}, {angle_v:.2f}) mm by their difference"
-    )
-    remedy = (
-        "press a probe to see which is which, and exchange their columns or ports; if they are right, the robot errs "
-        "by as much"
-    )
-    return Finding(ORDER, "likely", ("g1_mm", "g2_mm"), EXCHANGED, what, remedy)
-
-
 def negated(number: int) -> str:
     """What may be meant where one gauge, 1 or 2, is negated."""
     return f"g{number} may count the other way"
-
-
-def _negated(number: int) -> Finding:
-    name, second = f"g{number}", f"g{3 - number}"
-    what = (
-        f"{name} may count the other way than {second}: only then do the mean of the gauges and their difference show "
-        "the ball in one place"
-    )
-    remedy = f"press {name} and see whether it counts as {second} does; give counts in the rig file, or change its sign"
-    return Finding(SIGN, "likely", (f"{name}_mm",), negated(number), what, remedy)

@@ -4,11 +4,17 @@ good as ever.
 What cannot be negated, nor exchanged: a joint with play lags behind where it is driven, and never leads; and an error
 that the rig file knows of already. Both are held against the readings as labelled and as they may have been meant.
 Where the arm has no play, and the rig file no effect, the data do not show it.
+
+Circles whose gauges are exchanged or negated relative to their repeats, because of swapped cables or columns.
+
+An exchange does not change the mean of the gauges, and it reverses the sign of their difference. Another sign reverses
+both. A ball that was moved changes both as well, but only in the first order of the circle: the sign of both is judged
+by the higher ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -16,7 +22,6 @@ import numpy as np
 
 from analysis.conventions.finding import Finding, Misfit, Strength
 from analysis.conventions.gauge_order import EXCHANGED, ORDER, SIGN, negated
-from analysis.conventions.repeats import GRID, gridded
 from analysis.geometry.ball_link import readings
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_of
@@ -31,6 +36,114 @@ from rigs.rig import Rig
 from rigs.schema.scene import play
 from rigs.schema.vocabulary import TestName
 
+GRID = 256
+"""Circle angles to which laps are interpolated, so that they can be compared."""
+_LEAST_MM = 0.05
+"""Smallest difference from the repeats that is examined: joints of real cells repeat to 0.005°, which moves gauges 50
+mm apart by 0.01 mm, and the limit is five times that."""
+_CLEAR = 4.0
+"""Factor by which the difference must fit better with its sign reversed, and by which the mean must fit better
+unchanged. Chosen: far from the factor of 1 that noise gives."""
+
+
+@dataclass(frozen=True)
+class Lap:
+    """A circle run on the grid: mean and difference of its gauges (GRID,) mm, without their own means."""
+
+    run: Measured
+    mean: Array
+    apart: Array
+
+    @property
+    def place(self) -> tuple[object, ...]:
+        """What runs share that see one ball: the test, the circle and the placement."""
+        manifest = self.run.run.manifest
+        return (manifest.test, manifest.placement, self.run.rig.tests.circle, self.run.rig.robot)
+
+
+def laps_on_grid(runs: Iterable[Measured]) -> list[Lap]:
+    """The circle runs with two gauges, on the grid; those that hold no lap are reported where they are analysed."""
+    laps_of_runs = []
+    for run in runs:
+        with suppress(FileError):
+            if isinstance(run.table, CircleTable) and run.table.g_mm.shape[1] == 2:
+                laps = laps_of(run.table, run.rig, str(run.path))
+                g_mm = gridded(laps.phi, laps.g_mm)
+                g_mm -= g_mm.mean(axis=0)
+                laps_of_runs.append(Lap(run, g_mm.mean(axis=1), g_mm[:, 1] - g_mm[:, 0]))
+    return laps_of_runs
+
+
+def gridded(phi: Array, values: Array) -> Array:
+    """Values (n, k) at circle angles phi (n,) rad as their means (GRID, k) about the angles of the grid; between
+    neighbours where there are none."""
+    place = np.round(phi * GRID / (2 * np.pi)).astype(int) % GRID
+    count = np.bincount(place, minlength=GRID)
+    filled = np.flatnonzero(count)
+    means = [np.bincount(place, column, GRID)[filled] / count[filled] for column in values.T]
+    return np.stack([np.interp(np.arange(GRID), filled, mean, period=GRID) for mean in means], axis=1)
+
+
+def repeat_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
+    """Which runs contradict their repeats. Where two equal halves of the repeats contradict each other, it is the half
+    that contradicts the circles of the other direction."""
+    laps = laps_on_grid(runs)
+    groups: dict[tuple[object, ...], list[Lap]] = {}
+    for lap in laps:
+        direction = lap.run.run.manifest.direction
+        group_of_lap = next(
+            (group for (way, *_), group in groups.items() if way == direction and group[0].place == lap.place), None
+        )
+        if group_of_lap is None:
+            groups[(direction, len(groups))] = [lap]
+        else:
+            group_of_lap.append(lap)
+    for group in groups.values():
+        direction = group[0].run.run.manifest.direction
+        reverse = [lap for lap in laps if lap.place == group[0].place and lap.run.run.manifest.direction != direction]
+        yield from _contradicting(group, reverse)
+
+
+def _contradicting(repeats: Sequence[Lap], reverse: Sequence[Lap]) -> Iterator[Finding]:
+    """The repeats whose difference has the opposite sign to that of most of them."""
+    mean, apart = np.array([lap.mean for lap in repeats]), np.array([lap.apart for lap in repeats])
+    sign = np.where(np.linalg.eigh(apart @ apart.T)[1][:, -1] < 0, -1.0, 1.0)
+    if abs(sign.sum()) > 0:
+        sign *= np.sign(sign.sum())
+    elif reverse:
+        sign *= np.sign(float((sign @ apart) @ sum(lap.apart for lap in reverse))) or 1.0
+    else:
+        return
+    most = sign > 0
+    usual, usual_apart = mean[most].mean(axis=0), apart[most].mean(axis=0)
+    for k in np.flatnonzero(~most).tolist():
+        as_labelled, as_meant = rms(apart[k] - usual_apart), rms(apart[k] + usual_apart)
+        if as_labelled > max(_LEAST_MM, _CLEAR * as_meant, _CLEAR * rms(mean[k] - usual)):
+            yield _finding(repeats[k], as_labelled, as_meant, negated=False)
+            continue
+        spectra = np.fft.rfft([apart[k], usual_apart, mean[k], usual])
+        spectra[:, 1] = 0.0  # the first order may be another place of the ball
+        shapes = np.fft.irfft(spectra, n=GRID)
+        as_labelled, as_meant = (
+            float(np.hypot(rms(shapes[0] - side * shapes[1]), rms(shapes[2] - side * shapes[3])))
+            for side in (1.0, -1.0)
+        )
+        if as_labelled > max(_LEAST_MM, _CLEAR * as_meant):
+            yield _finding(repeats[k], as_labelled, as_meant, negated=True)
+
+
+def _finding(lap: Lap, as_labelled: float, as_meant: float, *, negated: bool) -> Finding:
+    name = lap.run.run.manifest.name
+    misfit = Misfit(as_labelled, as_meant, GRID / 4 * float(np.log(as_labelled / max(as_meant, 1e-6))))
+    if negated:
+        fact = "compared with its repeats, its gauges g1 and g2 count the other way"
+        remedy = "give counts: towards in its rig file, or import it with both signs changed"
+        return Finding(SIGN, "decisive", ("g1_mm", "g2_mm"), "g1 and g2 negated", fact, remedy, misfit, (name,))
+    fact = "compared with its repeats, its gauges g1 and g2 are exchanged"
+    remedy = "check the cables, or import it with the columns exchanged"
+    return Finding(ORDER, "decisive", ("g1_mm", "g2_mm"), "g1 and g2 exchanged", fact, remedy, misfit, (name,))
+
+
 _ALIKE = 8.0
 """Steps of the grid, of 1.4° each, over which the rest of two laps goes alike: so many count as one reading."""
 _DECISIVE = 12.0
@@ -38,7 +151,7 @@ _DECISIVE = 12.0
 _FITS, _FITS_WELL = 4.0, 6.0
 """… and the energy that plays leave is at least so many times less. Meanings within the first factor are alike; below
 the second, which leaves two fifths of the readings, the other meaning does not fit either, and is a doubt only."""
-_LEAST_MM = 0.003
+_RESOLVED_MM = 0.003
 """What plays leave as labelled is at least this, rms: what gauges of 1 µm resolve."""
 _PLAY_RAD = float(np.radians(0.01))
 """Width by which a joint has turned back: real plays are wider, encoders' noise is narrower."""
@@ -81,11 +194,11 @@ def _known_effects(run: Measured) -> Iterator[Finding]:
     values = 3 * len(table.q) ** 0.5
     misfit = Misfit(as_labelled, as_meant, values * float(np.log(as_labelled / max(as_meant, 1e-6))))
     name, gauges = run.run.manifest.name, tuple(f"{gauge}_mm" for gauge in table.kind.gauges)
-    what = (
+    fact = (
         f"the effects of the rig file explain its readings only with the gauges counting the other way: "
         f"{1e3 * as_meant:.0f} instead of {1e3 * as_labelled:.0f} µm are left"
     )
-    yield Finding(SIGN, "decisive", gauges, "gauges negated", what, _REMEDY, misfit, (name,))
+    yield Finding(SIGN, "decisive", gauges, "gauges negated", fact, _REMEDY, misfit, (name,))
 
 
 _COLUMNS = ("g1_mm", "g2_mm")
@@ -147,13 +260,18 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     labelled, least = float(energies[0]), float(energies[best])
     gain = values / 2 * float(np.log(labelled / least))
     as_labelled, as_meant = (float(np.sqrt(energy / (values * _ALIKE))) for energy in (labelled, least))
-    if gain < _DECISIVE or labelled < _FITS * least or as_labelled < _LEAST_MM:
+    if gain < _DECISIVE or labelled < _FITS * least or as_labelled < _RESOLVED_MM:
         return
-    alike = _by_the_ball(
-        [meant for meant, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * least], runs
-    )
+    # Plays do not distinguish these; those stay by which mean and difference of the gauges show one place of the ball.
+    alike = [meant for meant, energy in zip(_MEANT, energies, strict=True) if energy < _FITS * least]
+    seen = {finding.meant for run in runs for finding in run.table.kind.findings(ORDER, run.table, run.rig)}
+    if EXCHANGED in seen:
+        alike = [meant for meant in alike if meant.columns == (1, 0)] or alike
+    else:
+        signs = tuple(-1.0 if negated(number) in seen else 1.0 for number in (1, 2))
+        alike = [meant for meant in alike if meant.columns == (0, 1) and meant.signs == signs] or alike
     words = " or ".join(meant.words for meant in alike)
-    what = (
+    fact = (
         f"joints lead where they turn back, which no play does: circles acw and cw fit only with {words}, "
         f"{1e3 * as_meant:.1f} instead of {1e3 * as_labelled:.1f} µm are left"
     )
@@ -162,7 +280,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     misfit = Misfit(as_labelled, as_meant, gain)
     remedy = _EXCHANGE if exchanged else _REMEDY
     strength: Strength = "decisive" if labelled >= _FITS_WELL * least else "likely"
-    yield Finding(ORDER if exchanged else SIGN, strength, _COLUMNS, words, what, remedy, misfit, names)
+    yield Finding(ORDER if exchanged else SIGN, strength, _COLUMNS, words, fact, remedy, misfit, names)
 
 
 @dataclass(frozen=True)
@@ -184,16 +302,6 @@ _MEANT = (
 )
 
 
-def _by_the_ball(alike: list[_Meant], runs: Sequence[Measured]) -> list[_Meant]:
-    """Keep those meanings, of some that plays do not distinguish, with which mean and difference of the gauges show the
-    ball in one place; all where the ball shows nothing."""
-    seen = {finding.meant for run in runs for finding in run.table.kind.findings(ORDER, run.table, run.rig)}
-    if EXCHANGED in seen:
-        return [meant for meant in alike if meant.columns == (1, 0)] or alike
-    signs = tuple(-1.0 if negated(number) in seen else 1.0 for number in (1, 2))
-    return [meant for meant in alike if meant.columns == (0, 1) and meant.signs == signs] or alike
-
-
 def _as(way: _Way, meant: _Meant) -> _Way:
     """A way with the columns of its gauges as they may have been meant."""
     signs, columns = np.array(meant.signs), list(meant.columns)
@@ -201,32 +309,27 @@ def _as(way: _Way, meant: _Meant) -> _Way:
 
 
 def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, dict[str, list[_Way]]]]:
-    """The circles of each test and placement that were driven both ways, with their rig. Those that hold no lap are
-    reported where they are analysed."""
+    """The circles of each test and placement that were driven both ways, with their rig, on the grid. Those that hold
+    no lap are reported where they are analysed."""
     pairs: dict[tuple[object, ...], tuple[Rig, TestName, dict[str, list[_Way]]]] = {}
     for run in runs:
-        manifest, table = run.run.manifest, run.table
+        table = run.table
         if not isinstance(table, CircleTable) or table.g_mm.shape[1] != 2:
             continue
         with suppress(FileError):
-            way = _way(run, table)
-            key = (table.test, manifest.placement, repr(run.rig.tests.circle))
+            laps = laps_of(table, run.rig, str(run.path))
+            flank = np.stack([(play(joint, _PLAY_RAD) - joint) / _PLAY_RAD for joint in table.q.T], axis=1)
+            stuck = [(play(gauge, 2 * _RESOLVED_MM) - gauge) / (2 * _RESOLVED_MM) for gauge in table.g_mm.T]
+            moving = np.concatenate([np.gradient(table.q, table.t_s, axis=0), flank, np.stack(stuck, axis=1)], axis=1)
+            since = (laps.t_s - laps.t_s[0]) / max(float(np.ptp(laps.t_s)), 1e-9)
+            rows = np.searchsorted(table.t_s, laps.t_s)
+            columns = [laps.g_mm, np.cos(laps.q), np.sin(laps.q), moving[rows], since[:, None]]
+            grid = gridded(laps.phi, np.concatenate(columns, axis=1))
+            way = _Way(grid[:, :2], grid[:, 2:14], grid[:, 14:20], grid[:, 20:26], grid[:, 26:28], grid[:, 28])
+            key = (table.test, run.run.manifest.placement, repr(run.rig.tests.circle))
             ways = pairs.setdefault(key, (run.rig, table.test, {}))[2]
             ways.setdefault(table.direction, []).append(way)
     yield from (pair for pair in pairs.values() if len(pair[2]) == 2)
-
-
-def _way(run: Measured, table: CircleTable) -> _Way:
-    """A circle on the grid. Raises FileError where it holds no lap."""
-    laps = laps_of(table, run.rig, str(run.path))
-    flank = np.stack([(play(joint, _PLAY_RAD) - joint) / _PLAY_RAD for joint in table.q.T], axis=1)
-    stuck = np.stack([(play(gauge, 2 * _LEAST_MM) - gauge) / (2 * _LEAST_MM) for gauge in table.g_mm.T], axis=1)
-    speed = np.gradient(table.q, table.t_s, axis=0)
-    rows = np.searchsorted(table.t_s, laps.t_s)
-    since = (laps.t_s - laps.t_s[0]) / max(float(np.ptp(laps.t_s)), 1e-9)
-    columns = [laps.g_mm, np.cos(laps.q), np.sin(laps.q), speed[rows], flank[rows], stuck[rows], since[:, None]]
-    grid = gridded(laps.phi, np.concatenate(columns, axis=1))
-    return _Way(grid[:, :2], grid[:, 2:14], grid[:, 14:20], grid[:, 20:26], grid[:, 26:28], grid[:, 28])
 
 
 def _mean(ways: Sequence[_Way]) -> _Way:

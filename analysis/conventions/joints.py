@@ -128,7 +128,7 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         return
     rows = table.kind.joints_fit
     words = " or ".join(judged.meaning.words for judged in (best, *as_good))
-    what = (
+    fact = (
         f"only with {words} do these {rows}: {_length(best.left_mm)} instead of {_length(as_labelled)}; order, signs, "
         "zeros and coupling of the joints are not those of the rig file"
     )
@@ -139,7 +139,7 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         remedy += (
             "; or correct robot.rail.direction, which a rail that leads or counts another way asks for, and looks alike"
         )
-    yield Finding(JOINTS, "decisive", best.meaning.columns, words, what, remedy, misfit)
+    yield Finding(JOINTS, "decisive", best.meaning.columns, words, fact, remedy, misfit)
 
 
 PLACE_UNKNOWN = "the rig file does not say where the test was driven"
@@ -149,7 +149,8 @@ def judged_by_path(table: Table, rig: Rig) -> Verdict:
     """Which meaning of the joints puts the tool on the path that the rig file states, of a circle or of targets."""
     arm = arm_of(rig.robot)
     rows = slice(None, None, max(1, len(table.q) // _ROWS))
-    part = replace(table, **{name: getattr(table, name)[rows] for name in _row_wise(table)})
+    columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
+    part = replace(table, **{name: column[rows] for name, column in columns.items()})
 
     def off(read: Callable[[Array], Array]) -> tuple[float, bool]:
         path = part.kind.off_path(part, rig, forward(arm, read(part.q)))
@@ -189,14 +190,10 @@ def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Ve
 
 
 def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> Verdict:
-    first, *others = sorted(judged, key=lambda judged_meaning: judged_meaning.left_mm)
-    if first.left_mm > right_mm or as_labelled < CLEARLY * first.left_mm:
+    best, *others = sorted(judged, key=lambda meaning: meaning.left_mm)
+    if best.left_mm > right_mm or as_labelled < CLEARLY * best.left_mm:
         return None, as_labelled, []
-    return (
-        first,
-        as_labelled,
-        [judged_meaning for judged_meaning in others if judged_meaning.left_mm < AS_WELL * first.left_mm],
-    )
+    return best, as_labelled, [meaning for meaning in others if meaning.left_mm < AS_WELL * best.left_mm]
 
 
 def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
@@ -207,6 +204,8 @@ def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = 
 
 def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> tuple[float, PoseSetUp]:
     """What the nearest of places xyz_mm (n, 3) leave, as `left_mm`, and the base and tool that are fitted to them."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
     T = forward(bare, q)
     kept = np.arange(len(q))
     count = max(int(_KEPT * len(q)), 9)
@@ -214,25 +213,13 @@ def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | Non
         setup = fit_setup(T[kept], xyz_mm[kept], steps)
         distance = np.linalg.norm(position_error(T, xyz_mm, setup), axis=1)
         if rpy is not None:
-            distance = np.hypot(distance, _ARM_MM * _turned(T, rpy, setup.T_world_base, kept))
+            # Turns seen beside those of the arm, on a tool whose turn is the mean of the kept ones.
+            seen = Rotation.from_matrix(setup.T_world_base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
+            arm = Rotation.from_matrix(T[:, :3, :3])
+            tool = (arm[kept].inv() * seen[kept]).mean()
+            distance = np.hypot(distance, _ARM_MM * (seen * (arm * tool).inv()).magnitude())
         kept = np.sort(np.argsort(distance)[:count])
     return rms(distance[kept]), setup
-
-
-def _turned(T: Array, rpy: Array, base: Array, kept: Integers) -> Array:
-    """Angles (n,) rad between turns seen rpy (n, 3) rad and those of the arm, T (n, 4, 4), on a tool whose turn is the
-    mean of the kept ones."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-    seen = Rotation.from_matrix(base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
-    arm = Rotation.from_matrix(T[:, :3, :3])
-    tool = (arm[kept].inv() * seen[kept]).mean()
-    return np.asarray((seen * (arm * tool).inv()).magnitude())
-
-
-def _row_wise(table: Table) -> list[str]:
-    """The fields of a table that have a value for each row."""
-    return [name for name, value in vars(table).items() if isinstance(value, np.ndarray)]
 
 
 def _length(mm: float) -> str:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -66,9 +65,9 @@ class Far:
         """What a person should know of rows that are far and not left out, empty where there are none."""
         if self.by_accident or not self.far.any():
             return ""
-        what = f"{self.far.sum()} of {len(self.far)} {table.kind.rows_called} lie far from where the arm was"
+        fact = f"{self.far.sum()} of {len(self.far)} {table.kind.rows_called} lie far from where the arm was"
         return (
-            f"{what}, rows {listed(table.rows[self.far].tolist())} up to {_length(self.far_mm[self.far].max())}, and "
+            f"{fact}, rows {listed(table.rows[self.far].tolist())} up to {_length(self.far_mm[self.far].max())}, and "
             "are not left out: so many, or all in one range of a joint, are no lost points; check whether the robot "
             "had come to rest, instrument and base stood, and signs, order and zeros of the joints"
         )
@@ -82,11 +81,17 @@ def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Far:
     far, far_mm = np.zeros(len(lost), dtype=bool), np.zeros(len(lost))
     if count <= _KEPT:
         return Far(far, far_mm, True)
-    seen, fit = _of(table, ~lost), fit or partial(_errors_of_places, bare)
+    seen = _of(table, ~lost)
+
+    def of_places(of_fit: PoseTable, poses: PoseTable) -> tuple[Array, None]:
+        setup = fit_setup(forward(bare, of_fit.q), of_fit.xyz_mm)
+        return position_error(forward(bare, poses.q), poses.xyz_mm, setup), None
+
+    errors_of: Fit = fit or of_places
 
     def distances(kind: int) -> Callable[[Mask], Array]:
         def of_those(near: Mask) -> Array:
-            errors = fit(_of(seen, near if near.sum() > _KEPT else np.ones_like(near)), seen)[kind]
+            errors = errors_of(_of(seen, near if near.sum() > _KEPT else np.ones_like(near)), seen)[kind]
             return np.zeros(len(near)) if errors is None else np.linalg.norm(errors, axis=1)
 
         return of_those
@@ -99,11 +104,6 @@ def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Far:
         off |= far_from_fit(distances(1), count, _LEAST_RAD)[1] > SPREADS
     far[~lost], far_mm[~lost] = off, mm
     return Far(far, far_mm, by_accident(off, seen.q))
-
-
-def _errors_of_places(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, None]:
-    setup = fit_setup(forward(bare, of_fit.q), of_fit.xyz_mm)
-    return position_error(forward(bare, table.q), table.xyz_mm, setup), None
 
 
 def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Array, Mask]:
@@ -166,10 +166,10 @@ def left_out(table: Table, out: Mask, far_mm: Array) -> str:
     rows = table.rows[out].tolist()
     shown = listed(rows)
     far = _length(far_mm[out].max())
-    what, where, check = table.kind.rows_called, table.kind.away_from, table.kind.when_far
+    called, where, check = table.kind.rows_called, table.kind.away_from, table.kind.when_far
     if len(rows) == 1:
-        return f"1 of {len(out)} {what} left out: row {shown} is {far} {where}; {check}"
-    return f"{len(rows)} of {len(out)} {what} left out: rows {shown} are up to {far} {where}; {check}"
+        return f"1 of {len(out)} {called} left out: row {shown} is {far} {where}; {check}"
+    return f"{len(rows)} of {len(out)} {called} left out: rows {shown} are up to {far} {where}; {check}"
 
 
 def _length(mm: float) -> str:
@@ -183,8 +183,8 @@ def wild_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
     """Which touches lie far from all others of their socket."""
     far = far_touches(table, forward(arm_of(rig.robot), table.q))
     if far.wild.any():
-        what, remedy = left_out(table, far.wild, far.far_mm).rsplit("; ", 1)
-        yield Finding(WILDNESS, "likely", ("socket",), "no touch", what, remedy)
+        fact, remedy = left_out(table, far.wild, far.far_mm).rsplit("; ", 1)
+        yield Finding(WILDNESS, "likely", ("socket",), "no touch", fact, remedy)
 
 
 def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
@@ -194,18 +194,18 @@ def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     if lost.any():
         rows = listed(table.rows[lost].tolist())
         have = "row {} has the place" if lost.sum() == 1 else "rows {} have the place"
-        what = f"{have.format(rows)} 0, 0, 0, as a tracker writes that lost its target"
+        fact = f"{have.format(rows)} 0, 0, 0, as a tracker writes that lost its target"
         remedy = "an analysis leaves it out" if lost.sum() == 1 else "an analysis leaves them out"
-        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", what, remedy)
+        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", fact, remedy)
     bare = without_setup(arm_of(rig.robot))
     far = far_poses(table, bare)
     if words := two_placings(_of(table, ~(lost | far.wild)), bare):
         remedy = "give each placing in a file of its own, a run each"
         yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "two placings", words, remedy)
     if far.far.any() and (far.by_accident or not words):  # so many are far since something was moved
-        what = left_out(table, far.wild, far.far_mm) if far.by_accident else far.words(table)
-        what, remedy = what.rsplit("; ", 1)
-        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", what, remedy)
+        fact = left_out(table, far.wild, far.far_mm) if far.by_accident else far.words(table)
+        fact, remedy = fact.rsplit("; ", 1)
+        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", fact, remedy)
 
 
 def wild_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
@@ -238,18 +238,18 @@ def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
         if not alike.any():
             continue
         if np.linalg.norm(places[alike] - places[alike][0], axis=1).max() > _ELSEWHERE_MM:
-            what = (
+            fact = (
                 f"rows {listed(table.rows[alike].tolist())} have the same place to the last digit, though the robot "
                 "was elsewhere: the instrument may have sent its last place again"
             )
             remedy = "remove those that it did not measure"
-            yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", what, remedy)
+            yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", fact, remedy)
         elif (table.q[alike] == table.q[alike][0]).all():
             copied += int(alike.sum()) - 1
     steps_mm = np.diff(np.unique(table.xyz_mm[:, 0]))  # how finely places are written
     if copied >= _SEVERAL and steps_mm.min(initial=1.0) < _FINE_MM:
-        what = f"{copied} rows repeat the angles and the place of an earlier one to the last digit, as no visit does"
-        yield Finding(DUPLICATES, "likely", (), "rows written twice", what, "remove the copies")
+        fact = f"{copied} rows repeat the angles and the place of an earlier one to the last digit, as no visit does"
+        yield Finding(DUPLICATES, "likely", (), "rows written twice", fact, "remove the copies")
 
 
 def repeated_places(table: PathTable, rig: Rig) -> Iterator[Finding]:

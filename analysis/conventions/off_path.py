@@ -86,5 +86,4 @@ def far_rows(places: Array) -> int:
 
 def steps(places: Array, rows: int) -> Array:
     """Distance of each place (n, 3) from that so many rows before it: the same in every frame. (n,) mm."""
-    distances: Array = np.linalg.norm(places - np.roll(places, rows, axis=0), axis=1)
-    return distances
+    return np.asarray(np.linalg.norm(places - np.roll(places, rows, axis=0), axis=1))

@@ -58,9 +58,19 @@ class Places:
 
 def places_of(table: PathTable) -> Places:
     """Return which places of a path were not measured."""
-    repeated = _repeated(table.xyz_mm)
-    kept = np.flatnonzero(~repeated)
-    wild, away_mm = np.zeros(len(table.t_s), dtype=bool), np.zeros(len(table.t_s))
+    repeated, wild = np.zeros(len(table.t_s), dtype=bool), np.zeros(len(table.t_s), dtype=bool)
+    step = np.linalg.norm(np.diff(table.xyz_mm, axis=0), axis=1)
+    # Rows of equal places behind which the tool is further on.
+    edges = np.diff(np.concatenate([[False], step == 0, [False]]).astype(np.int64))
+    for begin, end in zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True):
+        first = max(0, begin - _BEFORE)
+        if end - begin + 1 < _ALIKE or begin < 2 or end > len(step) - 1:
+            continue
+        way = float(step[first:begin].sum())
+        moved = np.linalg.norm(table.xyz_mm[begin] - table.xyz_mm[first]) > _AHEAD * way
+        if moved and step[end] > _CAUGHT_UP * way / (begin - first) * (end - begin + 1) > 0:
+            repeated[begin + 1 : end + 1] = True
+    kept, away_mm = np.flatnonzero(~repeated), np.zeros(len(table.t_s))
     wild[kept], away_mm[kept] = _wild(table.t_s[kept], table.xyz_mm[kept])
     return Places(wild, away_mm, repeated)
 
@@ -71,24 +81,6 @@ def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
     kept = ~(places.wild | places.repeated)
     notes = [f"{words}; left out" for words in places.words.values()]
     return replace(table, t_s=table.t_s[kept], xyz_mm=table.xyz_mm[kept]), notes
-
-
-def _repeated(xyz_mm: Array) -> Mask:
-    """Which places (n,) repeat the one before, of rows of equal ones behind which the tool is further on."""
-    repeated = np.zeros(len(xyz_mm), dtype=bool)
-    if len(xyz_mm) < _ALIKE + 3:
-        return repeated
-    step = np.linalg.norm(np.diff(xyz_mm, axis=0), axis=1)
-    edges = np.diff(np.concatenate([[False], step == 0, [False]]).astype(np.int64))
-    for begin, end in zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True):
-        first = max(0, begin - _BEFORE)
-        if end - begin + 1 < _ALIKE or begin < 2 or end > len(step) - 1:
-            continue
-        way = float(step[first:begin].sum())
-        moved = np.linalg.norm(xyz_mm[begin] - xyz_mm[first]) > _AHEAD * way
-        if moved and step[end] > _CAUGHT_UP * way / (begin - first) * (end - begin + 1) > 0:
-            repeated[begin + 1 : end + 1] = True
-    return repeated
 
 
 def _wild(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:

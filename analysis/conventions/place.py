@@ -23,10 +23,10 @@ from analysis.conventions.joints import FEWEST, RIGHT_MM
 from analysis.conventions.two_placings import SPARE
 from analysis.geometry.circle import frame_of
 from analysis.geometry.pose_setup import fit_arm, fit_setup, position_error
-from analysis.kinematics.arm import Array, arm_of, forward, without_setup
+from analysis.kinematics.arm import arm_of, forward, without_setup
 from analysis.traces.csv_tables import table_from
 from analysis.traces.loading import Measured
-from analysis.traces.single_stands import rows_a_stand
+from analysis.traces.stands import rows_a_stand
 from analysis.traces.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
 
@@ -69,11 +69,11 @@ def place_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     if far.any():
         row = int(np.argmax(far))
         target = table.kind.numbers_of(table)[row]
-        what = (
+        fact = (
             f"by the nominal arm the tool was {away[row]:.0f} mm from target {target} in row {row + 1}, and "
             f"further than {_NEAR_MM:g} mm in {far.sum()} of {len(far)} rows"
         )
-        yield Finding(PLACE, "likely", ("target",), "another target", what, "check target, angles, joints")
+        yield Finding(PLACE, "likely", ("target",), "another target", fact, "check target, angles, joints")
 
 
 STANDS = "stands"
@@ -89,12 +89,12 @@ def stand_findings(run: Measured) -> Iterator[Finding]:
     if not len(several):
         return
     stands = "1 stand" if len(several) == 1 else f"{len(several)} stands"
-    what = (
+    fact = (
         f"{several.sum()} rows are {stands} of the robot, read up to {several.max()} times without a move: their "
         "means are used, one for each"
     )
     remedy = "if the robot moved in between, give the rows of a pose after those of another"
-    yield Finding(STANDS, "likely", (), "readings of one stand", what, remedy)
+    yield Finding(STANDS, "likely", (), "readings of one stand", fact, remedy)
 
 
 SOURCE = "source"
@@ -126,7 +126,12 @@ def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
     target_mm = float(np.linalg.norm(setup.T_flange_tool[:3, 3]))
     fitted = fit_arm(bare, q, xyz_mm)
     computed = fitted.spare >= SPARE and fitted.rms_mm < NO_INSTRUMENT_MM
-    in_flange = _is_base(setup.T_world_base) and target_mm < _FLANGE_MM
+    # The arm's base, or that turned half round about z, as base_link of ROS drivers is.
+    base = setup.T_world_base
+    traces = [np.trace(base[:3, :3] @ np.diag([sign, sign, 1.0])) for sign in (1.0, -1.0)]
+    turned_rad = float(np.arccos(np.clip((max(traces) - 1) / 2, -1.0, 1.0)))
+    is_base = turned_rad < _BASE_RAD and float(np.linalg.norm(base[:3, 3])) < _BASE_MM
+    in_flange = is_base and target_mm < _FLANGE_MM
     if not computed and not in_flange:
         return
     proof = (
@@ -134,15 +139,8 @@ def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
         if computed
         else f"they are given in the arm's base, of a point {target_mm:.1f} mm from the middle of the flange"
     )
-    what = f"no instrument measured these places: {proof}, so that the controller computed them from its joints"
+    fact = f"no instrument measured these places: {proof}, so that the controller computed them from its joints"
     remedy = f"give those of an instrument; {OF_CONTROLLER}"
     misfit = Misfit(left_mm, fitted.rms_mm, float(fitted.left_mm.size * np.log(left_mm / max(fitted.rms_mm, 1e-9))))
     columns = ("x_mm", "y_mm", "z_mm")
-    yield Finding(SOURCE, "impossible", columns, "the controller's own places", what, remedy, misfit)
-
-
-def _is_base(T: Array) -> bool:
-    """Whether a frame (4, 4) is the arm's base, or that turned half round about z, as base_link of ROS drivers is."""
-    turned = [T[:3, :3] @ np.diag([sign, sign, 1.0]) for sign in (1.0, -1.0)]
-    angle = min(float(np.arccos(np.clip((np.trace(R) - 1) / 2, -1.0, 1.0))) for R in turned)
-    return angle < _BASE_RAD and float(np.linalg.norm(T[:3, 3])) < _BASE_MM
+    yield Finding(SOURCE, "impossible", columns, "the controller's own places", fact, remedy, misfit)

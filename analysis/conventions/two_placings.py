@@ -60,9 +60,9 @@ def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask
     near, step = min(tried, key=lambda first: left_mm(place >= first)), last // _SPLITS
     first = min(range(max(_FEWEST_ROWS, near - step), min(last, near + step) + 1), key=lambda k: left_mm(place >= k))
     yield place >= first, f"rows from about {rows[first]} on"
-    other = rows % 2 == 0
-    if min(other.sum(), (~other).sum()) >= _FEWEST_ROWS:
-        yield other, "every other row"
+    second = rows % 2 == 0
+    if min(second.sum(), (~second).sum()) >= _FEWEST_ROWS:
+        yield second, "every other row"
 
 
 def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:

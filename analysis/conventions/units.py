@@ -18,6 +18,7 @@ Places in a left-handed frame: a tracker's export with one axis turned round, wh
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import product
 
 import numpy as np
 
@@ -29,7 +30,6 @@ from analysis.kinematics.arm import Array, arm_of, forward, rail_mm, without_set
 from analysis.kinematics.limits import impossible_rad
 from analysis.traces.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
-from rigs.schema.declared_tests import Circle
 
 _ECCENTRIC_MM = 0.2
 """A smaller eccentricity may differ between the two by the robot's own errors."""
@@ -51,60 +51,39 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
     off = off_circle(T, circle)
     if table.g_mm.shape[1] < 2 or rig.gauges.g2 is None or off is None or not off.on:
         return
-    waves = _waves(table, T, circle)
-    if waves is None:
-        return
-    yield from _one_other_unit(waves, table.g_mm)
-    yield from _both_other_units(waves.mean(axis=0), circle)
-
-
-def _waves(table: CircleTable, T: Array, circle: Circle) -> Array | None:
-    """First harmonic of each gauge (2, 2): minus its cos and sin parts over phi in mm; None for less than a lap.
-
-    That is the eccentricity along phi = 0° and 90°, turned in a yaw test by w/R to either side.
-    """
-    phi = frame_of(circle).angle(T[:, :3, 3])
+    frame = frame_of(circle)
+    phi = frame.angle(T[:, :3, 3])
     if np.ptp(phi) < 2 * np.pi * 0.9 or len(phi) < 12:
-        return None
+        return
+    # The eccentricity along phi = 0° and 90° that each gauge shows, turned in a yaw test by w/R to either side.
     design = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
     waves: Array = -np.linalg.lstsq(design, table.g_mm, rcond=None)[0][1:].T
-    return waves
-
-
-def _one_other_unit(waves: Array, g_mm: Array) -> Iterator[tuple[str, str]]:
-    """Both gauges (n, 2) follow the one ball, and so see waves of the same size that point to the same side, and travel
-    as far: errors of a robot may cancel the wave of one gauge, but not what else it shows."""
-    low, high = np.quantile(g_mm, [0.05, 0.95], axis=0)  # a chip under a probe is no travel
-    travel = high - low
-    size = np.linalg.norm(waves, axis=1)
-    if size.min() <= 0 or size.max() < _ECCENTRIC_MM or waves[0] @ waves[1] < 0:
-        return
-    for unit, factor in FACTORS.items():
-        for k, ratio in enumerate((size[0] / size[1], size[1] / size[0])):
-            as_far = 1 / _AS_FAR < travel[k] / factor / max(travel[1 - k], 1e-9) < _AS_FAR
-            if abs(ratio / factor - 1) < 0.1 and as_far:
-                what = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times the other gauge's"
-                yield what, "convert it to mm"
-
-
-def _both_other_units(wave: Array, circle: Circle) -> Iterator[tuple[str, str]]:
-    """Where the rig file states the eccentricity: the data show the same one, in another unit."""
-    frame = frame_of(circle)
+    # Both gauges follow the one ball, and so see waves of the same size that point to the same side, and travel as far:
+    # errors of a robot may cancel the wave of one gauge, but not what else it shows.
+    low, high = np.quantile(table.g_mm, [0.05, 0.95], axis=0)  # a chip under a probe is no travel
+    travel, size = high - low, np.linalg.norm(waves, axis=1)
+    seen = size.min() > 0 and size.max() >= _ECCENTRIC_MM and waves[0] @ waves[1] >= 0
+    for (unit, factor), k in product(FACTORS.items(), (0, 1)) if seen else ():
+        ratio = size[k] / size[1 - k]
+        as_far = 1 / _AS_FAR < travel[k] / factor / max(travel[1 - k], 1e-9) < _AS_FAR
+        if abs(ratio / factor - 1) < 0.1 and as_far:
+            fact = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times the other gauge's"
+            yield fact, "convert it to mm"
+    # Where the rig file states the eccentricity: the data show the same one, in another unit.
     stated_mm = np.array([np.dot(circle.eccentricity_mm, frame.u), np.dot(circle.eccentricity_mm, frame.v)])
-    if np.linalg.norm(stated_mm) < _ECCENTRIC_MM:
-        return
-    for unit, factor in FACTORS.items():
-        if np.linalg.norm(wave / factor - stated_mm) < _LIKE_STATED * np.linalg.norm(stated_mm):
-            what = f"g1_mm and g2_mm are in {unit}: their wave is the rig file's eccentricity times {factor:.3g}"
-            yield what, "convert them to mm"
+    size_mm = float(np.linalg.norm(stated_mm))
+    for unit, factor in FACTORS.items() if size_mm >= _ECCENTRIC_MM else ():
+        if np.linalg.norm(waves.mean(axis=0) / factor - stated_mm) < _LIKE_STATED * size_mm:
+            fact = f"g1_mm and g2_mm are in {unit}: their wave is the rig file's eccentricity times {factor:.3g}"
+            yield fact, "convert them to mm"
 
 
 def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:
     """What is wrong, and the remedy, if a reading (n,) mm travels further than the radius: a link cannot."""
     travel = float(np.ptp(reading))
     if travel > radius_mm:
-        what = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"
-        yield what, "convert it to mm: it looks like µm" if travel > 3 * radius_mm else "check its unit"
+        fact = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"
+        yield fact, "convert it to mm: it looks like µm" if travel > 3 * radius_mm else "check its unit"
 
 
 _OF_TRACKERS = {"m": 1e-3, "cm": 0.1}
@@ -125,12 +104,12 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
     robot_step, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
     for unit, factor in {**FACTORS, **_OF_TRACKERS}.items():
         if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
-            what = f"x_mm, y_mm, z_mm are in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
-            yield what, "convert them to mm"
+            fact = f"x_mm, y_mm, z_mm are in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
+            yield fact, "convert them to mm"
     for unit, factor in _TAKEN_FOR.items():
         if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
-            what = f"x_mm, y_mm, z_mm were not in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
-            yield what, "read them as mm"
+            fact = f"x_mm, y_mm, z_mm were not in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
+            yield fact, "read them as mm"
     if table.rpy is not None:
         yield from _tracker_angles(table.rpy, T[:, :3, :3], rows)
 
@@ -151,15 +130,14 @@ def _tracker_angles(rpy: Array, R: Array, rows: int) -> Iterator[tuple[str, str]
     if off("xyz", np.degrees(rpy)) < right:
         yield "rx_deg, ry_deg, rz_deg are radians: only then do they fit the robot's motion", "convert them to degrees"
     if off("XYZ", rpy) < right:
-        what = "rx_deg, ry_deg, rz_deg are turns about moving axes: only then do they fit the robot's motion"
-        yield what, "convert them to roll-pitch-yaw about fixed axes, R = Rz Ry Rx"
+        fact = "rx_deg, ry_deg, rz_deg are turns about moving axes: only then do they fit the robot's motion"
+        yield fact, "convert them to roll-pitch-yaw about fixed axes, R = Rz Ry Rx"
 
 
 def _turns(R: Array, rows: int) -> Array:
     """Angle (n,) rad between each rotation (n, 3, 3) and that so many rows before it: the same in every frame."""
     trace = np.einsum("nij,nij->n", R, np.roll(R, rows, axis=0))
-    angles: Array = np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))
-    return angles
+    return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0)))
 
 
 _MM = {"m": 1000.0, "inches": 25.4, "cm": 10.0}
@@ -183,14 +161,14 @@ def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
         as_read = misfit_mm(1.0)
         for unit, factor in _MM.items() if as_read > CLEARLY * RIGHT_MM else ():
             if (meant := misfit_mm(factor)) < RIGHT_MM:
-                what = f"e1_mm is in {unit}: only then do these poses fit, {meant:.2g} mm instead of {as_read:.0f} mm"
-                yield Finding("units", "impossible", ("e1_mm",), unit, what, "convert it to mm")
+                fact = f"e1_mm is in {unit}: only then do these poses fit, {meant:.2g} mm instead of {as_read:.0f} mm"
+                yield Finding("units", "impossible", ("e1_mm",), unit, fact, "convert it to mm")
                 return
     stands, (low, high) = rail_mm(arm, table.q), rig.robot.rail.limits_mm
     if stands.min() < low or stands.max() > high:
         reach = f"{stands.min():.6g} to {stands.max():.6g} mm"
-        what = f"e1_mm goes from {reach}, and robot.rail.limits_mm from {low:g} to {high:g} mm"
-        yield Finding("units", "likely", ("e1_mm",), "another unit", what, "check its unit, or correct limits_mm")
+        fact = f"e1_mm goes from {reach}, and robot.rail.limits_mm from {low:g} to {high:g} mm"
+        yield Finding("units", "likely", ("e1_mm",), "another unit", fact, "check its unit, or correct limits_mm")
 
 
 _JUDGED, _MIRROR_STEPS = 80, 100
@@ -211,13 +189,13 @@ def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Fin
     mirrored = left_mm(bare, q, xyz_mm * _MIRROR, _MIRROR_STEPS)
     if mirrored > RIGHT_MM or as_labelled < CLEARLY * mirrored:
         return
-    what = (
+    fact = (
         f"only with y_mm counting the other way do these poses fit: {mirrored:.2g} mm instead of {as_labelled:.0f} mm; "
         "the instrument's frame is left-handed"
     )
     remedy = "change the sign of one of x_mm, y_mm, z_mm, or import the file as it was written, by a map with mirror: y"
     misfit = Misfit(as_labelled, mirrored, len(chosen) * float(np.log(as_labelled / max(mirrored, 1e-9))))
-    yield Finding(convention, "impossible", ("x_mm", "y_mm", "z_mm"), "y mirrored", what, remedy, misfit)
+    yield Finding(convention, "impossible", ("x_mm", "y_mm", "z_mm"), "y mirrored", fact, remedy, misfit)
 
 
 UNITS = "units"
@@ -234,33 +212,29 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     """What speaks against the units of a table, surest first."""
     if most := impossible_rad(table.q):
         columns = tuple(f"q{axis}_deg" for axis in range(1, table.q.shape[1] + 1))
-        what = f"a joint would stand at {np.degrees(most):.0f}°: degrees were read as radians"
-        yield Finding(UNITS, "impossible", columns, "degrees", what, "read them as degrees")
+        fact = f"a joint would stand at {np.degrees(most):.0f}°: degrees were read as radians"
+        yield Finding(UNITS, "impossible", columns, "degrees", fact, "read them as degrees")
         return
     table = table.kind.thinned(table, _ROWS)
     arm = arm_of(rig.robot)
     places = forward(arm, table.q)
-    if _radians(table, rig, places, forward(arm, np.degrees(table.q))):
+    # Whether the robot does the test only if q, read as degrees, was in rad.
+    degrees = np.degrees(table.q)
+    ways = (places, forward(arm, degrees)) if np.abs(degrees).max() <= _TURN_RAD else ()
+    wrong, right = [table.kind.off_path(table, rig, T) for T in ways] or (None, None)
+    if wrong and right and right.on and not wrong.on and wrong.off > _CLEARLY * right.off:
         columns = tuple(f"q{axis}_deg" for axis in range(1, arm.axes + 1))
-        what = f"q1_deg … {columns[-1]} are radians: only then does the robot of the rig file follow the program"
-        yield Finding(UNITS, "impossible", columns, "radians", what, "convert them to degrees")
+        fact = f"q1_deg … {columns[-1]} are radians: only then does the robot of the rig file follow the program"
+        yield Finding(UNITS, "impossible", columns, "radians", fact, "convert them to degrees")
         return
     yield from table.kind.unit_findings(table, rig, places)
 
 
-def _radians(table: Table, rig: Rig, as_read: Array, as_degrees: Array) -> bool:
-    """Whether the robot does the test only if q, read as degrees, was in rad: tool poses (n, 4, 4) of both ways."""
-    if np.abs(np.degrees(table.q)).max() > _TURN_RAD:
-        return False
-    wrong, right = (table.kind.off_path(table, rig, T) for T in (as_read, as_degrees))
-    return right is not None and wrong is not None and right.on and not wrong.on and wrong.off > _CLEARLY * right.off
-
-
 def impossible(mistakes: Iterable[tuple[str, str]]) -> Iterator[Finding]:
     """What is wrong for certain, and what to do, as findings."""
-    for what, remedy in mistakes:
-        columns = tuple(name for name in what.split() if "_" in name)
-        yield Finding(UNITS, "impossible", columns, "another unit", what, remedy)
+    for fact, remedy in mistakes:
+        columns = tuple(name for name in fact.split() if "_" in name)
+        yield Finding(UNITS, "impossible", columns, "another unit", fact, remedy)
 
 
 def target_units(g_mm: Array, radius_mm: float) -> Iterator[Finding]:
@@ -268,5 +242,5 @@ def target_units(g_mm: Array, radius_mm: float) -> Iterator[Finding]:
     yield from impossible(too_far("g1_mm", g_mm, radius_mm))
     travel = float(np.ptp(g_mm))
     if _UNLIKELY * radius_mm <= travel <= radius_mm:
-        what = f"g1_mm travels {travel:.4g} mm on a radius of {radius_mm:g} mm, more than any robot error"
-        yield Finding(UNITS, "likely", ("g1_mm",), "another unit", what, "check its unit")
+        fact = f"g1_mm travels {travel:.4g} mm on a radius of {radius_mm:g} mm, more than any robot error"
+        yield Finding(UNITS, "likely", ("g1_mm",), "another unit", fact, "check its unit")

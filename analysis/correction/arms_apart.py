@@ -63,8 +63,8 @@ class ArmsApart:
             "taught_rms_mm": rms(self.taught_mm),
             "turned_rms_deg": rms(self.turned_deg),
             "u_rms_mm": None if np.isnan(self.u_mm).any() else rms(self.u_mm),
-            "constants": [dict(one) for one in self.constants],
-            "play_deg": [{str(axis): width for axis, width in one.items()} for one in self.play_deg],
+            "constants": [dict(of_axis) for of_axis in self.constants],
+            "play_deg": [{str(axis): width for axis, width in of_arm.items()} for of_arm in self.play_deg],
             "doubts": list(self.doubts),
             "poses": [
                 {
@@ -86,7 +86,7 @@ class ArmsApart:
         }
 
 
-def arms_apart(rig: Rig, other: Rig) -> ArmsApart:
+def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
     """Return how far apart two arms of one model are. Raises FileError for arms of two models."""
 
     def mounted(robot_of: Rig) -> CalibratedArm:
@@ -95,24 +95,24 @@ def arms_apart(rig: Rig, other: Rig) -> ArmsApart:
         robot = robot_of.robot.model_copy(update=bare)
         return CalibratedArm(robot_of.model_copy(update={"robot": robot}))
 
-    arms = mounted(rig), mounted(other)
+    arms = mounted(rig), mounted(second)
     q_deg = _postures(*arms)
-    nominal = [CalibratedArm(one.rig.model_copy(update={"effects": (), "calibrated": None})) for one in arms]
-    first, second = (one.forward(q_deg).T[:, :3, 3] for one in nominal)
-    if rms(np.linalg.norm(second - first, axis=1)) > _OTHER_MODEL_MM:
-        what = f"its arm is built otherwise than that of {rig.name}: {other.robot.name}, not {rig.robot.name}"
-        raise FileError(other.name, what, "compare arms of one model")
-    stands_at = [one.forward(q_deg) for one in arms]
-    difference = pose_error(stands_at[0].T, stands_at[1].T)
+    nominal = [CalibratedArm(arm.rig.model_copy(update={"effects": (), "calibrated": None})) for arm in arms]
+    places = [arm.forward(q_deg).T[:, :3, 3] for arm in nominal]
+    if rms(np.linalg.norm(places[1] - places[0], axis=1)) > _OTHER_MODEL_MM:
+        problem = f"its arm is built otherwise than that of {rig.name}: {second.robot.name}, not {rig.robot.name}"
+        raise FileError(second.name, problem, "compare arms of one model")
+    stands = [arm.forward(q_deg) for arm in arms]
+    difference = pose_error(stands[0].T, stands[1].T)
     return ArmsApart(
-        (rig.name, other.name),
+        (rig.name, second.name),
         q_deg,
         difference[:, :3],
         np.degrees(np.linalg.norm(difference[:, 3:], axis=1)),
-        rest_mm(stands_at[1].T[:, :3, 3], stands_at[0].T),
-        np.hypot(stands_at[0].u_mm, stands_at[1].u_mm),
+        rest_mm(stands[1].T[:, :3, 3], stands[0].T),
+        np.hypot(stands[0].u_mm, stands[1].u_mm),
         _constants(arms[0].rig, arms[1].rig),
-        (dict(joint_traits(rig).play_deg), dict(joint_traits(other).play_deg)),
+        (dict(joint_traits(rig).play_deg), dict(joint_traits(second).play_deg)),
         tuple(
             f"{arm.rig.name} has no effects and no calibration: it is compared as its data sheet has it"
             for arm in arms
@@ -121,32 +121,32 @@ def arms_apart(rig: Rig, other: Rig) -> ArmsApart:
     )
 
 
-def _postures(one: CalibratedArm, other: CalibratedArm) -> Array:
-    """Postures (n, axes) in degrees that both arms can take. Raises FileError where there are none."""
-    robots = [arm.rig.robot for arm in (one, other)]
+def _postures(*arms: CalibratedArm) -> Array:
+    """Postures (n, axes) in degrees that two arms can take. Raises FileError where there are none."""
+    robots = [arm.rig.robot for arm in arms]
     if len({len(robot.axes) for robot in robots}) > 1:
-        what = f"its arm has {len(robots[1].axes)} axes, that of {one.rig.name} has {len(robots[0].axes)}"
-        raise FileError(other.rig.name, what, "compare arms of one model")
+        problem = f"its arm has {len(robots[1].axes)} axes, that of {arms[0].rig.name} has {len(robots[0].axes)}"
+        raise FileError(arms[1].rig.name, problem, "compare arms of one model")
     ranges = [[axis.limits_deg for axis in robot.axes] for robot in robots]
-    ranges += [list(arm.rig.calibrated.joints_deg) for arm in (one, other) if arm.rig.calibrated]
+    ranges += [list(arm.rig.calibrated.joints_deg) for arm in arms if arm.rig.calibrated]
     low, high = np.array(ranges)[:, :, 0].max(axis=0), np.array(ranges)[:, :, 1].min(axis=0)
     if (low > high).any():
         axis = int(np.flatnonzero(low > high)[0]) + 1
-        what = f"the two have no angle of axis {axis} in common, by their limits and the runs behind them"
-        raise FileError(other.rig.name, what, "calibrate both over the same angles")
+        problem = f"the two have no angle of axis {axis} in common, by their limits and the runs behind them"
+        raise FileError(arms[1].rig.name, problem, "calibrate both over the same angles")
     postures: Array = np.random.default_rng(0).uniform(low, high, (_POSTURES, len(low)))
     return postures
 
 
-def _constants(one: Rig, other: Rig) -> tuple[dict[str, float], ...]:
-    """Return by axis how much each constant of the other arm is more: zeros and angles in degrees, lengths in mm."""
-    arms = [geometric_arm(model_of(rig)) for rig in (one, other)]
-    found = []
+def _constants(*rigs: Rig) -> tuple[dict[str, float], ...]:
+    """Return by axis how much each constant of the second arm is more: zeros and angles in degrees, lengths in mm."""
+    arms = [geometric_arm(model_of(rig)) for rig in rigs]
+    by_axis = []
     for axis in range(arms[0].axes):
         differences = {
             name: float(getattr(arms[1], key)[axis] - getattr(arms[0], key)[axis]) for name, key in _CONSTANTS
         }
-        found.append(
+        by_axis.append(
             {name: np.degrees(value) if name.endswith("deg") else value for name, value in differences.items()}
         )
-    return tuple(found)
+    return tuple(by_axis)

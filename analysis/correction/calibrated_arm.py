@@ -105,7 +105,7 @@ class CalibratedArm:
     def _model(self) -> Model:
         """The model with all effects that depend on the posture alone, as a URDF of it has their geometry."""
         whole = model_of(self.rig)
-        return replace(whole, effects=tuple(one for one in whole.effects if one.compensation().use != "none"))
+        return replace(whole, effects=tuple(effect for effect in whole.effects if effect.compensation().use != "none"))
 
     @cached_property
     def _known(self) -> PoseUncertainty:
@@ -129,15 +129,15 @@ class CalibratedArm:
         angles = np.array(q_deg, dtype=float)
         widths = (self._axes, self._axes + 1) if self.rig.robot.rail else (self._axes,)
         if angles.ndim != 2 or angles.shape[1] not in widths or not np.isfinite(angles).all():
-            what = f"shape {angles.shape} is not that of finite joint angles (n, {widths[-1]})"
-            raise FileError("q_deg", what, "give a row for each posture")
+            problem = f"shape {angles.shape} is not that of finite joint angles (n, {widths[-1]})"
+            raise FileError("q_deg", problem, "give a row for each posture")
         return angles
 
     def _solved(self, pose: Array, near: Array) -> Array | None:
         """The angles (axes,) rad, near others, at which the tool of an arm of six or more axes is at a pose (4, 4)."""
         for seed in self._seeds(pose, near):
-            angles, there = reached_angles(self._model, pose[None], seed[None])
-            if there[0] and self._allowed(angles[0]):
+            angles, reached = reached_angles(self._model, pose[None], seed[None])
+            if reached[0] and self._allowed(angles[0]):
                 return np.asarray(angles[0])
         return None
 
@@ -166,11 +166,11 @@ class CalibratedArm:
             solutions = inverse(arm, pose[None])
             branches = solutions.q[0][solutions.found[0]]
             allowed = within_limits(arm, branches)[0] if len(branches) else branches
-            return sorted(allowed, key=lambda one: float(np.abs(one - near).max())) or [near]
+            return sorted(allowed, key=lambda q: float(np.abs(q - near).max())) or [near]
         starts = self._starts(near)
         poses = np.repeat(pose[None], len(starts), axis=0)
-        angles, there = newton(arm, poses, starts)
-        return [one for one, good in zip(angles, there, strict=True) if good and self._allowed(one)]
+        angles, reached = newton(arm, poses, starts)
+        return [q for q, good in zip(angles, reached, strict=True) if good and self._allowed(q)]
 
     def _allowed(self, q: Array) -> bool:
         """Whether joints q (axes,) rad stand within their limits, a rounding beyond them too."""
@@ -186,6 +186,6 @@ def _frames(T: Array) -> Array:
     R = poses[:, :3, :3]
     off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
     if off > _ORTHONORMAL or (np.linalg.det(R) < 0).any() or np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0) > 0:
-        what = "holds a frame whose columns are not at right angles, right-handed and of length 1"
-        raise FileError("T", what, "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1")
+        problem = "holds a frame whose columns are not at right angles, right-handed and of length 1"
+        raise FileError("T", problem, "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1")
     return poses

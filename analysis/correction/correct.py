@@ -99,27 +99,27 @@ def correct_rig(
             "diagnose or calibrate it, and give the rig file written",
         )
     if len(rig.robot.axes) != DRIVEN_AXES and (controller or programs.paths):
-        what = f"{len(rig.robot.axes)} axes: controllers' entries and programs are known of six"
-        raise UseError("--for, --program", what, "give joint targets with --path")
+        problem = f"{len(rig.robot.axes)} axes: controllers' entries and programs are known of six"
+        raise UseError("--for, --program", problem, "give joint targets with --path")
     if rig.robot.rail and (controller or programs.paths):
-        what = "an arm on a rail: controllers' entries and programs are known of arms that stand"
-        raise UseError("--for, --program", what, "give joint targets with --path")
+        problem = "an arm on a rail: controllers' entries and programs are known of arms that stand"
+        raise UseError("--for, --program", problem, "give joint targets with --path")
     if entered and not (path and controller):
         raise UseError("--entered", "needs --path, and --for or a feedback that names it", "give both")
     if entered and programs.paths:
         raise UseError(
             "--entered", "is for --path; --program is for a controller without its entries", "give one of them"
         )
-    found = supports(rig)
-    entries = controller_entries(rig, found, controller, scale) if controller else None
-    zeros, constants = joint_zeros(rig, found), link_constants(rig, found)
-    targets = _targets(rig, found, path, entries if entered else None) if path else None
+    supported = supports(rig)
+    entries = controller_entries(rig, supported, controller, scale) if controller else None
+    zeros, constants = joint_zeros(rig, supported), link_constants(rig, supported)
+    targets = _targets(rig, supported, path, entries if entered else None) if path else None
     filtered = tuple(
-        correct_program(rig, found, program, programs.frames, scale, whole=programs.whole, start=programs.start)
+        correct_program(rig, supported, program, programs.frames, scale, whole=programs.whole, start=programs.start)
         for program in programs.paths
     )
-    work = _work(rig, found)
-    return Corrections(rig, tuple(found), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered)
+    work = _work(rig, supported)
+    return Corrections(rig, tuple(supported), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered)
 
 
 def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
@@ -149,13 +149,13 @@ def _targets(
     axes = len(rig.robot.axes)
     read = read_path(path, axes, rail=rig.robot.rail is not None)
     if rig.robot.rail and not read.joints:
-        what = "has poses without joint angles, which leave free where the rail stands"
-        raise FileError(str(path), what, f"give q1_deg … q{axes}_deg and e1_mm")
+        problem = "has poses without joint angles, which leave free where the rail stands"
+        raise FileError(str(path), problem, f"give q1_deg … q{axes}_deg and e1_mm")
     if axes != DRIVEN_AXES and not read.joints:
         free = f"leave the elbow of an arm of {axes} axes free"
         few = f"an arm of {axes} axes reaches in part: it turns the tool in {axes - 3} ways where it stands"
-        what = f"has poses, which {free if axes > DRIVEN_AXES else few}"
-        raise FileError(str(path), what, f"give joint angles q1_deg … q{axes}_deg")
+        problem = f"has poses, which {free if axes > DRIVEN_AXES else few}"
+        raise FileError(str(path), problem, f"give joint angles q1_deg … q{axes}_deg")
     hold_uncorrected(read, str(path))
     q, unsolved = (read.angles(), []) if read.joints else angles_for(rig, read.poses())
     targets = corrected(rig, supported, q, unsolved)

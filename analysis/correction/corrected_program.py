@@ -171,7 +171,7 @@ def correct_program(
         done.u_mm[kept],
         done.u_frame_mm[kept],
         tuple((np.zeros(len(kept), dtype=bool) if done.covered is None else ~done.covered[kept]).tolist()),
-        np.array([_off_um(arm, after.targets[k], located[k], scale, done.q[k]) for k in kept]),
+        np.array([_off_um(arm, after.targets[k], located[k], scale, done.T[k]) for k in kept]),
         everything,
         moved_mm[_beside_left(parsed, set(kept))],
         texts.names,
@@ -286,9 +286,10 @@ def _in_program(arm: Arm, located: _Located, T: Array) -> Array:
 def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected, moved_mm: Array) -> dict[int, Reason]:
     """Return the targets whose correction, by moved_mm (n,), is not to be written, with the reason."""
     reasons: dict[int, Reason] = {}
-    for k in np.flatnonzero(done.done).tolist():
-        new, error = done.q[k], np.abs(pose_error(done.T[k][None], forward(arm, q[k][None]))[0])
-        turned_deg = float(np.degrees(np.linalg.norm(error[3:])))
+    corrected_ones = np.flatnonzero(done.done)
+    turned = pose_error(done.T[corrected_ones], forward(arm, q[corrected_ones]))[:, 3:]
+    for k, turned_deg in zip(corrected_ones.tolist(), np.degrees(np.linalg.norm(turned, axis=1)), strict=True):
+        new = done.q[k]
         joint_deg = float(np.degrees(np.abs(new - q[k]).max()))
         if moved_mm[k] > MOST_MM or turned_deg > _MOST_DEG or joint_deg > _MOST_JOINT_DEG:
             reasons[k] = "too_large"
@@ -327,9 +328,8 @@ def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
     return after
 
 
-def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, q: Array) -> float:
-    """Return how far in µm the numbers as written put the tool from the corrected target at q (6,) rad."""
-    meant = forward(arm, q[None])[0]
+def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, meant: Array) -> float:
+    """Return how far in µm the numbers as written put the tool from where it is `meant` (4, 4)."""
     if target.joints:
         written_pose = forward(arm, joints_of(target, scale)[None])[0]
     else:

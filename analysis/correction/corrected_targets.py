@@ -99,6 +99,7 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
     taught = at if inside is None else at[inside]
     if len(taught) < _FEWEST_TAUGHT:
         taught = work_or_spread(rig, uncertainty.joints_rad)
+    u_mm, u_frame_mm = places_u_mm(rig, uncertainty, at, taught)
     before = tool_poses(model_of(rig, used_effects(rig, supported)), q[done])
     marks = None
     if inside is not None:
@@ -111,10 +112,8 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         spread(distance),
         tuple(map(label_of, uncorrected)),
         spread(left_out),
-        *(
-            spread(where_known(uncertainty, at, np.hypot(u_mm, stays_mm)))
-            for u_mm in places_u_mm(rig, uncertainty, at, taught)
-        ),
+        spread(where_known(uncertainty, at, np.hypot(u_mm, stays_mm))),
+        spread(where_known(uncertainty, at, np.hypot(u_frame_mm, stays_mm))),
         marks,
         (*_doubts(rig, uncertainty, at), *_turned(rig, supported, q[done], at)),
         done,

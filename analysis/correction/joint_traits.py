@@ -41,9 +41,9 @@ def friction_nm(friction: Mapping[int, Friction], nm_per_a: Sequence[float]) -> 
     """Return the friction of joints in Nm, by axis from 1, from the current that it takes and the torque for each
     ampere. Raises UseError where an axis has no constant."""
     if friction and max(friction) > len(nm_per_a):
-        what = f"has {len(nm_per_a)} numbers, and the run shows the friction of axis {max(friction)}"
-        raise UseError(_OPTION, what, "give one number for each axis, from the maker's data sheet")
-    return {axis: one.current_a * nm_per_a[axis - 1] for axis, one in sorted(friction.items())}
+        problem = f"has {len(nm_per_a)} numbers, and the run shows the friction of axis {max(friction)}"
+        raise UseError(_OPTION, problem, "give one number for each axis, from the maker's data sheet")
+    return {axis: joint.current_a * nm_per_a[axis - 1] for axis, joint in sorted(friction.items())}
 
 
 def torques_of(text: str) -> tuple[float, ...]:

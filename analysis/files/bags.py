@@ -25,6 +25,7 @@ import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -89,7 +90,13 @@ class McapBag:
                 break
             if isinstance(record, Chunk):
                 checked &= record.uncompressed_crc != 0
-                unpacked += self._hold_size(record, unpacked)
+                size = max(record.uncompressed_size, _frame_bytes(record))  # a few bytes can stand for any number
+                remedy = "record the topics of joints and gauges alone, or import it in several runs"
+                if (unpacked := unpacked + size) > _MOST_UNPACKED:
+                    problem = f"stands for more than {_MOST_UNPACKED / 1e9:g} GB once it is unpacked"
+                    raise FileError(self.where, problem, remedy)
+                if size > _MOST_OF_CHUNK:
+                    raise FileError(self.where, f"holds a chunk of more than {_MOST_OF_CHUNK / 1e6:g} MB", remedy)
             else:
                 checked &= not isinstance(record, Message)
             for part in _records_in(record) if isinstance(record, Chunk) else (record,):
@@ -107,18 +114,6 @@ class McapBag:
         for record in records:
             if isinstance(record, Statistics) and record.message_count != count:
                 raise McapError(f"it holds {count} messages, and its statistics say {record.message_count}")
-
-    def _hold_size(self, chunk: Chunk, before: int) -> int:
-        """Return the bytes that a chunk unpacks to. Raises FileError where that, or all together, is too much: a few
-        bytes can stand for any number."""
-        size = max(chunk.uncompressed_size, _frame_bytes(chunk))
-        remedy = "record the topics of joints and gauges alone, or import it in several runs"
-        if before + size > _MOST_UNPACKED:
-            problem = f"stands for more than {_MOST_UNPACKED / 1e9:g} GB once it is unpacked"
-            raise FileError(self.where, problem, remedy)
-        if size > _MOST_OF_CHUNK:
-            raise FileError(self.where, f"holds a chunk of more than {_MOST_OF_CHUNK / 1e6:g} MB", remedy)
-        return size
 
 
 def words_of(error: Exception) -> str:
@@ -311,19 +306,13 @@ class Placed(NamedTuple):
     turn: tuple[float, ...]
 
 
-def _point(data: bytes) -> Iterator[Placed]:
+def _placed(data: bytes, *, turn: int = 4, child: bool = False) -> Iterator[Placed]:
+    """One place with a turn of so many numbers; child: the message names what it places."""
     message = Cdr(data)
-    yield Placed(message.header(), "", message.take("d", 3), ())
-
-
-def _pose(data: bytes) -> Iterator[Placed]:
-    message = Cdr(data)
-    yield Placed(message.header(), "", message.take("d", 3), message.take("d", 4))
-
-
-def _transform(data: bytes) -> Iterator[Placed]:
-    message = Cdr(data)
-    yield Placed(message.header(), "", (message.text(), message.take("d", 3))[1], message.take("d", 4))
+    stamp_ns = message.header()
+    if child:
+        message.text()
+    yield Placed(stamp_ns, "", message.take("d", 3), message.take("d", turn))
 
 
 def _transforms(data: bytes) -> Iterator[Placed]:
@@ -333,10 +322,10 @@ def _transforms(data: bytes) -> Iterator[Placed]:
 
 
 PLACED: Mapping[str, Callable[[bytes], Iterator[Placed]]] = {
-    "geometry_msgs/msg/PointStamped": _point,
-    "geometry_msgs/msg/PoseStamped": _pose,
-    "geometry_msgs/msg/PoseWithCovarianceStamped": _pose,
-    "geometry_msgs/msg/TransformStamped": _transform,
+    "geometry_msgs/msg/PointStamped": partial(_placed, turn=0),
+    "geometry_msgs/msg/PoseStamped": _placed,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": _placed,
+    "geometry_msgs/msg/TransformStamped": partial(_placed, child=True),
     TF: _transforms,
 }
 """What places something, by the type of the message; all but TF place one thing a topic."""

@@ -119,25 +119,10 @@ def value(column: str, text: str) -> Value:
         near = [direction] if direction in words else difflib.get_close_matches(lower, words, n=1)
         hint = f"; did you mean {near[0]}?" if near else ""
         raise ValueError(f"{quoted(text)} is not {', '.join(words[:-1])} or {words[-1]}{hint}")
-    if column not in COUNTS:
-        return _number(text)
-    if not _COUNT.fullmatch(text) or float(text) < 1:
-        raise ValueError(f"{quoted(text)} is not a positive integer: 1, 2, 3, …")
-    return int(float(text))
-
-
-def numbers(texts: Sequence[str]) -> Array | None:
-    """The values (n,) of cells of a column of numbers; None where `value` has to look at them one by one."""
-    if not _OF_NUMBERS.fullmatch(",".join(texts)):
-        return None
-    try:
-        parsed = np.fromiter(map(float, texts), dtype=float, count=len(texts))
-    except ValueError:
-        return None
-    return parsed if np.abs(parsed).max(initial=0.0) <= LARGEST else None
-
-
-def _number(text: str) -> float:
+    if column in COUNTS:
+        if not _COUNT.fullmatch(text) or float(text) < 1:
+            raise ValueError(f"{quoted(text)} is not a positive integer: 1, 2, 3, …")
+        return int(float(text))
     if not _NUMBER.fullmatch(text):
         problem = "not a number"
         if re.fullmatch(r"[+-]?(nan|inf|infinity)(\(.*\))?", text, re.IGNORECASE):
@@ -149,6 +134,17 @@ def _number(text: str) -> float:
     if abs(number) > LARGEST:
         raise ValueError(f"{quoted(text)} is too large for a measured value; check the unit")
     return number
+
+
+def numbers(texts: Sequence[str]) -> Array | None:
+    """The values (n,) of cells of a column of numbers; None where `value` has to look at them one by one."""
+    if not _OF_NUMBERS.fullmatch(",".join(texts)):
+        return None
+    try:
+        parsed = np.fromiter(map(float, texts), dtype=float, count=len(texts))
+    except ValueError:
+        return None
+    return parsed if np.abs(parsed).max(initial=0.0) <= LARGEST else None
 
 
 _BATCH_CELLS = 100_000
@@ -186,15 +182,12 @@ def _values(
         return [as_it_was(text) for text in texts]
     if column_type(name, layout) == "double" and (parsed := numbers(texts)) is not None:
         return parsed
-    read = {text: _read(name, text) for text in set(texts)}
-    for line, text in zip(lines.tolist(), texts, strict=True):
-        if isinstance(bad := read[text], ValueError):
-            problems.add([TableProblem(line, name, str(bad))])
-    return [None if isinstance(cell := read[text], ValueError) else cell for text in texts]
-
-
-def _read(name: str, text: str) -> Value | ValueError:
-    try:
-        return value(name, text)
-    except ValueError as error:
-        return error
+    cells, why = dict[str, Value | None](), dict[str, str]()
+    for text in set(texts):
+        try:
+            cells[text] = value(name, text)
+        except ValueError as error:
+            cells[text], why[text] = None, str(error)
+    rows = zip(lines.tolist(), texts, strict=True)
+    problems.add(TableProblem(line, name, why[text]) for line, text in rows if text in why)
+    return [cells[text] for text in texts]

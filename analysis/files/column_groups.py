@@ -126,12 +126,18 @@ def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
         for name in named:
             if {"joint", "axis"} & set(name.words):
                 by_role[name.role].append(name)
-        joints = [_group(ones) for ones in by_role.values() if len(ones) == axes]
+        joints = [_group(of_role) for of_role in by_role.values() if len(of_role) == axes]
         joints = joints or _numbered(named, axes, frozenset())
     taken = {column for group in joints for column in group.columns}
     unused = [name for name in named if name.column not in taken]
     places, turns = _lettered(unused)
-    seen = [_beside(place, turns) for place in places if place.role != "residual"] + list(_vectors(unused))
+    seen = []
+    for place in (place for place in places if place.role != "residual"):
+        alike = [turn for turn in turns if turn[0].role == place.role]
+        units = {group.unit for group, _ in alike}
+        readings = tuple(reading for _, ways in alike for reading in ways)
+        seen.append(Seen(place, readings, units.pop() if len(units) == 1 else ""))
+    seen += _vectors(unused)
     residuals = tuple(place for place in places if place.role == "residual")
     used = (
         taken | {column for pose in seen for column in pose.place.columns} | {c for g in residuals for c in g.columns}
@@ -176,9 +182,8 @@ def _group(names: Sequence[_Name]) -> Group:
     units = {name.unit for name in names}
     words = {word for name in names for word in name.words}
     of_controller = bool(words & _CONTROLLER) and not words & _INSTRUMENT
-    return Group(
-        tuple(name.column for name in names), names[0].role, units.pop() if len(units) == 1 else "", of_controller
-    )
+    unit = units.pop() if len(units) == 1 else ""
+    return Group(tuple(name.column for name in names), names[0].role, unit, of_controller)
 
 
 def _templates(names: Sequence[_Name]) -> dict[tuple[str, ...], dict[int, _Name]]:
@@ -250,20 +255,25 @@ def _lettered(names: Sequence[_Name]) -> tuple[list[Group], _Turns]:
     for template, by_letter in parts.items():
         if not set("xyz") <= by_letter.keys():
             continue
-        ones = [by_letter[letter] for letter in "xyz"]
-        w = by_letter.get("w")
+        group, w = _group([by_letter[letter] for letter in "xyz"]), by_letter.get("w")
         if w and w.column not in taken:
-            columns = tuple(name.column for name in (*ones, w))
-            turns.append((_group(ones), (TurnReading(columns, "quaternion"),)))
+            turns.append((group, (TurnReading((*group.columns, w.column), "quaternion"),)))
         elif {word.rstrip("*") for word in template} & _TURN_WORDS:
-            turns.append((_group(ones), _angle_readings(ones)))
+            turns.append((group, _angle_readings(group.columns)))
         else:
-            places.append(_group(ones))
-    return places, [*turns, *_quaternions(names), *_matrices(names)]
+            places.append(group)
+    # Turns by q1 … q4, of which the first or the last is the real part.
+    for template, numbered in _templates(names).items():
+        order = _in_order(numbered, 4)
+        if order and {"q", "quat", "quaternion"} & set(template):
+            first, *later = (name.column for name in order)
+            ways = (TurnReading(columns, "quaternion") for columns in ((*later, first), (first, *later)))
+            turns.append((_group(order), tuple(ways)))
+    return places, [*turns, *_matrices(names)]
 
 
 def _in_sets(names: Sequence[_Name]) -> _Turns:
-    """Turns by three words: roll, pitch, yaw; A, B, C; W, P, R; O, A, T."""
+    """Turns by three words: roll, pitch, yaw; A, B, C; W, P, R; O, A, T, about x, y, z but for KUKA and Kawasaki."""
     sets: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
     for name in names:
         for k, word in enumerate(name.words):
@@ -271,41 +281,28 @@ def _in_sets(names: Sequence[_Name]) -> _Turns:
                 if word in members:
                     sets[(call, *name.words[:k], "*", *name.words[k + 1 :])].setdefault(word, name)
     whole = {key: [by_word[word] for word in _SETS[key[0]]] for key, by_word in sets.items() if len(by_word) == 3}
-    return [(_group(ones), _set_readings(key[0], ones)) for key, ones in whole.items()]
-
-
-def _quaternions(names: Sequence[_Name]) -> _Turns:
-    """Turns by q1 … q4, of which the first or the last is the real part."""
     turns: _Turns = []
-    for template, numbered in _templates(names).items():
-        order = _in_order(numbered, 4)
-        if order and {"q", "quat", "quaternion"} & set(template):
-            first, *others = (name.column for name in order)
-            columns = ((*others, first), (first, *others))
-            turns.append((_group(order), tuple(TurnReading(columns, "quaternion") for columns in columns)))
+    for (call, *_), names_of_set in whole.items():
+        columns = tuple(name.column for name in names_of_set)
+        readings: tuple[TurnReading, ...] = (TurnReading(columns, "moving zyz"),)  # Kawasaki's
+        if call != "oat":
+            readings = _angle_readings(columns)
+        if call == "abc":  # KUKA's A, B, C turn about z, y, x
+            readings = (*_angle_readings(columns[::-1]), *readings)
+        turns.append((_group(names_of_set), readings))
     return turns
 
 
-def _set_readings(call: str, ones: Sequence[_Name]) -> tuple[TurnReading, ...]:
-    """KUKA's A, B, C turn about z, y, x; Kawasaki's O, A, T about z, y, z; everybody else's about x, y, z."""
-    if call == "oat":
-        return (TurnReading(tuple(name.column for name in ones), "moving zyz"),)
-    readings = _angle_readings(ones)
-    if call == "abc":
-        return (*_angle_readings(ones[::-1]), *readings)
-    return readings
-
-
-def _angle_readings(ones: Sequence[_Name]) -> tuple[TurnReading, ...]:
+def _angle_readings(columns: Sequence[str]) -> tuple[TurnReading, ...]:
     """Three angles about x, y and z, in every order of moving axes, and as a rotation vector."""
-    by_axis = {axis: name.column for axis, name in zip("xyz", ones, strict=True)}
+    by_axis = dict(zip("xyz", columns, strict=True))
     readings = []
     for order in _ORDERS:
         if order == "zyx":  # in the words of everybody: roll, pitch, yaw about fixed axes
-            readings.append(TurnReading(tuple(by_axis[axis] for axis in "xyz"), "fixed xyz"))
+            readings.append(TurnReading(tuple(columns), "fixed xyz"))
         else:
             readings.append(TurnReading(tuple(by_axis[axis] for axis in order), f"moving {order}"))
-    return (*readings, TurnReading(tuple(name.column for name in ones), "rotation vector"))
+    return (*readings, TurnReading(tuple(columns), "rotation vector"))
 
 
 def _matrices(names: Sequence[_Name]) -> _Turns:
@@ -318,19 +315,9 @@ def _matrices(names: Sequence[_Name]) -> _Turns:
     for first in (0, 1):
         places = [f"{row}{column}" for row in range(first, first + 3) for column in range(first, first + 3)]
         if set(places) <= by_place.keys():
-            ones = [by_place[place] for place in places]
-            return [(_group(ones), (TurnReading(tuple(name.column for name in ones), "matrix"),))]
+            group = _group([by_place[place] for place in places])
+            return [(group, (TurnReading(group.columns, "matrix"),))]
     return []
-
-
-def _beside(place: Group, turns: _Turns) -> Seen:
-    """A place with the turn of the same role, or the only one."""
-    same_role = [turn for turn in turns if turn[0].role == place.role]
-    if not same_role:
-        return Seen(place)
-    readings = tuple(reading for _, ways in same_role for reading in ways)
-    units = {group.unit for group, _ in same_role}
-    return Seen(place, readings, units.pop() if len(units) == 1 else "")
 
 
 def _vectors(names: Sequence[_Name]) -> Iterator[Seen]:
@@ -360,7 +347,9 @@ def _poses(columns: Sequence[str]) -> Iterator[Seen]:
         case 3:
             yield Seen(Group(tuple(c), "unsaid"))
         case 6:
-            yield Seen(Group(tuple(c[:3]), "unsaid"), _any_angles(c[3:]))
+            # Of these three angles no name says the axes.
+            turned = (TurnReading(tuple(c[3:]), f"moving {order}") for order in (*_ORDERS, *_ZYZ))
+            yield Seen(Group(tuple(c[:3]), "unsaid"), tuple(dict.fromkeys((*_angle_readings(c[3:]), *turned))))
         case 7:
             x, y, z, w = c[3:]
             turns = (TurnReading((x, y, z, w), "quaternion"), TurnReading((y, z, w, x), "quaternion"))
@@ -373,13 +362,6 @@ def _poses(columns: Sequence[str]) -> Iterator[Seen]:
                 yield Seen(Group(tuple(c[12:15]), "unsaid"), (TurnReading(tuple(c[k] for k in down), "matrix"),))
             else:
                 yield Seen(Group(tuple(c[9:]), "unsaid"), (TurnReading(tuple(c[:9]), "matrix"),))
-
-
-def _any_angles(columns: Sequence[str]) -> tuple[TurnReading, ...]:
-    """Three angles of which no name says the axes."""
-    by_axes = _angle_readings([_Name(column, (), "") for column in columns])
-    turned = [TurnReading(tuple(columns), f"moving {order}") for order in (*_ORDERS, *_ZYZ)]
-    return tuple(dict.fromkeys((*by_axes, *turned)))
 
 
 def _by_position(

@@ -56,7 +56,16 @@ def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
 def poses_of_stops(xyz_mm: Array, cube: Cube) -> Integers | None:
     """The pose 1 … 5 of each place (n, 3) mm, in order of time, 0 for a row elsewhere; None where they are no stops of
     the cube in its order."""
-    heap, middles = _heaps(xyz_mm, _HEAP * cube.side_mm)
+    first: list[Array] = []
+    heap = np.zeros(len(xyz_mm), dtype=np.int64)
+    for row, place in enumerate(xyz_mm):
+        away = np.linalg.norm(np.array(first) - place, axis=1) if first else np.empty(0)
+        if len(away) and away.min() < _HEAP * cube.side_mm:
+            heap[row] = int(away.argmin())
+        elif len(first) <= _MOST_HEAPS:
+            heap[row] = len(first)
+            first.append(place)
+    middles = np.array([xyz_mm[heap == number].mean(axis=0) for number in range(len(first))])
     largest = np.argsort(-np.bincount(heap), kind="stable")[: len(ORDER)]
     if len(largest) < len(ORDER) or len(middles) > _MOST_HEAPS:
         return None
@@ -80,17 +89,3 @@ def poses_of_stops(xyz_mm: Array, cube: Cube) -> Integers | None:
         if share > most:
             best, most = pose, share
     return best
-
-
-def _heaps(xyz_mm: Array, radius_mm: float) -> tuple[Integers, Array]:
-    """The heap (n,) of each place, from 0, and the mean place (h, 3) of each."""
-    first: list[Array] = []
-    heap = np.zeros(len(xyz_mm), dtype=np.int64)
-    for row, place in enumerate(xyz_mm):
-        away = np.linalg.norm(np.array(first) - place, axis=1) if first else np.empty(0)
-        if len(away) and away.min() < radius_mm:
-            heap[row] = int(away.argmin())
-        elif len(first) <= _MOST_HEAPS:
-            heap[row] = len(first)
-            first.append(place)
-    return heap, np.array([xyz_mm[heap == number].mean(axis=0) for number in range(len(first))])

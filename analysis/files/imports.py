@@ -19,7 +19,7 @@ from analysis.files.read import read_file, read_whole
 from analysis.files.sequence import check_sequence
 from analysis.files.table_map import MAPPED, TableMap, map_text
 from analysis.geometry.iso_cube import cube_of
-from analysis.measures.checks import hold_alive
+from analysis.measures.evaluate import hold_alive
 from analysis.traces.kind import kind_named
 from analysis.traces.loading import Measured, measured_of
 from analysis.traces.table_layout import PLACE, JointSource
@@ -105,8 +105,8 @@ def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[P
         if is_workbook(data):
             sheets = sheets_of(data, str(path))
             if len(sheets) != 1:
-                what = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}), and one is a measurement"
-                raise FileError(str(path), what, "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]")
+                fact = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}), and one is a measurement"
+                raise FileError(str(path), fact, "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]")
             sheet, data = next(iter(sheets.items()))
         lines, text_layout = text_of(data, str(path))
         layout = layout_of(lines, text_layout.encoding, str(path)).model_copy(update={"sheet": sheet, "topic": chosen})
@@ -129,8 +129,8 @@ def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, st
 def _hold_standing(rig: Rig, where: str) -> None:
     """Raise FileError for an arm on a rail: a map does not say where that stands."""
     if rig.robot.rail:
-        what = "has other columns than those of docs/tables.md, and a map does not say where the rail stands"
-        raise FileError(where, what, "name its columns q1_deg …, e1_mm, x_mm, y_mm, z_mm")
+        problem = "has other columns than those of docs/tables.md, and a map does not say where the rail stands"
+        raise FileError(where, problem, "name its columns q1_deg …, e1_mm, x_mm, y_mm, z_mm")
 
 
 def read_mapped(  # noqa: PLR0913 - what a run is labelled with
@@ -151,8 +151,8 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     rig, rig_text = load(rig_file)
     where = str(files[0])
     if len(files) != len(table_map.files):
-        what = f"describes {len(table_map.files)} files, and {len(files)} are given"
-        raise FileError("the map", what, "give the files of one measurement, in its order; several are joined (--join)")
+        fact = f"describes {len(table_map.files)} files, and {len(files)} are given"
+        raise FileError("the map", fact, "give the files of one measurement, in its order; several are joined (--join)")
     if joints == "commanded":
         if table_map.commanded is None:
             raise FileError("the map", "names no commanded joints, which --joints commanded reads", "add `commanded`")

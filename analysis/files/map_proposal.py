@@ -99,10 +99,8 @@ class Proposal:
 
     def answered(self, question: Question, reading: Reading) -> Proposal:
         """The proposal with an answer to a question."""
-        others = tuple(open_question for open_question in self.questions if open_question is not question)
-        return replace(
-            self, table_map=self.table_map.model_copy(update={question.key: reading.value}), questions=others
-        )
+        table_map = self.table_map.model_copy(update={question.key: reading.value})
+        return replace(self, table_map=table_map, questions=tuple(q for q in self.questions if q is not question))
 
     def assumed(self) -> Proposal:
         """The proposal with the likeliest answer to every question, each named in the map and so in every analysis."""
@@ -126,8 +124,8 @@ class _Judge:
     questions: list[Question] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
 
-    def map_of(self, joints: Angles, place: Lengths, residual: Residual | None = None, **more: Any) -> TableMap:
-        return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **more)
+    def map_of(self, joints: Angles, place: Lengths, residual: Residual | None = None, **keys: Any) -> TableMap:
+        return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **keys)
 
     def reading(self, table_map: TableMap, words: str, steps: int = _SCREEN_STEPS) -> Reading:
         """A reading of joints and place as it fits the arm."""
@@ -167,9 +165,13 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     bare = without_setup(arm_of(rig.robot))
     judge = _Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
     if len(raw.lines) < FEWEST:
-        what = f"has {len(raw.lines)} poses, too few for the arm to show what its columns mean ({FEWEST} are needed)"
-        raise FileError(raw.where, what, "write the map by hand, and give it with --map")
-    joints, commanded = _of_role(groups.joints)
+        problem = f"has {len(raw.lines)} poses, too few for the arm to show what its columns mean ({FEWEST} are needed)"
+        raise FileError(raw.where, problem, "write the map by hand, and give it with --map")
+    measured, unsaid, commanded = (
+        [group for group in groups.joints if group.role == role] for role in ("measured", "unsaid", "commanded")
+    )
+    # Joints to read, and those that were commanded beside them.
+    joints, commanded = (measured or unsaid, commanded) if measured or unsaid else (commanded, [])
     seen, residual = _places(groups)
     table_map, chosen = _placed(judge, joints, seen, residual)
     if commanded and table_map.joints and len(commanded) == 1:
@@ -210,32 +212,23 @@ def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
 
 
 def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
-    more = f" and {len(raw.numeric) - _NAMED} more" if len(raw.numeric) > _NAMED else ""
-    has = f"its columns of numbers are {', '.join(raw.numeric[:_NAMED])}{more}"
+    further = f" and {len(raw.numeric) - _NAMED} more" if len(raw.numeric) > _NAMED else ""
+    has = f"its columns of numbers are {', '.join(raw.numeric[:_NAMED])}{further}"
     if not groups.joints:
         if groups.near:
             nears = f"{len(groups.near)} columns of joints ({groups.near[0]} … {groups.near[-1]})"
-            what = f"has {nears}, the arm of the rig file {axes} axes"
-            raise FileError(raw.where, what, "give the rig file of the arm that was measured")
-        what = f"has no {axes} columns that may be joints; {has}"
+            problem = f"has {nears}, the arm of the rig file {axes} axes"
+            raise FileError(raw.where, problem, "give the rig file of the arm that was measured")
+        problem = f"has no {axes} columns that may be joints; {has}"
         remedy = (
             "add the joint angles of each pose (several files: --join), or name them in a map (--map); stops of the "
             "ISO 9283 cube need none, where the rig file has tests.iso9283"
         )
-        raise FileError(raw.where, what, remedy)
+        raise FileError(raw.where, problem, remedy)
     if not any(pose.place.role != "commanded" for pose in groups.seen) and not (groups.seen and groups.residuals):
         nears = "only places that were commanded" if groups.seen else "no columns x, y, z of a place"
-        what = f"has {nears}, so nothing that was measured; {has}"
-        raise FileError(raw.where, what, "name the measured ones in a map (--map)")
-
-
-def _of_role(groups: Sequence[Group]) -> tuple[list[Group], list[Group]]:
-    """Joints to read, and those that were commanded beside them."""
-    measured = [group for group in groups if group.role == "measured"] or [
-        group for group in groups if group.role == "unsaid"
-    ]
-    commanded = [group for group in groups if group.role == "commanded"]
-    return (measured, commanded) if measured else (commanded, [])
+        problem = f"has {nears}, so nothing that was measured; {has}"
+        raise FileError(raw.where, problem, "name the measured ones in a map (--map)")
 
 
 def _places(groups: Groups) -> tuple[list[Seen], Group | None]:
@@ -273,14 +266,14 @@ def _placed(
     if not best.fits:
         plain = next(reading for reading, _ in candidates if reading.value.sees == "the tool")
         if part := fits_in_parts(judge.raw, judge.bare, plain.value):
-            what = f"fits the arm of the rig file in {part}, and not as a whole; {plain.line()}"
+            problem = f"fits the arm of the rig file in {part}, and not as a whole; {plain.line()}"
             remedy = (
                 "give what was measured with another place of target or instrument in files of their own, a run each"
             )
-            raise FileError(judge.raw.where, what, remedy)
-        what = f"fits the arm of the rig file in no reading of its columns within {RIGHT_MM:g} mm; {best.line()}"
+            raise FileError(judge.raw.where, problem, remedy)
+        problem = f"fits the arm of the rig file in no reading of its columns within {RIGHT_MM:g} mm; {best.line()}"
         remedy = "check that the rig file is that of the arm; else write a map by hand (--map)"
-        raise FileError(judge.raw.where, what, remedy)
+        raise FileError(judge.raw.where, problem, remedy)
     if overruled:
         _ask(
             judge,
@@ -314,8 +307,8 @@ def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:
     if len(np.unique(np.round(q, 2), axis=0)) <= _FEW_POSTURES:
         return False
     T, fitted = forward(bare, q), fit_arm(bare, q, xyz_mm)
-    left = position_error(T, xyz_mm, fit_setup(T, xyz_mm))
-    nominal_mm = float(np.sqrt((left**2).sum() / (len(q) - 3)))
+    error = position_error(T, xyz_mm, fit_setup(T, xyz_mm))
+    nominal_mm = float(np.sqrt((error**2).sum() / (len(q) - 3)))
     return fitted.spare < SPARE or max(fitted.rms_mm, NO_INSTRUMENT_MM) > _SHARE_OF_CONSTANTS * nominal_mm
 
 
@@ -423,8 +416,8 @@ def _otherwise(
         return None, candidates
     best, base, named, pose = ways[0]
     if best.remedy:
-        what = f"fits the arm of the rig file only with {best.words}; {read[0][0].line()}"
-        raise FileError(judge.raw.where, what, best.remedy)
+        problem = f"fits the arm of the rig file only with {best.words}; {read[0][0].line()}"
+        raise FileError(judge.raw.where, problem, best.remedy)
     return (judge.reading(base, named, _STEPS), pose), [*read, *candidates]
 
 
@@ -445,8 +438,8 @@ def _turns(seen: Seen) -> list[Turn]:
 
 
 def _turn_words(turn: Turn) -> str:
-    what = f"{turn.form} {_short(turn.columns)}"
-    return f"{what} in {turn.unit}" if turn.unit else what
+    words = f"{turn.form} {_short(turn.columns)}"
+    return f"{words} in {turn.unit}" if turn.unit else words
 
 
 def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
@@ -457,7 +450,7 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
     T = forward(judge.bare, base.q)
     setup = fit_nearest(judge.bare, base.q, base.xyz_mm, _STEPS)[1]
     R_base = setup.T_world_base[:3, :3]
-    readings = []
+    candidates: list[tuple[Reading, Rotation]] = []
     for turn in _turns(seen):
         try:
             poses = poses_of(judge.raw, table_map.model_copy(update={"turn": turn}))
@@ -471,11 +464,14 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
         for _ in range(3):
             off = np.asarray((tool * tool[kept].mean().inv()).magnitude())
             kept = np.argsort(off)[: max(int(_KEPT * len(T)), 6)]
-        readings.append(
-            Reading(turn, float(np.degrees(np.sqrt(np.mean(off[kept] ** 2)))), "°", f"turn as {_turn_words(turn)}")
-        )
-    readings.sort(key=lambda reading: reading.left)
-    readings = _distinct(judge, table_map, readings)
+        rms_deg = float(np.degrees(np.sqrt(np.mean(off[kept] ** 2))))
+        candidates.append((Reading(turn, rms_deg, "°", f"turn as {_turn_words(turn)}"), poses.turn))
+    readings, distinct = list[Reading](), list[Rotation]()
+    for reading, turns in sorted(candidates, key=lambda candidate: candidate[0].left):
+        # Without those that turn every row as a better one does.
+        if all((turns * earlier.inv()).magnitude().max() > 1e-6 for earlier in distinct):
+            readings.append(reading)
+            distinct.append(turns)
     if not readings:
         return table_map
     best, *others = readings
@@ -490,16 +486,6 @@ def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
         asks = "more than one reading of the turn fits the arm; which is it?"
         judge.questions.append(Question("turn", asks, (best, *rivals[:_SHOWN], none)))
     return table_map.model_copy(update={"turn": best.value})
-
-
-def _distinct(judge: _Judge, table_map: TableMap, readings: Sequence[Reading]) -> list[Reading]:
-    """Readings without those that turn every row as a better one does."""
-    kept: list[tuple[Reading, Any]] = []
-    for reading in readings:
-        turn = poses_of(judge.raw, table_map.model_copy(update={"turn": reading.value})).turn
-        if turn is not None and all((turn * earlier.inv()).magnitude().max() > 1e-6 for _, earlier in kept):
-            kept.append((reading, turn))
-    return [reading for reading, _ in kept]
 
 
 def _short(columns: Sequence[str]) -> str:

@@ -50,8 +50,8 @@ def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
     """The poses of a table by its map. Raises TableFileError for every bad cell, FileError for what the map lacks."""
     problems = Problems()
     if table_map.joints is None or table_map.place is None:
-        what = f"states no {'joints' if table_map.joints is None else 'place'}, which every pose needs"
-        raise FileError("the map", what, "add its columns and their unit")
+        problem = f"states no {'joints' if table_map.joints is None else 'place'}, which every pose needs"
+        raise FileError("the map", problem, "add its columns and their unit")
     q = _radians(raw, table_map.joints, problems)
     commanded = _radians(raw, table_map.commanded, problems) if table_map.commanded else None
     xyz = raw.numbers(table_map.place.columns, problems) * TO_MM[table_map.place.unit]
@@ -87,8 +87,8 @@ def turn_of(raw: RawTable, turn: Turn, problems: Problems) -> Rotation:
     else:
         off = np.zeros(len(values))
     for row in np.flatnonzero(off > _UNIT_WITHIN).tolist():
-        what = f"is no turn as {turn.form}: it is off by {off[row]:.2g}"
-        problems.add([TableProblem(int(raw.lines[row]), turn.columns[0], what)])
+        problem = f"is no turn as {turn.form}: it is off by {off[row]:.2g}"
+        problems.add([TableProblem(int(raw.lines[row]), turn.columns[0], problem)])
     values[off > _UNIT_WITHIN] = _none(turn)
     if turn.form == "quaternion":
         return Rotation.from_quat(values)
@@ -119,28 +119,27 @@ def table_by(
     raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None = None
 ) -> pa.Table:
     """The table of docs/tables.md of a test, with every other column of the file as the text it is."""
-    named = _poses(raw, table_map, axes) if test == MAPPED else _named(raw, table_map, test, direction)
+    if test == MAPPED:
+        for part in filter(None, (table_map.joints, table_map.commanded)):
+            if len(part.columns) != axes:
+                fact = f"names {len(part.columns)} columns of joints, and the arm of the rig file has {axes} axes"
+                remedy = "name a column for each axis, in order, or give the rig file of that arm"
+                raise FileError("the map", fact, remedy)
+        poses = poses_of(raw, table_map)
+        named = _columns("q{}_deg", np.degrees(poses.q))
+        named |= dict(zip(PLACE, map(pa.array, poses.xyz_mm.T), strict=True))
+        if poses.turn is not None:
+            named |= dict(zip(TURN, map(pa.array, poses.turn.as_euler("xyz", degrees=True).T), strict=True))
+        if poses.commanded is not None:
+            named |= _columns("q{}_commanded_deg", np.degrees(poses.commanded))
+    else:
+        named = _named(raw, table_map, test, direction)
     used = set(table_map.used())
     for name in raw.names:
         if name not in used:
             named[name if name not in named else f"{name} (file)"] = raw.cells[name]
     types = {name: str(column.type) for name, column in named.items()}
     return pa.table(named, schema=table_schema(types))  # type: ignore[arg-type]
-
-
-def _poses(raw: RawTable, table_map: TableMap, axes: int) -> Columns:
-    for part in filter(None, (table_map.joints, table_map.commanded)):
-        if len(part.columns) != axes:
-            what = f"names {len(part.columns)} columns of joints, and the arm of the rig file has {axes} axes"
-            raise FileError("the map", what, "name a column for each axis, in order, or give the rig file of that arm")
-    poses = poses_of(raw, table_map)
-    named: Columns = _columns("q{}_deg", np.degrees(poses.q))
-    named |= dict(zip(PLACE, map(pa.array, poses.xyz_mm.T), strict=True))
-    if poses.turn is not None:
-        named |= dict(zip(TURN, map(pa.array, poses.turn.as_euler("xyz", degrees=True).T), strict=True))
-    if poses.commanded is not None:
-        named |= _columns("q{}_commanded_deg", np.degrees(poses.commanded))
-    return named
 
 
 def _columns(template: str, values: Array) -> Columns:
@@ -154,12 +153,11 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direct
     missing = [name for name in layout.required if name not in stated and name not in joints]
     missing = [name for name in missing if not (direction and name == "direction")]
     if missing or (driven and table_map.joints is None):
-        what = f"names no column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
-        raise FileError("the map", what, "add it: columns: {NAME: {column: THAT OF THE FILE, unit: ITS UNIT}}")
+        problem = f"names no column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
+        raise FileError("the map", problem, "add it: columns: {NAME: {column: THAT OF THE FILE, unit: ITS UNIT}}")
     if unknown := [name for name in stated if name not in layout.known]:
-        raise UseError(
-            "the map", f"names {unknown[0]}, which no {test} table has", f"known are {', '.join(layout.known)}"
-        )
+        problem = f"names {unknown[0]}, which no {test} table has"
+        raise UseError("the map", problem, f"known are {', '.join(layout.known)}")
     problems = Problems()
     angles = np.degrees(_radians(raw, table_map.joints, problems)) if table_map.joints else np.empty((0, 0))
     named: Columns = {}

@@ -101,7 +101,15 @@ def write_mcap(run: Run, file: BinaryIO) -> None:
     began = run.manifest.clock.unix_ns
     writer.add_attachment(began, began, "rig.yaml", "application/yaml", run.manifest.rig_text.encode())
     writer.add_attachment(began, began, "manifest.json", "application/json", run.manifest.to_json())
-    tables, streams = _tables(run), []
+    if run.table is not None:
+        if "t_s" not in run.table.column_names or not pa.types.is_floating(run.table.schema.field("t_s").type):
+            problem = "has no column t_s, and MCAP needs the time of each row"
+            raise FileError(str(run.path), problem, "export it as CSV or Parquet")
+        tables = {TABLE: run.table}
+    else:
+        faults = pa.Table.from_pylist(run.faults, schema=pa.schema(list(FAULT_COLUMNS.items())))
+        tables = {name: pa.table(columns) for name, columns in run.streams.items()} | {FAULTS: faults}
+    streams = []
     for name, table in tables.items():
         properties = {field.name: {"type": _JSON_TYPES[str(field.type)]} for field in table.schema}
         schema = {"type": "object", "title": name, "properties": properties}
@@ -127,29 +135,13 @@ def _arm(writer: Writer, run: Run, tables: Mapping[str, pa.Table]) -> list[Itera
     joints, described = (_channel(writer, topic, schema, SCHEMAS[schema]) for topic, schema in _ARM_CHANNELS)
     times = _log_times(name, tables[name], run)
     first_ns = int(times.min(initial=_END_NS - 1)) if len(times) else began
-    return [iter([_Message(first_ns, described, 0, {"data": urdf})]), _angles(tables[name], times, joints, rig)]
-
-
-def _angles(table: pa.Table, times: NDArray[np.uint64], channel: int, rig: Rig) -> Iterator[_Message]:
-    """The joint angles of each row, in order of time."""
-    names = [axis.name for axis in rig.robot.axes]
-    q_deg = np.stack([table[joint].to_numpy() for joint in _JOINTS], axis=1)
-    for number in np.argsort(times, kind="stable").tolist():
-        at_ns = int(times[number])
-        yield _Message(at_ns, channel, number, joint_states(names, q_deg[number].tolist(), at_ns))
-
-
-def _tables(run: Run) -> dict[str, pa.Table]:
-    """The rows of each stream."""
-    if run.table is not None:
-        if "t_s" in run.table.column_names and pa.types.is_floating(run.table.schema.field("t_s").type):
-            return {TABLE: run.table}
-        raise FileError(
-            str(run.path), "has no column t_s, and MCAP needs the time of each row", "export it as CSV or Parquet"
-        )
-    fault_schema = pa.schema(list(FAULT_COLUMNS.items()))
-    streams = {name: pa.table(columns) for name, columns in run.streams.items()}
-    return {**streams, FAULTS: pa.Table.from_pylist(run.faults, schema=fault_schema)}
+    axes, q_deg = [axis.name for axis in rig.robot.axes], [tables[name][joint].to_numpy() for joint in _JOINTS]
+    rows, at_ns = np.stack(q_deg, axis=1), times.tolist()
+    angles = (
+        _Message(at_ns[row], joints, row, joint_states(axes, rows[row].tolist(), at_ns[row]))
+        for row in np.argsort(times, kind="stable").tolist()
+    )
+    return [iter([_Message(first_ns, described, 0, {"data": urdf})]), angles]
 
 
 def _channel(writer: Writer, topic: str, name: str, schema: Mapping[str, Any]) -> int:

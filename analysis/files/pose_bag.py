@@ -16,6 +16,7 @@ import re
 import struct
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,7 +24,7 @@ import numpy as np
 from analysis.files.bags import JOINT_STATE, NO_STAMP, PLACED, TF, Cdr, Found, bag_of, joint_state, messages_of
 from analysis.files.ros_bag import newest
 from analysis.kinematics.arm import Array, Integers
-from analysis.traces.stands import Stand, stands_of
+from analysis.traces.stands import stands_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import ROS2JointStates
@@ -56,18 +57,15 @@ class _Track:
     lacking: int = 0
 
     def add(self, log_ns: int, sent_ns: int, values: tuple[float, ...] | None) -> None:
-        if values is None or not self._fits(values):
+        values = values or ()
+        alike = not self.values or len(values) == len(self.values[0])
+        is_turned = not self.placed or len(values) < 7 or abs(math.hypot(*values[3:]) - 1) < _UNIT_WITHIN
+        if not values or not alike or not is_turned or not all(abs(value) < _LARGEST for value in values):
             self.lacking += 1
             return
         self.log_ns.append(log_ns)
         self.sent_ns.append(sent_ns)
         self.values.append(values)
-
-    def _fits(self, values: tuple[float, ...]) -> bool:
-        """Whether these are numbers, as many as before, and a turn is one."""
-        alike = not self.values or len(values) == len(self.values[0])
-        turned = not self.placed or len(values) < 7 or abs(math.hypot(*values[3:]) - 1) < _UNIT_WITHIN
-        return alike and all(abs(value) < _LARGEST for value in values) and turned
 
 
 @dataclass(frozen=True)
@@ -86,9 +84,12 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
     names, joints, placed = _read(_of_use(messages_of(bag)), where, rig)
     topic, poses = _chosen(placed, topic, where)
     doubts = [] if bag.has_checksums else ["the bag was written without checksums: damage to it would not be seen"]
-    (joint_ns, q), (pose_ns, seen), more = _timed({"joints": joints, topic: poses})
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    (joint_ns, q), (pose_ns, seen), notes = _timed({"joints": joints, topic: poses})
     t_s = (joint_ns - joint_ns[0]) / 1e9
     stands = stands_of(t_s, q, np.zeros((len(q), 0)))
+    turn = ["qx", "qy", "qz", "qw"] if seen.shape[1] == 7 else []
     rows, lost = [], Counter[str]()
     for stand in stands:
         at = joint_ns[stand.settled]
@@ -97,18 +98,21 @@ def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTa
         if why:
             lost[why] += 1
         else:
-            rows.append(_row(stand, t_s, q, seen[of_stand]))
-    more += [f"left out {count} of {len(stands)} stands of the robot: {why}" for why, count in lost.items()]
+            read, q_scatter = seen[of_stand], np.degrees(q[stand.settled].std(axis=0).max())
+            turned = Rotation.from_quat(read[:, 3:]).mean().as_quat() if turn else ()
+            place, scatter_mm = read[:, :3].mean(axis=0), 1e3 * read[:, :3].std(axis=0, ddof=1)
+            numbers = (stand.t_s, *stand.q, *place, *turned, *scatter_mm, q_scatter)
+            rows.append([*map(float, numbers), len(read)])
+    notes += [f"left out {count} of {len(stands)} stands of the robot: {why}" for why, count in lost.items()]
     if not rows:
-        reasons = "; ".join(more) or "the robot stood nowhere for 0.3 s"
+        reasons = "; ".join(notes) or "the robot stood nowhere for 0.3 s"
         raise FileError(where, f"has no stand of the robot with a place ({reasons})", "let the robot wait at each pose")
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    turn = ["qx", "qy", "qz", "qw"] if (seen.shape[1] == 7) else []
     scatter = ["std_x_mm", "std_y_mm", "std_z_mm", "std_joints_deg", "readings"]
     writer.writerow(["t_s", *(f"{name}_rad" for name in names), "x_m", "y_m", "z_m", *turn, *scatter])
     writer.writerows(rows)
-    return StandTable(text.getvalue().encode(), topic, (*doubts, *more))
+    return StandTable(text.getvalue().encode(), topic, (*doubts, *notes))
 
 
 def _of_use(messages: Iterable[Found]) -> list[Found]:
@@ -142,17 +146,25 @@ def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _
     states = [message for message in messages if message.topic == topic and message.kind == JOINT_STATE]
     names = list(ros.joints) if ros else _names(states, len(rig.robot.axes), where)
     if odd := [name for name in names if not _JOINT.fullmatch(name)]:
-        raise FileError(
-            where, f"names a joint {odd[0][:40]!r}, which is no name", "name the six joints in the rig file"
-        )
+        problem = f"names a joint {odd[0][:40]!r}, which is no name"
+        raise FileError(where, problem, "name the six joints in the rig file")
     joints, placed = _Track(), dict[str, _Track]()
-    for messagete in states:
-        stamp_ns, angles = _joints(messagete.data)
+    for message in states:
+        stamp_ns, angles = _joints(message.data)
         values = tuple(angles[name] for name in names) if set(names) <= angles.keys() else None
-        joints.add(messagete.log_ns, stamp_ns, values)
-    for messagete in messages:
-        if messagete.kind in PLACED:
-            _place(messagete, placed)
+        joints.add(message.log_ns, stamp_ns, values)
+    for message in messages:
+        if message.kind not in PLACED:
+            continue
+        name = message.topic
+        try:
+            for thing in PLACED[message.kind](message.data):
+                name = f"{message.topic}:{thing.child}" if message.kind == TF else message.topic
+                if len(name) <= _LONGEST_NAME:
+                    track = placed.setdefault(name, _Track(placed=True))
+                    track.add(message.log_ns, thing.stamp_ns, (*thing.place_m, *thing.turn))
+        except (struct.error, IndexError):
+            placed.setdefault(name, _Track(placed=True)).lacking += 1
     if len(joints.log_ns) < 2:
         problem = f"holds fewer than two messages of {topic} with the joints {', '.join(names)}"
         raise FileError(where, problem, "name the joints in the rig file: feedback: {interface: ros2_joint_states, …}")
@@ -166,16 +178,6 @@ def _joints(data: bytes) -> tuple[int, dict[str, float]]:
         return NO_STAMP, {}
 
 
-def _is_nameless(data: bytes) -> bool:
-    """Whether a JointState has positions and no names."""
-    try:
-        message = Cdr(data)
-        message.header()
-        return message.count() == 0 and message.count() > 0
-    except (struct.error, IndexError):
-        return False
-
-
 def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
     """The joints of the first message that has as many as the arm or more. Raises FileError where there is none, where
     messages name no joints, and where they are of several arms."""
@@ -187,24 +189,15 @@ def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
             problem = f"holds the joints of two arms on one topic ({arms[:300]})"
             raise FileError(where, problem, "name those of the arm that was measured in the rig file: feedback.joints")
         return name_lists[0]
-    if any(_is_nameless(message.data) for message in messages):
-        problem = "holds messages of joints that name none of them: nothing says which angle is whose"
-        raise FileError(where, problem, "publish JointState with names, or give joints and places as a table")
-    raise FileError(
-        where, f"has no message with {axes} to {_MOST_JOINTS} joints", "give the rig file of the arm that was measured"
-    )
-
-
-def _place(message: Found, placed: dict[str, _Track]) -> None:
-    name = message.topic
-    try:
-        for placed_thing in PLACED[message.kind](message.data):
-            name = f"{message.topic}:{placed_thing.child}" if message.kind == TF else message.topic
-            if len(name) <= _LONGEST_NAME:
-                track = placed.setdefault(name, _Track(placed=True))
-                track.add(message.log_ns, placed_thing.stamp_ns, (*placed_thing.place_m, *placed_thing.turn))
-    except (struct.error, IndexError):
-        placed.setdefault(name, _Track(placed=True)).lacking += 1
+    for message in messages:
+        with suppress(struct.error, IndexError):
+            state = Cdr(message.data)
+            state.header()
+            if state.count() == 0 and state.count() > 0:  # positions and no names
+                problem = "holds messages of joints that name none of them: nothing says which angle is whose"
+                raise FileError(where, problem, "publish JointState with names, or give joints and places as a table")
+    problem = f"has no message with {axes} to {_MOST_JOINTS} joints"
+    raise FileError(where, problem, "give the rig file of the arm that was measured")
 
 
 def _chosen(placed: dict[str, _Track], topic: str, where: str) -> tuple[str, _Track]:
@@ -237,8 +230,8 @@ def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Int
         doubts.append(f"{without}: its messages have no stamps; times are those at which the bag received them")
         by = log
     elif abs(late_s[0] - late_s[1]) > _APART_S:
-        what = f"stamps of joints and {stamped[1]} lie {late_s[1] - late_s[0]:+.3f} s apart, so their clocks differ"
-        doubts.append(f"{what}; times are those at which the bag received them")
+        fact = f"stamps of joints and {stamped[1]} lie {late_s[1] - late_s[0]:+.3f} s apart, so their clocks differ"
+        doubts.append(f"{fact}; times are those at which the bag received them")
         by = log
     timed = []
     for name, track in tracks.items():
@@ -268,13 +261,3 @@ def _unusable(t_s: Array, pose_ns: Integers, seen: Array, topic: str) -> str:
     if apart > max(_LEAST_M, _DRIFTS * scatter * 2 / np.sqrt(len(seen))):
         return f"{topic} still moved; if all are, check the clocks"
     return ""
-
-
-def _row(stand: Stand, t_s: Array, q: Array, seen: Array) -> list[float]:
-    """Time, angles, place, turn where there is one, and the scatter and number of the readings."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-    turn = Rotation.from_quat(seen[:, 3:]).mean().as_quat().tolist() if seen.shape[1] == 7 else []
-    place, scatter = seen[:, :3].mean(axis=0), 1e3 * seen[:, :3].std(axis=0, ddof=1)
-    q_scatter = np.degrees(q[stand.settled].std(axis=0).max())
-    return [stand.t_s, *stand.q.tolist(), *place.tolist(), *turn, *scatter.tolist(), float(q_scatter), len(seen)]

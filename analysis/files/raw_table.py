@@ -5,6 +5,7 @@ pyarrow splits the lines; what is found is a `Layout`, which a map states and a 
 
 from __future__ import annotations
 
+import csv
 import io
 import re
 import zipfile
@@ -74,7 +75,13 @@ class RawTable:
                 column[good] = array_of(pc.filter(plain, pa.array(good)).cast(pa.float64()))
             large = good & ~(np.abs(column) <= LARGEST)
             for row in np.flatnonzero(~good | large).tolist():
-                bad_cells.add([TableProblem(int(self.lines[row]), name, _why(str(plain[row].as_py())))])
+                text = str(plain[row].as_py())
+                why = f"{text!r} is not a number"
+                try:
+                    value("x_mm", text)
+                except ValueError as error:
+                    why = str(error)
+                bad_cells.add([TableProblem(int(self.lines[row]), name, why)])
         if problems is None and bad_cells.count:
             raise TableFileError(self.where, bad_cells.first, count=bad_cells.count)
         return columns
@@ -93,9 +100,7 @@ class RawTable:
         if not len(sound_rows):
             raise FileError(self.where, "has no row without a bad cell", "correct the file")
         chosen = sound_rows[np.unique(np.linspace(0, len(sound_rows) - 1, min(rows, len(sound_rows))).astype(int))]
-        return RawTable(
-            self.where, self.names, self.units, self.cells.take(chosen), self.lines[chosen], self.decimal_comma
-        )
+        return replace(self, cells=self.cells.take(chosen), lines=self.lines[chosen])
 
     def _plain(self, name: str) -> pa.ChunkedArray:
         cells = self.cells[name]
@@ -103,14 +108,6 @@ class RawTable:
 
     def _is_number(self, name: str) -> pa.ChunkedArray:
         return pc.match_substring_regex(self._plain(name), _NUMBER)
-
-
-def _why(text: str) -> str:
-    try:
-        value("x_mm", text)
-    except ValueError as error:
-        return str(error)
-    return f"{text!r} is not a number"
 
 
 def is_workbook(data: bytes) -> bool:
@@ -123,22 +120,28 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
     try:
         import openpyxl  # noqa: PLC0415 - an extra, and slow to import
     except ModuleNotFoundError:
-        raise FileError(
-            where, "is a workbook, and openpyxl is not installed", f"{to_install('openpyxl')}, or save the sheet as CSV"
-        ) from None
+        problem = "is a workbook, and openpyxl is not installed"
+        raise FileError(where, problem, f"{to_install('openpyxl')}, or save the sheet as CSV") from None
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             if sum(member.file_size for member in archive.infolist()) > _MOST_UNPACKED:
                 raise FileError(where, f"unpacks to more than {_MOST_UNPACKED / 1e6:g} MB", "save the sheet as CSV")
         book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-        rows = _rows_within(book.worksheets, where)
-        sheets = {title: _sheet_text(of_sheet) for title, of_sheet in rows}
+        sheets = {}
+        for title, rows in _rows_within(book.worksheets, where):
+            texts = [["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row] for row in rows]
+            # A point where a text is a number with a comma: columns are separated by commas.
+            cells = [[t.replace(",", ".") if _COMMA.fullmatch(t.strip()) else t for t in row] for row in texts]
+            width, text = max(map(len, cells), default=0), io.StringIO()
+            writer = csv.writer(text, lineterminator="\n")
+            for row in cells:
+                writer.writerow([*row, *[""] * (width - len(row))]) if any(row) else text.write("\n")
+            sheets[title] = text.getvalue().encode()
     except FileError:
         raise
     except Exception as error:  # noqa: BLE001 - of a damaged workbook, whatever its readers raise
-        raise FileError(
-            where, f"cannot be read as a workbook: {type(error).__name__}", "save the sheet as CSV"
-        ) from None
+        problem = f"cannot be read as a workbook: {type(error).__name__}"
+        raise FileError(where, problem, "save the sheet as CSV") from None
     return {name: text for name, text in sheets.items() if text.strip(b"\n,")}
 
 
@@ -159,23 +162,6 @@ def _rows_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, Itera
 
     for sheet in sheets:
         yield sheet.title, rows_of(sheet)
-
-
-def _sheet_text(rows: Iterable[tuple[Any, ...]]) -> bytes:
-    import csv  # noqa: PLC0415
-
-    cells = [["" if cell is None else _point(re.sub(r"\s+", " ", str(cell))) for cell in row] for row in rows]
-    width = max(map(len, cells), default=0)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    for row in cells:
-        writer.writerow([*row, *[""] * (width - len(row))]) if any(row) else text.write("\n")
-    return text.getvalue().encode()
-
-
-def _point(cell: str) -> str:
-    """A cell of a workbook, with a point where its text is a number with a comma: columns are separated by commas."""
-    return cell.replace(",", ".") if _COMMA.fullmatch(cell.strip()) else cell
 
 
 def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list[str], Layout]:
@@ -343,7 +329,11 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
     if not others:
         return first, 0
     if len({table.decimal_comma for table in tables}) > 1:
-        first, *others = map(_with_points, tables)
+        texts = [{name: pc.replace_substring(table.cells[name], ",", ".") for name in table.names} for table in tables]
+        first, *others = (
+            replace(table, cells=pa.table(cells), decimal_comma=False) if table.decimal_comma else table
+            for table, cells in zip(tables, texts, strict=True)
+        )
     columns, left_out = {name: first.cells[name] for name in first.names}, 0
     units, lines, keep = list(first.units), first.lines, np.arange(len(first.lines))
     places = []
@@ -367,20 +357,11 @@ def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
             columns[name if name not in columns else f"{name} (file {number})"] = table.cells[name].take(at[keep])
             units.append(unit)
     if not len(keep):
-        raise FileError(
-            others[0].where, f"shares no value of {join!r} with {first.where}", "check the column of the join"
-        )
+        problem = f"shares no value of {join!r} with {first.where}"
+        raise FileError(others[0].where, problem, "check the column of the join")
     cells = pa.table(columns)
     where = f"{first.where} and {len(others)} more"
     return RawTable(where, tuple(columns), tuple(units), cells, lines[keep], first.decimal_comma), left_out
-
-
-def _with_points(table: RawTable) -> RawTable:
-    """A table whose decimals have points, to be joined with such as have."""
-    if not table.decimal_comma:
-        return table
-    columns = {name: pc.replace_substring(table.cells[name], ",", ".") for name in table.names}
-    return replace(table, cells=pa.table(columns), decimal_comma=False)
 
 
 def _index(table: RawTable, join: str) -> dict[str, int]:
@@ -388,9 +369,8 @@ def _index(table: RawTable, join: str) -> dict[str, int]:
         raise FileError(table.where, f"has no column {join!r} to join by", f"it has {', '.join(table.names[:20])}")
     keys = [str(key).strip() for key in table.cells[join].to_pylist()]
     if len(set(keys)) < len(keys):
-        raise FileError(
-            table.where, f"has a value of {join!r} twice", "join by a column whose values are all different"
-        )
+        problem = f"has a value of {join!r} twice"
+        raise FileError(table.where, problem, "join by a column whose values are all different")
     return {key: row for row, key in enumerate(keys)}
 
 

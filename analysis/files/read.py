@@ -32,14 +32,7 @@ from analysis.files.sequence import check_sequence
 from analysis.files.table_map import MAPPED
 from analysis.files.write import as_it_was
 from analysis.traces.kind import kind_named, kinds
-from analysis.traces.table_layout import (
-    COMMANDED,
-    JOINTS,
-    RAIL,
-    WORDS,
-    JointSource,
-    Layout,
-)
+from analysis.traces.table_layout import COMMANDED, JOINTS, RAIL, WORDS, JointSource, Layout
 from daq.store.chunk import table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes, read_from
@@ -60,7 +53,13 @@ def check_header(
     direction_given: a direction column may be missing. Raises FileError for another separator,
     TableFileError for wrong or missing columns.
     """
-    _separator(where, names)
+    line = ",".join(names) if len(names) <= 2 else ""
+    if line.count(";") > 2:
+        remedy = f"save it with commas and decimal points: sed 'y/,;/.,/' {as_argument(where)} > TABLE.csv"
+        raise FileError(where, "separates its columns by semicolons", remedy)
+    if line.count("\t") > 2:
+        remedy = f"save it with commas between columns: tr '\\t' ',' < {as_argument(where)} > TABLE.csv"
+        raise FileError(where, "separates its columns by tabs", remedy)
     layout = layout or kind_named(test).layout(axes)
     problems = [
         TableProblem(1, name, "this column occurs twice; remove or rename one")
@@ -72,38 +71,26 @@ def check_header(
         raise FileError(where, "has no header line", f"make this its first line: {','.join(layout.required)}")
     problems += [TableProblem(1, name, _missing(name, names, layout, test)) for name in missing]
     if not kind_named(test).gauges and RAIL in names and RAIL not in layout.known:
-        what = "the arm of the rig file stands on no rail; add robot.rail to it, or rename this column"
-        problems.append(TableProblem(1, RAIL, what))
+        fact = "the arm of the rig file stands on no rail; add robot.rail to it, or rename this column"
+        problems.append(TableProblem(1, RAIL, fact))
     for group in layout.together:
         stated = [name for name in group if name in names]
         if 0 < len(stated) < len(group):
-            what = f"has {' and '.join(stated)} only; give all of {', '.join(group)}, or none"
-            problems.append(TableProblem(1, "", what))
+            fact = f"has {' and '.join(stated)} only; give all of {', '.join(group)}, or none"
+            problems.append(TableProblem(1, "", fact))
     if problems:
         mapped = "" if test == MAPPED else "; a map reads other names and units (--map)"
         raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}{mapped}")
-
-
-def _separator(where: str, names: list[str]) -> None:
-    if len(names) > 2:
-        return
-    line = ",".join(names)
-    if line.count(";") > 2:
-        remedy = f"save it with commas and decimal points: sed 'y/,;/.,/' {as_argument(where)} > TABLE.csv"
-        raise FileError(where, "separates its columns by semicolons", remedy)
-    if line.count("\t") > 2:
-        remedy = f"save it with commas between columns: tr '\\t' ',' < {as_argument(where)} > TABLE.csv"
-        raise FileError(where, "separates its columns by tabs", remedy)
 
 
 def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str:
     # The extra column that may be the missing one: of the same stem (g1_inch for g1_mm), or written alike.
     # A column that means something in another test is that, and no other one misspelt.
     of_any = {column for kind in kinds() for column in kind.layout().known}
-    others = [extra for extra in names if extra not in of_any]
-    of_same_stem = [extra for extra in others if _stem(extra) == _stem(name)]
+    extras = [extra for extra in names if extra not in of_any]
+    of_same_stem = [extra for extra in extras if _stem(extra) == _stem(name)]
     taken = {_stem(column) for column in layout.known}
-    alike = difflib.get_close_matches(name, [extra for extra in others if _stem(extra) not in taken], n=1)
+    alike = difflib.get_close_matches(name, [extra for extra in extras if _stem(extra) not in taken], n=1)
     near = next(iter(of_same_stem + alike), None)
     if near:
         stem, _, unit = name.rpartition("_")
@@ -137,12 +124,12 @@ _BEGINNINGS = (
 
 def refuse_other_formats(where: str, data: bytes) -> None:
     """Raise FileError for the bytes of a file that is known to be no table."""
-    for magic, what, remedy in _BEGINNINGS:
+    for magic, fact, remedy in _BEGINNINGS:
         if data.startswith(magic):
-            raise FileError(where, what, remedy.format(file=as_argument(where)))
+            raise FileError(where, fact, remedy.format(file=as_argument(where)))
     if data.lstrip().startswith(ROS_KINEMATICS.encode()):
-        what = "is the kinematics of an arm, as ur_calibration of ROS writes it, and no table of measurements"
-        raise FileError(where, what, "for the arm, give calibration.conf of the controller: rig arms ARM --calibration")
+        fact = "is the kinematics of an arm, as ur_calibration of ROS writes it, and no table of measurements"
+        raise FileError(where, fact, "for the arm, give calibration.conf of the controller: rig arms ARM --calibration")
 
 
 def refuse_comments(where: str, data: bytes, test: TestName) -> None:
@@ -153,8 +140,8 @@ def refuse_comments(where: str, data: bytes, test: TestName) -> None:
     file = as_argument(where)
     if len(names & set(kind_named(test).layout().required)) > 1:
         before = f"1,{count - 1}d; " if count > 1 else ""
-        what = f"has its header in line {count} behind a #, which makes it a comment"
-        raise FileError(where, what, f"take it off: sed '{before}s/^# *//' {file} > TABLE.csv")
+        problem = f"has its header in line {count} behind a #, which makes it a comment"
+        raise FileError(where, problem, f"take it off: sed '{before}s/^# *//' {file} > TABLE.csv")
     comment = "a line" if count == 1 else f"{count} lines"
     raise FileError(where, f"begins with {comment} of comment (#)", f"leave them out: sed '/^#/d' {file} > TABLE.csv")
 
@@ -192,8 +179,8 @@ def read_file(
     text, doubts = data, tuple[str, ...]()
     if is_bag(data):
         if not has_direction:
-            what = "is a bag, from which circles are read, and poses by a map"
-            raise FileError(str(path), what, f"give the table of a {test} test as CSV")
+            problem = "is a bag, from which circles are read, and poses by a map"
+            raise FileError(str(path), problem, f"give the table of a {test} test as CSV")
         text, doubts = table_of_bag(data, str(path), rig, test)
     table = parse_csv(text, str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if has_direction else None
@@ -222,7 +209,13 @@ def parse_csv(
         raise FileError(where, f"has {len(names)} columns, more than {_MOST_COLUMNS}", "leave out those not needed")
     names = [as_it_was(name) for name in names]
     if joints == "commanded":
-        names = _commanded(names, where)
+        # The commanded joints are the robot's, and those measured have a name that says so.
+        if missing := [name for name in COMMANDED if name not in names]:
+            problem = f"has no {', '.join(missing)}, which --joints commanded reads"
+            raise FileError(where, problem, "rename the columns of the commanded joints, or leave --joints out")
+        measured = [name.replace("_deg", "_measured_deg") for name in JOINTS]
+        renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
+        names = [renamed.get(name, name) for name in names]
     axes = len(rig.robot.axes)
     layout = kind_named(test).layout(axes, rail=rig.robot.rail is not None)
     check_header(where, names, test, direction is not None, axes, layout)
@@ -238,16 +231,6 @@ def parse_csv(
     return pa.table(columns, schema=table_schema({name: column_type(name, layout) for name in columns}))
 
 
-def _commanded(names: list[str], where: str) -> list[str]:
-    """Column names with the commanded joints as the robot's, and those measured by a name that says so."""
-    if missing := [name for name in COMMANDED if name not in names]:
-        what = f"has no {', '.join(missing)}, which --joints commanded reads"
-        raise FileError(where, what, "rename the columns of the commanded joints, or leave --joints out")
-    measured = tuple(name.replace("_deg", "_measured_deg") for name in JOINTS)
-    renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
-    return [renamed.get(name, name) for name in names]
-
-
 def read_whole(path: Path) -> bytes:
     """The bytes of a table file, bounded. Raises FileError for one that cannot be read or is too large."""
     try:
@@ -258,9 +241,9 @@ def read_whole(path: Path) -> bytes:
         raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
     except FileError:
         if path.is_file() and path.stat().st_size > MOST_BYTES and read_from(path, 0, len(MAGIC))[0] == MAGIC:
-            what = f"is a bag of more than {MOST_BYTES / 1e6:g} MB"
+            problem = f"is a bag of more than {MOST_BYTES / 1e6:g} MB"
             remedy = "keep the topics that are read: mcap filter BAG -y /joint_states -y /g1 -y /g2 -o SMALL"
-            raise FileError(str(path), what, remedy) from None
+            raise FileError(str(path), problem, remedy) from None
         raise
 
 
@@ -301,12 +284,12 @@ def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Pro
                 if len(fields) > len(names)
                 else "; is the line cut off?"
             )
-            what = f"has {len(fields)} fields, the header {len(names)}{why}"
-            problems.add([TableProblem(line, "", what)])
+            problem = f"has {len(fields)} fields, the header {len(names)}{why}"
+            problems.add([TableProblem(line, "", problem)])
             continue
         if count > most_rows:
-            what = f"has more than {_MOST_CELLS} cells, the first {line} lines alone"
-            raise FileError(where, what, "import it in several runs")
+            problem = f"has more than {_MOST_CELLS} cells, the first {line} lines alone"
+            raise FileError(where, problem, "import it in several runs")
         count += 1
         yield line, fields
 

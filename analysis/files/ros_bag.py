@@ -72,8 +72,8 @@ def table_of_bag(data: bytes, where: str, rig: Rig, test: TestName = CIRCLES[0])
     begin_ns = min(min(track.ns) for track in tracks.values())  # since 1970, a float has steps of 256 ns
     streams: dict[str, Columns] = {}
     for topic, track in tracks.items():
-        streams[topic], more = _stream(topic, track, begin_ns)
-        doubts += more
+        streams[topic], of_topic = _stream(topic, track, begin_ns)
+        doubts += of_topic
     # The rig with its gauges behind a network, as every topic is: no message has the length of a line's bytes
     gauges = {name: gauge.model_copy(update={"port": "tcp://topic:1"}) for name, gauge in rig.gauges}
     aligned = align_streams(
@@ -161,9 +161,8 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
         if len(track.ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))[:300] or "no messages"
             problem = f"holds fewer than two usable messages of {topic} ({track.schema}); it has {has}"
-            raise FileError(
-                where, problem, "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
-            )
+            remedy = "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
+            raise FileError(where, problem, remedy)
     return tracks
 
 

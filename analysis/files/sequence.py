@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import pyarrow as pa
@@ -36,8 +36,8 @@ def check_sequence(
         t_s = columns["t_s"].to_numpy()
         timed = np.flatnonzero(np.isfinite(t_s))
         for k in np.flatnonzero(np.diff(t_s[timed]) <= 0):
-            what = f"time does not increase: {t_s[timed[k + 1]]:g} after {t_s[timed[k]]:g}"
-            yield TableProblem(int(lines[timed[k + 1]]), "t_s", what)
+            fact = f"time does not increase: {t_s[timed[k + 1]]:g} after {t_s[timed[k]]:g}"
+            yield TableProblem(int(lines[timed[k + 1]]), "t_s", fact)
     for name in (name for name in TIME_U if name in columns_of_test and name in columns):
         for k in np.flatnonzero(columns[name].to_numpy() < 0):
             yield TableProblem(int(lines[k]), name, "an uncertainty is not below zero")
@@ -45,15 +45,20 @@ def check_sequence(
         target = columns["target"].to_numpy()
         count = target_count(rig.tests.hemisphere)
         for k in np.flatnonzero(target > count):
-            what = f"{target[k]:.0f} is not one of the {count} targets of the rig's hemisphere"
-            yield TableProblem(int(lines[k]), "target", what)
-    yield from _further_joints(columns, columns_of_test, len(rig.robot.axes))
+            fact = f"{target[k]:.0f} is not one of the {count} targets of the rig's hemisphere"
+            yield TableProblem(int(lines[k]), "target", fact)
+    # A joint more than the arm has: of touches, and of arms of few axes, whose gripper is easily taken for one.
+    axes = len(rig.robot.axes)
+    further = joint_columns(axes + 1)[-1]
+    if further in columns and (SOCKET in columns_of_test or axes < DRIVEN_AXES):
+        fact = f"the table has {axes + 1} joints, and the arm of the rig file {axes}"
+        yield TableProblem(1, further, fact + ("; rename the column of a gripper" if axes < DRIVEN_AXES else ""))
     if SOCKET in columns_of_test:
         declared = rig.tests.touch.sockets if rig.tests.touch else ()
         for line, socket in zip(lines.tolist(), columns[SOCKET].to_pylist(), strict=True):
             if declared and socket not in declared:
-                what = f"{socket!r} is no socket of the rig file: {', '.join(declared)}"
-                yield TableProblem(int(line), SOCKET, what)
+                fact = f"{socket!r} is no socket of the rig file: {', '.join(declared)}"
+                yield TableProblem(int(line), SOCKET, fact)
     if "direction" in columns_of_test:
         yield from _one_direction(columns["direction"], lines, direction)
         t_s = columns["t_s"].to_numpy()
@@ -61,21 +66,13 @@ def check_sequence(
             yield from _jumps(name, t_s, columns[name].to_numpy(), lines, axis.speed_deg_s)
 
 
-def _further_joints(columns: Columns, columns_of_test: Sequence[str], axes: int) -> Iterator[TableProblem]:
-    """A joint more than the arm has: of touches, and of arms of few axes, whose gripper is easily taken for one."""
-    name = joint_columns(axes + 1)[-1]
-    if name in columns and (SOCKET in columns_of_test or axes < DRIVEN_AXES):
-        what = f"the table has {axes + 1} joints, and the arm of the rig file {axes}"
-        yield TableProblem(1, name, what + ("; rename the column of a gripper" if axes < DRIVEN_AXES else ""))
-
-
 def _one_direction(words: pa.ChunkedArray, lines: np.ndarray, direction: Direction | None) -> Iterator[TableProblem]:
     named = pc.unique(words.drop_null()).to_pylist()
     if direction and named == ["acw" if direction == "cw" else "cw"]:
         yield TableProblem(int(lines[0]), "direction", f"the table says {named[0]}; leave --direction out")
     elif len(named) > 1:
-        what = f"{named[1]} after {named[0]}: a file may hold one direction only; split it here"
-        yield TableProblem(int(lines[pc.index(words, named[1]).as_py()]), "direction", what)
+        fact = f"{named[1]} after {named[0]}: a file may hold one direction only; split it here"
+        yield TableProblem(int(lines[pc.index(words, named[1]).as_py()]), "direction", fact)
 
 
 def _jumps(name: str, t_s: Array, q_deg: Array, lines: np.ndarray, speed_deg_s: float) -> Iterator[TableProblem]:
@@ -90,7 +87,7 @@ def _jumps(name: str, t_s: Array, q_deg: Array, lines: np.ndarray, speed_deg_s: 
             came = -2
             continue
         came = k
-        what = f"jumps by {step[k]:.4g}° in {gap_s[k]:.3g} s"
+        fact = f"jumps by {step[k]:.4g}° in {gap_s[k]:.3g} s"
         if abs(abs(step[k]) - 360) < 20:
-            what += ": a full turn is missing; unwrap the angle"
-        yield TableProblem(int(lines[finite[k + 1]]), name, what)
+            fact += ": a full turn is missing; unwrap the angle"
+        yield TableProblem(int(lines[finite[k + 1]]), name, fact)

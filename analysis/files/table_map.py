@@ -155,8 +155,8 @@ def parse_map(text: str, where: str) -> TableMap:
     for number, line in enumerate(text.splitlines(), start=1):
         key, _, value = line.partition(":")
         if not line.lstrip().startswith("#") and value.strip() in (f'"{OPEN}"', f"'{OPEN}'", OPEN):
-            what = f"line {number}, {key.strip()}: this question is not answered"
-            raise FileError(where, what, "write one of the answers listed above that line in place of the ?")
+            problem = f"line {number}, {key.strip()}: this question is not answered"
+            raise FileError(where, problem, "write one of the answers listed above that line in place of the ?")
     try:
         return TableMap.model_validate(data)
     except ValidationError as error:
@@ -170,30 +170,24 @@ def map_text(table_map: TableMap, open_keys: dict[str, list[str]] | None = None)
     data["files"] = [
         layout.model_dump(mode="json", exclude_defaults=True) or {"separator": "comma"} for layout in table_map.files
     ]
-    lines: list[str] = []
+    lines, questions = list[str](), open_keys or {}
     for key, value in data.items():
-        lines += _lines(key, value, open_keys or {})
+        if key in questions:
+            lines += [*_choices(key, questions[key]), f'{key}: "{OPEN}"']
+        elif not isinstance(value, dict):
+            lines.append(f"{key}: {_flow(value)}")
+        else:
+            lines.append(f"{key}:")
+            for name, entry in value.items():
+                place = f"{key}.{name}"
+                lines += [f"  {line}" for line in _choices(place, questions[place])] if place in questions else []
+                lines.append(f"  {_flow(name)}: {_flow(OPEN if place in questions else entry)}")
     return "\n".join(lines) + "\n"
 
 
 def value_text(value: Part | None) -> str:
     """Return the value of a key of a map as it stands there, in one line."""
     return "null" if value is None else _flow(value.model_dump(mode="json", exclude_none=True))
-
-
-def _lines(key: str, value: object, open_keys: dict[str, list[str]]) -> list[str]:
-    if key in open_keys:
-        return [*_choices(key, open_keys[key]), f'{key}: "{OPEN}"']
-    if not isinstance(value, dict):
-        return [f"{key}: {_flow(value)}"]
-    lines = [f"{key}:"]
-    for name, entry in value.items():
-        place = f"{key}.{name}"
-        if place in open_keys:
-            lines += [f"  {line}" for line in _choices(place, open_keys[place])]
-            entry = OPEN  # noqa: PLW2901 - the question takes the place of the answer
-        lines.append(f"  {_flow(name)}: {_flow(entry)}")
-    return lines
 
 
 def _choices(place: str, words: list[str]) -> list[str]:

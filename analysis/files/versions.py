@@ -41,19 +41,18 @@ def versions(rig_file: Path, folder: Path) -> list[Version]:
     rig, _ = load(rig_file)
     files = list(islice(folder.rglob("*.y*ml"), _MOST + 1))
     if len(files) > _MOST:
-        raise FileError(
-            str(folder), f"holds more than {_MOST} YAML files", "give the folder of this robot: --in FOLDER"
-        )
+        problem = f"holds more than {_MOST} YAML files"
+        raise FileError(str(folder), problem, "give the folder of this robot: --in FOLDER")
     versions = []
     for path in files:
         try:
-            other, _ = load(path)
+            listed, _ = load(path)
         except RigError:
             continue
-        if other.calibration and other.calibrated and _identity(other) == _identity(rig):
-            digest = other.calibration.sha256
+        if listed.calibration and listed.calibrated and _identity(listed) == _identity(rig):
+            digest = listed.calibration.sha256
             in_use = rig.calibration is not None and rig.calibration.sha256 == digest
-            versions.append(Version(path, other.calibrated, digest, in_use))
+            versions.append(Version(path, listed.calibrated, digest, in_use))
     return sorted(versions, key=lambda version: (version.calibrated.date, str(version.path)), reverse=True)
 
 
@@ -80,23 +79,22 @@ def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
     one or the new one at every moment.
     """
     rig, text = load(rig_file)
-    other, other_text = load(version)
+    former, former_text = load(version)
     if rig_file.resolve() == version.resolve():
         raise FileError(str(version), "is the rig file itself", "name a version that rig versions lists")
-    if other.calibration is None or other.calibrated is None:
+    if former.calibration is None or former.calibrated is None:
         raise FileError(str(version), "has no calibration", "name a version that rig versions lists")
-    if _identity(other) != _identity(rig):
-        problem = f"is of another robot: {other.robot.name} {other.robot.serial}".rstrip()
+    if _identity(former) != _identity(rig):
+        problem = f"is of another robot: {former.robot.name} {former.robot.serial}".rstrip()
         raise FileError(str(version), problem, "name a version of this robot")
-    content = other.calibrated.content
+    content = former.calibrated.content
     digest = hashlib.sha256(content).hexdigest()
     named = CalibrationFile(file=f"version-{digest[:12]}.calibration.json", sha256=digest)
-    new = extended(other_text, (), str(version), named)
+    new = extended(former_text, (), str(version), named)
     kept = rig_file.with_name(f"{rig_file.stem}-until-{now:%Y%m%d-%H%M%S.%f}{rig_file.suffix}")
     write_all_new(rig_file.parent, {kept.name: holding(text.encode())})
     write_all_over(rig_file.parent, {named.file: holding(content)})
     write_all_over(rig_file.parent, {rig_file.name: holding(new.encode())})
-    beside = ("effects", "calibration", "name")
-    fields = [name for name in type(rig).model_fields if name not in beside]
-    differing = tuple(name for name in fields if getattr(rig, name) != getattr(other, name))
+    fields = [name for name in type(rig).model_fields if name not in ("effects", "calibration", "name")]
+    differing = tuple(name for name in fields if getattr(rig, name) != getattr(former, name))
     return RolledBack(kept, rig_file.parent / named.file, differing)

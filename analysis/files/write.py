@@ -141,22 +141,17 @@ def _write_all(directory: Path, files: Mapping[str, Writer], *, over: bool) -> l
     return paths
 
 
-def make_parent(path: Path) -> None:
-    """Make the directory that a file is to be written to. Raises FileError where that cannot be."""
+def write_new(path: Path, write: Writer) -> None:
+    """Make a file by `write`, whole or not at all: until it is complete it has another name.
+
+    Raises FileError where it exists already or cannot be made, CellError when the disk refuses.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
         raise FileError(str(path.parent), "is a file, and a directory is needed", "give another --output") from None
     except OSError as error:
         raise FileError(str(path.parent), error.strerror or str(error), "give another --output") from None
-
-
-def write_new(path: Path, write: Writer) -> None:
-    """Make a file by `write`, whole or not at all: until it is complete it has another name.
-
-    Raises FileError where it exists already or cannot be made, CellError when the disk refuses.
-    """
-    make_parent(path)
     try:
         _hold_free(path)
     except FileExistsError:
@@ -166,7 +161,13 @@ def write_new(path: Path, write: Writer) -> None:
         with temporary.open("xb") as file:
             opened = True
             write(file)
-        _name(temporary, path)
+        try:
+            path.hardlink_to(temporary)
+        except FileExistsError:
+            raise
+        except OSError:  # memory sticks and some network shares have no links
+            _hold_free(path)
+            temporary.rename(path)
     except FileExistsError:
         raise _exists(path) from None
     except OSError as error:
@@ -177,17 +178,6 @@ def write_new(path: Path, write: Writer) -> None:
     finally:
         with suppress(OSError):
             surely(lambda: temporary.unlink(missing_ok=True))
-
-
-def _name(temporary: Path, path: Path) -> None:
-    """Give a complete file its name. Raises FileExistsError if another file has it by now."""
-    try:
-        path.hardlink_to(temporary)
-    except FileExistsError:
-        raise
-    except OSError:  # memory sticks and some network shares have no links
-        _hold_free(path)
-        temporary.rename(path)
 
 
 def _hold_free(path: Path) -> None:

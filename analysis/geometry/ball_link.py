@@ -28,8 +28,7 @@ def readings(
     line = to_ball / distance[:, None]
     along_e = np.einsum("ni,ni->n", line, T[:, :3, BASELINE_AXIS[test]])
     along_z = np.einsum("ni,ni->n", line, T[:, :3, 2])
-    values: Array = ((distance - link_mm + form_mm)[:, None] - along_e[:, None] * offsets_mm) / along_z[:, None]
-    return values
+    return np.asarray(((distance - link_mm + form_mm)[:, None] - along_e[:, None] * offsets_mm) / along_z[:, None])
 
 
 def angle(g1: Array, g2: Array, baseline_mm: float) -> Array:

@@ -183,8 +183,7 @@ def largest_deviations(points: Array, centre: Array, normal: Array, radius: Arra
     away = points[None] - centre[:, None]
     height = np.einsum("kni,ki->kn", away, normal)
     level = np.sqrt(np.maximum((away**2).sum(axis=2) - height**2, 0.0)) - radius[:, None]
-    largest: Array = np.maximum(np.abs(height), np.abs(level))
-    return largest
+    return np.asarray(np.maximum(np.abs(height), np.abs(level)))
 
 
 def nearest_circle(points: Array) -> CircleFrame | None:

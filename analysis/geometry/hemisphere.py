@@ -72,5 +72,4 @@ def _about(axis: Array, angle: Array) -> Array:
 
     length = np.linalg.norm(axis, axis=1, keepdims=True)
     unit = np.divide(axis, length, out=np.zeros_like(axis), where=length > 1e-9)
-    matrices: Array = Rotation.from_rotvec(unit * angle[:, None]).as_matrix()
-    return matrices
+    return np.asarray(Rotation.from_rotvec(unit * angle[:, None]).as_matrix())

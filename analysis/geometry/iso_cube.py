@@ -78,8 +78,7 @@ class Cube:
 
     def on_plane(self, along: Array) -> Array:
         """Places (n, 3) mm in the world of places (n, 2) mm on the plane, along level and rising."""
-        places: Array = self.centre_mm + along @ np.stack([self.level, self.rising])
-        return places
+        return np.asarray(self.centre_mm + along @ np.stack([self.level, self.rising]))
 
     @property
     def places_mm(self) -> Array:
@@ -101,8 +100,8 @@ class Cube:
 def iso9283_of(rig: Rig) -> Iso9283:
     """Return the ISO 9283 test of a rig. Raises FileError where the rig file has none."""
     if rig.tests.iso9283 is None:
-        what = "the rig file has no tests.iso9283"
-        raise FileError(RigPlace.of(rig.name), what, "add it: tests: {iso9283: {}} looks for a cube by itself")
+        problem = "the rig file has no tests.iso9283"
+        raise FileError(RigPlace.of(rig.name), problem, "add it: tests: {iso9283: {}} looks for a cube by itself")
     return rig.tests.iso9283
 
 
@@ -110,36 +109,40 @@ def cube_of(rig: Rig) -> Cube:
     """Return the cube of a rig, as its file states it or where the arm has room. Raises FileError where it has none."""
     test, where = iso9283_of(rig), RigPlace.of(rig.name, "tests.iso9283")
     if len(rig.robot.axes) != DRIVEN_AXES:
-        what = f"is of an arm of {len(rig.robot.axes)} axes, and the cube's programs are of {DRIVEN_AXES}"
-        raise FileError(where, what, "measure it by planned poses: rig plan RIG --poses 30")
+        problem = f"is of an arm of {len(rig.robot.axes)} axes, and the cube's programs are of {DRIVEN_AXES}"
+        raise FileError(where, problem, "measure it by planned poses: rig plan RIG --poses 30")
     cube = _cube(rig.robot, test)
     if cube is None:
         stated = [name for name in ("centre_mm", "side_mm", "posture_deg") if getattr(test, name) is not None]
-        what = f"no cube with this {', '.join(stated)} is" if stated else "no cube was found that is"
-        raise PathError(
-            where,
-            f"{what} reached on its whole plane, clear of floor, column and singularities, in one posture",
-            "give another centre_mm, a smaller side_mm, or posture_deg near its centre",
-            "reach",
-        )
+        fact = f"no cube with this {', '.join(stated)} is" if stated else "no cube was found that is"
+        problem = f"{fact} reached on its whole plane, clear of floor, column and singularities, in one posture"
+        remedy = "give another centre_mm, a smaller side_mm, or posture_deg near its centre"
+        raise PathError(where, problem, remedy, "reach")
     return cube
 
 
 @lru_cache(maxsize=64)
 def _cube(robot: Robot, test: Iso9283) -> Cube | None:
     arm = arm_of(robot)
-    level, rising = _plane(arm, test.rises)
+    # The plane rises along a direction of the base.
+    ahead, upwards = np.eye(3)["xy".index(test.rises[-1])] * (-1.0 if test.rises.startswith("-") else 1.0), np.eye(3)[2]
+    R = arm.T_world_base[:3, :3]
+    level, rising = R @ np.cross(upwards, ahead), R @ ((ahead + upwards) / np.sqrt(2))
     if test.side_mm is not None:
         sides = [test.side_mm]
     else:
         sides = [max(1, round(share * _reach_mm(arm) / _WHOLE_MM)) * _WHOLE_MM for share in _SIDES]
     looked_for = test.posture_deg is None or test.side_mm is None
-    for starts in _starts(arm, test):
-        for side in sides:
-            reached = _first_reached(arm, starts, level, rising, side)
-            if reached is not None:
-                start, q = reached
-                return Cube(starts.centre_mm[start], float(side), level, rising, starts.R[start], q, looked_for)
+    share, corners = np.linspace(-1, 1, _ALONG), slice(None, len(_CORNERS))
+    for starts, side in ((starts, side) for starts in _starts(arm, test) for side in sides):
+        grid = np.array([*_CORNERS, *product(share, share)]) * FROM_CENTRE * side * np.array([1.0, np.sqrt(2)])
+        away = grid @ np.stack([level, rising])
+        candidates = np.arange(len(starts.q))
+        for start in candidates[_reached(arm, starts, candidates, away[corners])[1]]:
+            q, reached = _reached(arm, starts, np.array([start]), away)
+            if reached[0]:
+                centre_mm, R = starts.centre_mm[start], starts.R[start]
+                return Cube(centre_mm, float(side), level, rising, R, q[0, corners], looked_for)
     return None
 
 
@@ -177,7 +180,11 @@ def _postures(arm: Arm, places: Array, ahead: Array) -> _Starts:
     """The postures at places (n, 3) mm of the world with the tool pointing down or ahead (2,) of the base, in four
     rolls: clear, regular, none further round than half a turn, the elbow on the side of the place; most regular
     first."""
-    turns = [_pointing(np.array(z), ahead, roll) for z in ((0.0, 0.0, -1.0), (*ahead, 0.0)) for roll in range(4)]
+    turns = []
+    down, level, upwards = np.array([0.0, 0.0, -1.0]), np.array([*ahead, 0.0]), np.array([0.0, 0.0, 1.0])
+    for z, x in ((down, level), (level, upwards)):
+        y = np.cross(z, x)
+        turns += [np.stack([*rolled, z], axis=1) for rolled in ((x, y), (y, -x), (-x, -y), (-y, x))]
     poses = np.tile(np.eye(4), (len(places) * len(turns), 1, 1))
     poses[:, :3, 3] = np.repeat(places, len(turns), axis=0)
     poses[:, :3, :3] = np.tile(arm.T_world_base[:3, :3] @ np.array(turns), (len(places), 1, 1))
@@ -195,42 +202,9 @@ def _postures(arm: Arm, places: Array, ahead: Array) -> _Starts:
     return _Starts(T[:, :3, 3], T[:, :3, :3], q[kept])
 
 
-def _pointing(axis: Array, ahead: Array, roll: int) -> Array:
-    """The orientation (3, 3) with z along an axis, x rolled by quarter turns from upwards, or from ahead."""
-    x = np.array([*ahead, 0.0]) if abs(axis[2]) > 0.5 else np.array([0.0, 0.0, 1.0])
-    y = np.cross(axis, x)
-    for _ in range(roll):
-        x, y = y, -x
-    return np.stack([x, y, axis], axis=1)
-
-
 def _reach_mm(arm: Arm) -> float:
     """How far the arm reaches, mm: the lengths of its links."""
     return float(np.hypot(arm.a, arm.d).sum())
-
-
-def _plane(arm: Arm, rises: str) -> tuple[Array, Array]:
-    """The level and the rising unit vector (3,) in the world of the plane that rises along a direction of the base."""
-    ahead = np.eye(3)["xy".index(rises[-1])] * (-1.0 if rises.startswith("-") else 1.0)
-    rising = (ahead + np.array([0.0, 0.0, 1.0])) / np.sqrt(2)
-    level = np.cross([0.0, 0.0, 1.0], ahead)
-    R = arm.T_world_base[:3, :3]
-    return R @ level, R @ rising
-
-
-def _first_reached(arm: Arm, starts: _Starts, level: Array, rising: Array, side_mm: float) -> tuple[int, Array] | None:
-    """The first start from which all of the plane is reached, and its joints (5, 6) rad at P1 … P5."""
-    share = np.linspace(-1, 1, _ALONG)
-    grid = np.array([*_CORNERS, *product(share, share)]) * FROM_CENTRE * side_mm * np.array([1.0, np.sqrt(2)])
-    away = grid @ np.stack([level, rising])
-    corners = slice(None, len(_CORNERS))
-    candidates = np.arange(len(starts.q))
-    candidates = candidates[_reached(arm, starts, candidates, away[corners])[1]]
-    for number in candidates:
-        q, reached = _reached(arm, starts, np.array([number]), away)
-        if reached[0]:
-            return int(number), q[0, corners]
-    return None
 
 
 def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Array, Mask]:
@@ -253,8 +227,7 @@ def _reached(arm: Arm, starts: _Starts, rows: Integers, away: Array) -> tuple[Ar
 def cycle_stops(rig: Rig) -> Array:
     """The joints (n, 6) rad at which a tracker measures: P5 P4 P3 P2 P1 in each cycle. Raises FileError as `cube_of`
     does."""
-    stops: Array = cube_of(rig).q[np.tile(np.array(ORDER) - 1, iso9283_of(rig).cycles)]
-    return stops
+    return np.asarray(cube_of(rig).q[np.tile(np.array(ORDER) - 1, iso9283_of(rig).cycles)])
 
 
 PathName = Literal["line", "back", "circle", "circle_cw", "small_circle", "rectangle", "way"]
@@ -324,8 +297,7 @@ class Ring:
     def at(self, s_mm: Array) -> Array:
         """The places (n, 3) mm after lengths s_mm (n,)."""
         angle = np.asarray(s_mm)[:, None] / self.radius_mm
-        places: Array = self.centre + self.radius_mm * (np.cos(angle) * self.u + np.sin(angle) * self.v)
-        return places
+        return np.asarray(self.centre + self.radius_mm * (np.cos(angle) * self.u + np.sin(angle) * self.v))
 
     def nearest(self, places: Array) -> Array:
         """The lengths (n,) mm at which the path is nearest to places (n, 3) mm."""

@@ -121,7 +121,10 @@ def is_seen(arm: Arm, q: Array, sight: Sight) -> Mask:
     way = sight.tracker_mm + np.linspace(0, _AT_TOOL, 40)[:, None, None] * (tool - sight.tracker_mm)
     seen = np.ones(len(q), dtype=bool)
     for begin, end in zip(points[:, :-2].transpose(1, 0, 2), points[:, 1:-1].transpose(1, 0, 2), strict=True):
-        seen &= (_distance(way, begin, end) > _BESIDE_MM).all(axis=0)
+        along = end - begin
+        share = np.clip(((way - begin) * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-9), 0, 1)
+        away = np.linalg.norm(way - begin - share[..., None] * along, axis=2)  # from the line between two joints
+        seen &= (away > _BESIDE_MM).all(axis=0)
     if sight.faces is not None:
         to_tracker = sight.tracker_mm - tool
         looks = _in_base(arm, forward(arm, q))[:, :3, :3] @ sight.faces
@@ -151,11 +154,3 @@ def _points(arm: Arm, q: Array) -> Array:
 
 def _in_base(arm: Arm, T: Array) -> Array:
     return np.asarray(np.linalg.inv(arm.T_world_base) @ T)
-
-
-def _distance(points: Array, begin: Array, end: Array) -> Array:
-    """Distances (m, n) mm of points (m, n, 3) from lines between begin and end (n, 3)."""
-    along = end - begin
-    length = np.maximum((along**2).sum(axis=1), 1e-9)
-    share = np.clip(((points - begin) * along).sum(axis=2) / length, 0, 1)
-    return np.asarray(np.linalg.norm(points - begin - share[..., None] * along, axis=2))

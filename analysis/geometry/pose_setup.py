@@ -37,8 +37,7 @@ def left_in_sockets(T: Array, names: NDArray[np.str_]) -> Array:
     tool and those of the sockets, named (n,), fitted."""
     sockets, socket = np.unique(names, return_inverse=True)
     design, seen = socket_design(T, socket.ravel(), len(sockets)), -T[:, :3, 3].ravel()
-    residual: Array = (design @ np.linalg.lstsq(design, seen)[0] - seen).reshape(-1, 3)
-    return residual
+    return np.asarray((design @ np.linalg.lstsq(design, seen)[0] - seen).reshape(-1, 3))
 
 
 def best_rigid(points: Array, targets: Array) -> Array:
@@ -54,8 +53,7 @@ def best_rigid(points: Array, targets: Array) -> Array:
 
 def in_frame(T: Array, points: Array) -> Array:
     """Return points (n, 3) mm as the frame T (4, 4), in mm, puts them."""
-    moved: Array = points @ T[:3, :3].T + T[:3, 3]
-    return moved
+    return np.asarray(points @ T[:3, :3].T + T[:3, 3])
 
 
 def moved_by(T: Array, shift: Array, turn: Array) -> Array:
@@ -120,8 +118,7 @@ def position_error(T: Array, xyz_mm: Array, setup: PoseSetUp) -> Array:
     arm at the measured places xyz_mm (n, 3)."""
     base = setup.T_world_base
     tool = T[:, :3, 3] + T[:, :3, :3] @ setup.T_flange_tool[:3, 3]
-    error: Array = (xyz_mm - base[:3, 3]) @ base[:3, :3] - tool
-    return error
+    return np.asarray((xyz_mm - base[:3, 3]) @ base[:3, :3] - tool)
 
 
 def frame(R: Array, origin: Array) -> Array:
@@ -202,12 +199,12 @@ def fit_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None) -> FittedA
     """Return the arm with constants by which its tool is at places xyz_mm (n, 3), and turned as R (n, 3, 3) where
     given, at joints q (n, axes) rad: base and tool stay as they are."""
 
-    def left(candidate: Arm) -> Array:
+    def misfit(candidate: Arm) -> Array:
         T = forward(candidate, q)
         parts = [(xyz_mm - T[:, :3, 3]).ravel()]
         return np.concatenate(parts if R is None else [*parts, REACH_MM * (R - T[:, :3, :3]).ravel() / np.sqrt(3)])
 
-    return _fitted(lambda change: _with_constants(arm, change), len(_FIELDS) * arm.axes, left)
+    return _fitted(lambda change: _with_constants(arm, change), len(_FIELDS) * arm.axes, misfit)
 
 
 def _with_constants(arm: Arm, change: Array) -> Arm:

@@ -36,11 +36,11 @@ _SHORTEST_MOVE_S = 0.6
 def hold_six(rig: Rig) -> None:
     """Raise FileError for an arm that cannot drive the tests of the ball link."""
     if (axes := len(rig.robot.axes)) != DRIVEN_AXES:
-        what = f"is an arm of {axes} axes, and circles, hemispheres and their programs are of {DRIVEN_AXES}"
-        raise FileError(RigPlace.of(rig.name), what, "measure it by poses or touches: docs/any-arm.md")
+        problem = f"is an arm of {axes} axes, and circles, hemispheres and their programs are of {DRIVEN_AXES}"
+        raise FileError(RigPlace.of(rig.name), problem, "measure it by poses or touches: docs/any-arm.md")
     if rig.robot.rail:
-        what = "is an arm on a rail, and circles, hemispheres and their programs are of one that stands"
-        raise FileError(RigPlace.of(rig.name), what, "measure it by poses or touches, or leave out robot.rail")
+        problem = "is an arm on a rail, and circles, hemispheres and their programs are of one that stands"
+        raise FileError(RigPlace.of(rig.name), problem, "measure it by poses or touches, or leave out robot.rail")
 
 
 def circle_of(rig: Rig) -> Circle:
@@ -54,9 +54,8 @@ def circle_of(rig: Rig) -> Circle:
 def hemisphere_of(rig: Rig) -> Hemisphere:
     """The hemisphere of a rig. Raises FileError for a rig without one."""
     if rig.tests.hemisphere is None:
-        raise FileError(
-            RigPlace.of(rig.name), "the rig file has no tests.hemisphere", "add it: centre, posture, radius"
-        )
+        where = RigPlace.of(rig.name)
+        raise FileError(where, "the rig file has no tests.hemisphere", "add it: centre, posture, radius")
     return rig.tests.hemisphere
 
 
@@ -130,13 +129,9 @@ def circle_laps(rig: Rig, direction: Direction) -> Laps:
     q = drive(arm, frame, phi, np.radians(circle.posture_deg), where)
     fastest = fastest_joints(t_s, q)
     for axis in np.flatnonzero(fastest > arm.speed):
-        raise PathError(
-            where,
-            f"axis {axis + 1} would move at {np.degrees(fastest[axis]):.0f}°/s, it can do "
-            f"{np.degrees(arm.speed[axis]):.0f}°/s",
-            "lower speed_mm_s, or move the circle away from the singularity",
-            "speed",
-        )
+        most, speed = np.degrees(arm.speed[axis]), np.degrees(fastest[axis])
+        problem = f"axis {axis + 1} would move at {speed:.0f}°/s, it can do {most:.0f}°/s"
+        raise PathError(where, problem, "lower speed_mm_s, or move the circle away from the singularity", "speed")
     return Laps(t_s, phi, q, circle.laps, way_back(arm, fastest))
 
 
@@ -167,8 +162,7 @@ def lap(circle: Circle, direction: Direction) -> tuple[Array, Array]:
 def _ramp(t: Array, begin: float, end: float) -> Array:
     """Twice the distance of a unit acceleration from begin to end, the speed held afterwards."""
     inside = np.clip(t, begin, end) - begin
-    distance: Array = inside**2 + 2 * (end - begin) * np.maximum(t - end, 0.0)
-    return distance
+    return np.asarray(inside**2 + 2 * (end - begin) * np.maximum(t - end, 0.0))
 
 
 def way_back(arm: Arm, fastest: Array) -> float:
@@ -178,8 +172,7 @@ def way_back(arm: Arm, fastest: Array) -> float:
 
 def fastest_joints(t_s: Array, q: Array) -> Array:
     """Greatest speed (6,) rad/s of each joint along angles q (n, 6) rad at times t_s (n,)."""
-    fastest: Array = np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0)
-    return fastest
+    return np.asarray(np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0))
 
 
 @dataclass(frozen=True)
@@ -226,8 +219,8 @@ def repeatability_targets(rig: Rig) -> Integers:
     hemisphere does not have."""
     target, count = np.array(repeatability_of(rig).targets, dtype=np.int64), len(target_angles(hemisphere_of(rig))[0])
     if (unknown := target[target > count]).size:
-        what = f"target {unknown[0]} is not one of the {count} targets of the hemisphere"
-        raise FileError(RigPlace.of(rig.name, "tests.repeatability"), what, "correct targets")
+        problem = f"target {unknown[0]} is not one of the {count} targets of the hemisphere"
+        raise FileError(RigPlace.of(rig.name, "tests.repeatability"), problem, "correct targets")
     return target
 
 
@@ -288,10 +281,7 @@ def _reach(rig: Rig, hemisphere: Hemisphere, poses: Array, names: list[str]) -> 
     good &= (q >= arm.limits[:, 0]).all(axis=1) & (q <= arm.limits[:, 1]).all(axis=1)
     if not good.all():
         bad = [name for name, reached in zip(names, good, strict=True) if not reached]
-        raise PathError(
-            RigPlace.of(rig.name, "tests.hemisphere"),
-            f"{len(bad)} of {len(poses)} poses are out of reach or limits, first {bad[0]}",
-            "move centre_mm, lower polar_max_deg, or set posture_deg near the pole",
-            "reach",
-        )
+        problem = f"{len(bad)} of {len(poses)} poses are out of reach or limits, first {bad[0]}"
+        remedy = "move centre_mm, lower polar_max_deg, or set posture_deg near the pole"
+        raise PathError(RigPlace.of(rig.name, "tests.hemisphere"), problem, remedy, "reach")
     return q

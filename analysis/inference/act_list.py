@@ -70,31 +70,33 @@ def acts_of(
     tests that would name a part of the budget, by its index; `before` what the readings themselves ask for first."""
     if diagnosis.given:
         return ()
-    return (*before, *_acts_of(diagnosis, judged, tests))
-
-
-def _acts_of(
-    diagnosis: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]
-) -> tuple[Act, ...]:
     if diagnosis.condition == "not_testable_here":
-        return (Act("measure", "not_visible", command=("plan", _model(diagnosis))),)
+        return (*before, Act("measure", "not_visible", command=("plan", _model(diagnosis))))
     repairs, following = _repairs(diagnosis, judged)
     acts = _in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)]) + following
     acts = one_after_the_other(acts, judged)
     asked = _measurements(diagnosis, judged, tests)
     first = [act for act in asked if _comes_first(act, acts, diagnosis)]
     acts = [*first, *acts, *(act for act in asked if act not in first)]
-    return tuple([*acts, *_without_act(diagnosis, acts)] or [Act("none", "sound")])
+    served = {k for act in acts for k in act.parts}
+    acts += [
+        Act("none", _reason(diagnosis, part), parts=(k,), remains_um=part.um, remains_u_um=part.u_um)
+        for k, part in enumerate(diagnosis.budget)
+        if part.share > LEAST_SHARE and k not in served
+    ]
+    return (*before, *(acts or [Act("none", "sound")]))
 
 
 def _in_order(acts: Sequence[Act]) -> list[Act]:
-    """Return acts, what removes most first. What is usual is corrected for today, and repaired where that is not
-    enough: its repair stands behind its correction."""
+    """Return acts, what removes most first, and an approach from one side, whose gain is unknown beforehand, by what
+    its part makes. What is usual is corrected for today, and repaired where that is not enough: its repair stands
+    behind its correction."""
     corrected = {k for act in acts if act.kind in ("load", "approach") for k in act.parts}
     late = [act for act in acts if act.why == "sure_and_large" and act.kind == "repair" and {*act.parts} <= corrected]
     late.sort(key=lambda act: -act.removes_um)
     ordered: list[Act] = []
-    for act in sorted((act for act in acts if act not in late), key=_weight, reverse=True):
+    by_weight = sorted(acts, key=lambda act: -(act.remains_um if act.kind == "approach" else act.removes_um))
+    for act in [act for act in by_weight if act not in late]:
         ordered.append(act)
         served = {part for done in ordered if done.kind in ("load", "approach") for part in done.parts}
         behind = [repair for repair in late if {*repair.parts} <= served]
@@ -116,12 +118,6 @@ def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
         left = judged.removed(done).remains_um if is_later else None
         ordered.append(replace(act, with_before_um=left, with_before_u_um=math.sqrt(square_um2) if is_later else 0.0))
     return ordered
-
-
-def _weight(act: Act) -> float:
-    """Return what orders an act, in µm: what it removes, and for an approach from one side, whose gain is unknown
-    beforehand, what its part makes."""
-    return act.remains_um if act.kind == "approach" else act.removes_um
 
 
 def _approaches(diagnosis: Diagnosis) -> list[Act]:
@@ -156,15 +152,21 @@ def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list
 
 
 def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
-    """Return the effects of a part that a hand does something about: its own, and faults that cancel some of it."""
-    named = diagnosis.effects[part.index] if part.index is not None else None
-    cancelling = [
-        candidate
-        for candidate in diagnosis.standing
-        if candidate is not named and label_of(candidate.effect) in part.cancelled
+    """Return the effects of a part that a hand does something about: its own, and faults that cancel some of it.
+
+    Of usual size, what is sure and makes much of the error is entered or re-mastered; repaired where few arms show as
+    much of it, or where the arm fails its limits.
+    """
+    of_part = [diagnosis.effects[part.index]] if part.index is not None else []
+    rare = (part.times_usual or 0.0) >= _RARE or diagnosis.accuracy.standing in ("watch", "fail")
+    is_much = part.share > LARGE_SHARE and is_sure(diagnosis, part)
+    first = [
+        name for name in of_part if name.stands or (is_much and (rare or name.effect.DEED in ("remaster", "enter")))
     ]
-    first = [named] if named is not None and (named.stands or _is_worth_a_hand(diagnosis, part, named)) else []
-    return [candidate for candidate in [*first, *cancelling] if candidate.shown]
+    cancelling = [
+        name for name in diagnosis.standing if name not in of_part and label_of(name.effect) in part.cancelled
+    ]
+    return [name for name in [*first, *cancelling] if name.shown]
 
 
 def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, done: Sequence[Effect]) -> Act:
@@ -173,6 +175,10 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
     is_own = part.index is not None and diagnosis.effects[part.index] is named
     u_um, um = (part.u_um, part.um) if is_own else (named.u_um, named.worth_um)
     figures = judged.removed([*done, named.effect], u_um / um if um > 0 else 1.0)
+    rivals = tuple(name_of(rival.effect) for rival in named.rivals if rival.posterior * ODDS >= named.posterior)
+    against = [Against("rivals", names=rivals)] if rivals else []
+    if named.doubt is not None and named.doubt != "usual":
+        against.append(Against("doubt", doubt=named.doubt))
     if done:
         figures = replace(figures, removes_um=judged.removed(done).remains_um - figures.remains_um)
     return replace(
@@ -182,25 +188,8 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
         parts=(k,),
         effect=named.effect,
         u=named.sd.get(size_field(named.effect)),
-        against=_against(diagnosis, named, judged),
+        against=(*against, *_of_the_place(diagnosis, judged)),
     )
-
-
-def _is_worth_a_hand(diagnosis: Diagnosis, part: BudgetPart, named: Named) -> bool:
-    """Return whether something of usual size is done by hand: what is sure and makes much of the error is entered or
-    re-mastered; repaired where few arms show as much of it, or where the arm fails its limits."""
-    if not is_sure(diagnosis, part) or part.share <= LARGE_SHARE:
-        return False
-    rare = (part.times_usual or 0.0) >= _RARE or diagnosis.accuracy.standing in ("watch", "fail")
-    return named.effect.DEED in ("remaster", "enter") or rare
-
-
-def _against(diagnosis: Diagnosis, named: Named, judged: JudgedPlace) -> tuple[Against, ...]:
-    rivals = tuple(name_of(rival.effect) for rival in named.rivals if rival.posterior * ODDS >= named.posterior)
-    against = [Against("rivals", names=rivals)] if rivals else []
-    if named.doubt is not None and named.doubt != "usual":
-        against.append(Against("doubt", doubt=named.doubt))
-    return (*against, *_of_the_place(diagnosis, judged))
 
 
 def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
@@ -214,41 +203,33 @@ def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
 
 
 def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
-    """Return the correction for today: programs and entries by everything of the arm that the model holds."""
+    """Return the correction for today: programs and entries by everything of the arm that the model holds, where it
+    gains for certain, and as much as is worth the work."""
     if diagnosis.calibrated is None or verdict_of(diagnosis.calibrated) == "nothing":
         return []
     effects = [effect for effect in judged.stages.effects[-1] if effect.compensation().use != "none"]
     if not effects:
         return []
-    parts = tuple(k for k, part in enumerate(diagnosis.budget) if _is_corrected(diagnosis, part))
     figures = judged.removed(effects)
-    if not _is_worth_while(diagnosis, figures):
+    before_um, fails = figures.removes_um + figures.remains_um, diagnosis.accuracy.standing in ("watch", "fail")
+    if not figures.removes or (figures.remains_um >= _WORTH * before_um and not fails):
         return []
+    parts = tuple(
+        k
+        for k, part in enumerate(diagnosis.budget)
+        if (
+            part.kind in ("constants", "gravity", "curve")
+            if part.index is None
+            else diagnosis.effects[part.index].effect.compensation().use != "none"
+        )
+    )
+    command, against = ("correct", _model(diagnosis), "-o", "CORRECTIONS"), tuple(_of_the_place(diagnosis, judged))
     return [
         replace(
-            figures,
-            kind="load",
-            why="correction",
-            parts=parts,
-            cost=Cost(minutes=0.0),
-            command=("correct", _model(diagnosis), "-o", "CORRECTIONS"),
-            against=tuple(_of_the_place(diagnosis, judged)),
+            figures, kind="load", why="correction", parts=parts, cost=Cost(minutes=0.0), command=command,
+            against=against,
         )
-    ]
-
-
-def _is_corrected(diagnosis: Diagnosis, part: BudgetPart) -> bool:
-    """Return whether targets can hold a part."""
-    if part.index is not None:
-        return diagnosis.effects[part.index].effect.compensation().use != "none"
-    return part.kind in ("constants", "gravity", "curve")
-
-
-def _is_worth_while(diagnosis: Diagnosis, figures: Act) -> bool:
-    """Return whether a correction gains for certain, and as much as is worth the work."""
-    before = figures.removes_um + figures.remains_um
-    standing = diagnosis.accuracy.standing in ("watch", "fail")
-    return figures.removes and (figures.remains_um < _WORTH * before or (standing and figures.removes_um > 0))
+    ]  # fmt: skip
 
 
 def _model(diagnosis: Diagnosis) -> str:
@@ -272,23 +253,20 @@ def _measurements(
             k for k, part in enumerate(diagnosis.budget) if part.rank == "undecided" and part.index is not None
         )
         acts.append(Act("measure", "few_runs", parts=parts, runs=diagnosis.runs_to_decide))
+    planned = {k: (test, cost) for k, test, cost in reversed(tests)}
+
+    def test_of(why: Reason, k: int) -> Act:
+        test, cost = planned.get(k, (None, Cost()))
+        against = () if k in planned else (Against("no_place"),)
+        return Act("measure", why, parts=(k,), test=test, cost=cost, against=against)
+
+    fitted = {k: diagnosis.effects[part.index] for k, part in enumerate(diagnosis.budget) if part.index is not None}
+    for k, named in fitted.items():
+        if named.stands and any(rival.posterior * ODDS >= named.posterior for rival in named.rivals):
+            acts.append(test_of("rivals", k))
     for k, part in enumerate(diagnosis.budget):
-        named = diagnosis.effects[part.index] if part.index is not None else None
-        if (
-            named is not None
-            and named.stands
-            and any(rival.posterior * ODDS >= named.posterior for rival in named.rivals)
-        ):
-            planned = next(((test, cost) for place, test, cost in tests if place == k), None)
-            test, cost = planned or (None, Cost())
-            against = () if planned else (Against("no_place"),)
-            acts.append(Act("measure", "rivals", parts=(k,), test=test, cost=cost, against=against))
-    for k, part in enumerate(diagnosis.budget):
-        if part.members or (part.index is not None and is_open(part, diagnosis.effects[part.index])):
-            planned = next(((test, cost) for place, test, cost in tests if place == k), None)
-            test, cost = planned or (None, Cost())
-            against = () if planned else (Against("no_place"),)
-            acts.append(Act("measure", "group", parts=(k,), test=test, cost=cost, against=against))
+        if part.members or (k in fitted and is_open(part, fitted[k])):
+            acts.append(test_of("group", k))
     if diagnosis.condition == "outside_library":
         parts = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "unexplained")
         acts.append(Act("mount", "unexplained", parts=parts, place=judged.place))
@@ -311,19 +289,8 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     return measurement.why == "group" and not acts
 
 
-def _without_act(diagnosis: Diagnosis, acts: Sequence[Act]) -> list[Act]:
-    """Return the reason for each part above a tenth of the error that no act serves."""
-    served = {k for act in acts for k in act.parts}
-    reasons = []
-    for k, part in enumerate(diagnosis.budget):
-        if part.share > LEAST_SHARE and k not in served:
-            reasons.append(
-                Act("none", _reason(diagnosis, part), parts=(k,), remains_um=part.um, remains_u_um=part.u_um)
-            )
-    return reasons
-
-
 def _reason(diagnosis: Diagnosis, part: BudgetPart) -> Reason:
+    """Return why no act serves a part above a tenth of the error."""
     if part.kind == "scatter":
         return "scatter"
     if part.kind == "unexplained":

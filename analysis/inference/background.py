@@ -43,8 +43,7 @@ class Weighed:
 
     def products(self, right: Weighed) -> Array:
         """Return values' C⁻¹ right, a matrix (k, l) for whitened values (N, k) and (N, l)."""
-        products: Array = self.weighted.T @ right.values - self.half.T @ right.half
-        return products
+        return self.weighted.T @ right.values - self.half.T @ right.half
 
 
 @dataclass(frozen=True)
@@ -89,8 +88,7 @@ class Background:
 
     @cached_property
     def _root(self) -> Array:
-        root: Array = np.sqrt(self.variance)
-        return root
+        return np.sqrt(self.variance)
 
     @cached_property
     def _chol(self) -> Array:
@@ -111,8 +109,7 @@ class Background:
     @cached_property
     def at_mean(self) -> Array:
         """What the columns add to the whitened readings (N,) at their prior means."""
-        added: Array = self.columns.X @ self.mean
-        return added
+        return self.columns.X @ self.mean
 
     def weighed(self, values: Array) -> Weighed:
         """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
@@ -130,7 +127,12 @@ class Background:
 
     def weighed_responses(self, responses: Sequence[Response], values: Array | None = None) -> Weighed:
         """Return the columns of some responses and, last, whitened values (N, k), weighed together."""
-        parts = [self._weighed_response(response) for response in responses]
+        for response in responses:
+            if response not in self._weighed:
+                weighted = self.weight[:, None] * response.columns
+                products = self.columns.weighted_products(response, self.weight)
+                self._weighed[response] = self._halved(response.columns, weighted, products)
+        parts = [self._weighed[response] for response in responses]
         parts += [] if values is None else [self.weighed(values)]
         if len(parts) == 1:
             return parts[0]
@@ -140,14 +142,6 @@ class Background:
             np.concatenate([empty, *(part.weighted for part in parts)], axis=1),
             np.concatenate([np.empty((len(self.variance), 0)), *(part.half for part in parts)], axis=1),
         )
-
-    def _weighed_response(self, response: Response) -> Weighed:
-        """Return a response weighed."""
-        if response not in self._weighed:
-            weighted = self.weight[:, None] * response.columns
-            products = self.columns.weighted_products(response, self.weight)
-            self._weighed[response] = self._halved(response.columns, weighted, products)
-        return self._weighed[response]
 
     def weighed_terms(self, terms: FittedTerms) -> Weighed:
         """Return the columns (N, q) of fitted terms and, last, the residual at the prior means, weighed. The latest
@@ -161,8 +155,7 @@ class Background:
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         back = solve_triangular(self._chol, weighed.half, lower=True, trans=1, check_finite=False)
-        coefficients: Array = self._root[:, None] * back
-        return coefficients
+        return self._root[:, None] * back
 
     @property
     def logdet(self) -> float:
@@ -189,21 +182,18 @@ class Background:
         from scipy.linalg.lapack import dtrtri  # noqa: PLC0415 - slow to import
 
         inverse, _ = dtrtri(self._chol, lower=True)
-        variances: Array = self.variance * np.einsum("kj,kj->j", inverse, inverse)
-        return variances
+        return np.asarray(self.variance * np.einsum("kj,kj->j", inverse, inverse), dtype=float)
 
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the weights with a vector (p,), without the covariance."""
         none = np.empty((0, 1))
-        product: Array = self.taken(self._halved(none, none, vector[None]))[:, 0]
-        return product
+        return self.taken(self._halved(none, none, vector[None]))[:, 0]
 
     @cached_property
     def spent(self) -> Array:
         """The energy of each band (b,), in variances of the noise, that the uncertainty of the coefficients hides, with
         no terms fitted beside them."""
-        spent: Array = np.tensordot(self.columns.K, self.covariance, axes=2)
-        return spent
+        return np.tensordot(self.columns.K, self.covariance, axes=2)
 
     def posterior(self, terms: FittedTerms) -> Posterior:
         """Return the posterior of all coefficients beside the fitted terms, of which T is (N, q)."""
@@ -258,15 +248,14 @@ class Posterior:
     @cached_property
     def mean(self) -> Array:
         """The means (p,) of the columns of the background."""
-        mean: Array = self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.known
-        return mean
+        return self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.known
 
     @cached_property
     def variance(self) -> Array:
         """The variances (p,) of the columns of the background."""
         taken = self._taken[:, :-1]
-        variance: Array = self.background.variances + np.sum(taken @ self.known_covariance * taken, axis=1)
-        return variance
+        values: Array = self.background.variances + np.sum(taken @ self.known_covariance * taken, axis=1)
+        return values
 
     def covariance_among(self, columns: Integers) -> Array:
         """Return the covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
@@ -285,20 +274,17 @@ class Posterior:
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the whitened columns of the background with a vector (p,)."""
         taken = self._taken[:, :-1]
-        product: Array = self.background.covariance_times(vector) + taken @ (self.known_covariance @ (vector @ taken))
-        return product
+        return self.background.covariance_times(vector) + taken @ (self.known_covariance @ (vector @ taken))
 
     @cached_property
     def residual(self) -> Array:
         """The whitened residual (N,) with all coefficients at their means."""
-        residual: Array = self.terms.r - self.terms.T @ self.known - self.background.columns.X @ self.mean
-        return residual
+        return self.terms.r - self.terms.T @ self.known - self.background.columns.X @ self.mean
 
     @cached_property
     def spent(self) -> Array:
         """The energy of each band (b,), in variances of the noise, that the uncertainty of all coefficients hides."""
-        spent: Array = self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
-        return spent
+        return self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
 
     def left_out(self, rows: Integers) -> tuple[Array, Array]:
         """Return by how much the whitened readings of some rows (n,) miss what all others predict (n,), and the
@@ -328,21 +314,18 @@ class Posterior:
         """The variances (N,) of the readings that the uncertainty of the fitted terms adds: that of what the columns
         leave of them, since they take back the rest."""
         remainder = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
-        variances: Array = np.sum(remainder @ self.known_covariance * remainder, axis=1)
-        return variances
+        return np.asarray(np.sum(remainder @ self.known_covariance * remainder, axis=1), dtype=float)
 
     @property
     def unexplained(self) -> Array:
         """The whitened residual (N,) of the fitted effects, with the background at its prior means."""
-        residual: Array = self.terms.r - self.background.at_mean
-        return residual
+        return self.terms.r - self.background.at_mean
 
     @property
     def healthy_share(self) -> Array:
         """What the forms of effects, at their posterior means, add to the whitened readings (N,)."""
         forms = self.background.columns.set_ups.start
-        share: Array = self.background.columns.X[:, :forms] @ self.mean[:forms]
-        return share
+        return self.background.columns.X[:, :forms] @ self.mean[:forms]
 
     def gains(self, forms: Sequence[Form], level: float) -> tuple[Array, Array, Array, Array]:
         """Return four arrays (n,), one entry for each form: its log evidence as a fault over its healthy share; its
@@ -397,8 +380,7 @@ class Posterior:
         weighed = self.background.weighed(columns)
         terms = self.known_covariance @ self._weighed.products(weighed)[:-1]
         taken = self.background.taken(weighed) - self._taken[:, :-1] @ terms
-        remainder: Array = columns - self.terms.T @ terms - self.background.columns.X @ taken
-        return remainder
+        return columns - self.terms.T @ terms - self.background.columns.X @ taken
 
     def size(self, form: Form) -> Array:
         """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""
@@ -422,15 +404,13 @@ def fault_evidence(values: Array, seen: Array, level: float) -> Array:
     """
     each = np.stack([cavity_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
     top = each.max(axis=0)
-    evidence: Array = top + np.log(np.exp(each - top).mean(axis=0))
-    return evidence
+    return np.asarray(top + np.log(np.exp(each - top).mean(axis=0)), dtype=float)
 
 
 def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Array:
     """Return the log evidence F(V) (…) of cavities with precision eigenvalues (…, q), squares of η along the
     eigenvectors (…, q) and prior variance V."""
-    evidence: Array = 0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1)
-    return evidence
+    return np.asarray(0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -463,130 +443,88 @@ FREE_PRICE = 6.0
 
 @dataclass(frozen=True)
 class FreeForm:
-    """A form with its description and its columns (N, c) in standard deviations of the noise."""
+    """A form with its description and its columns (N, c) in standard deviations of the noise. One that was chosen has
+    its most likely strength, and its log evidence after the price of the choice among forms and strengths."""
 
     words: str
     columns: Array
+    gain: float = 0.0
 
 
-@dataclass(frozen=True)
-class FittedFreeForm:
-    """The free form that explains most of what the names leave, at its most likely strength, with its log evidence
-    after the price of the choice among forms and strengths."""
-
-    form: FreeForm
-    gain: float
-
-
-def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FittedFreeForm:
+def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FreeForm:
     """Return the free form that explains most of what the names leave beside everything else, at its most likely
     strength; its columns are (N, c)."""
     # One product with the columns of all forms takes two thirds of the time of one product for each form.
     ends = np.cumsum([0, *(form.columns.shape[1] for form in forms)]).tolist()
     products, slope = posterior.cavity(np.concatenate([form.columns for form in forms], axis=1))
-    slices = [slice(begin, end) for begin, end in pairwise(ends)]
-    gains = [_gains(products[of_form, of_form], slope[of_form]) for of_form in slices]
+    gains, strengths = [], _STRENGTHS[:, None]
+    for begin, end in pairwise(ends):
+        # The log evidence, for each strength, of columns with unknown normal coefficients over no columns.
+        power, turn = np.linalg.eigh(products[begin:end, begin:end])
+        power = np.maximum(power, 0.0)
+        seen = (turn.T @ slope[begin:end]) ** 2
+        gains.append(0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1))
     k = int(np.argmax([gain.max() for gain in gains]))
     strength = float(np.sqrt(_STRENGTHS[np.argmax(gains[k])]))
-    form = FreeForm(forms[k].words, strength * forms[k].columns)
-    return FittedFreeForm(form, float(gains[k].max()) - FREE_PRICE)
+    return FreeForm(forms[k].words, strength * forms[k].columns, float(gains[k].max()) - FREE_PRICE)
 
 
 def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
-    """Yield the free forms that the runs could show, with columns (N, c)."""
+    """Yield the free forms that the runs could show, with columns (N, c): functions (n, c) rad or mm at the samples of
+    each block."""
     # On circles joints move while they are read, elsewhere between readings.
-    motion = _Motion(tuple(block for block in linear.blocks if block.sampling) or linear.blocks)
+    blocks = tuple(block for block in linear.blocks if block.sampling) or linear.blocks
+    low, high = (of([of(block.path.q, axis=0) for block in blocks], axis=0) for of in (np.min, np.max))
+    span, fastest = high - low, np.max([np.abs(_rates(block)).max(axis=0) for block in blocks], axis=0)
+
+    def angle(joint: int, block: Block) -> Array:
+        return _waves((block.path.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)
+
+    def speed(joint: int, block: Block) -> Array:
+        return np.asarray(_UNIT_RAD * np.abs(_rates(block)[:, [joint]] / fastest[joint]) ** _POWERS, dtype=float)
+
+    def way(joint: int, block: Block) -> Array:
+        return np.asarray(_UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW), dtype=float)
+
     for axis in range(1, linear.axes + 1):
         error = f"an error of axis {axis} that goes with"
-        if motion.span[axis - 1] > 0:
-            yield FreeForm(f"{error} its angle", linear.by_joint(axis, partial(motion.angle, axis - 1)))
-        if motion.fastest[axis - 1] > 0:
+        if span[axis - 1] > 0:
+            yield FreeForm(f"{error} its angle", linear.by_joint(axis, partial(angle, axis - 1)))
+        if fastest[axis - 1] > 0:
             words = f"{error} its speed, whichever way it turns"
-            yield FreeForm(words, linear.by_joint(axis, partial(motion.speed, axis - 1)))
-        for joint in np.flatnonzero(motion.fastest).tolist():
+            yield FreeForm(words, linear.by_joint(axis, partial(speed, axis - 1)))
+        for joint in np.flatnonzero(fastest).tolist():
             words = f"{error} the way {'it' if joint == axis - 1 else f'axis {joint + 1}'} turns"
-            yield FreeForm(words, linear.by_joint(axis, partial(motion.way, joint)))
+            yield FreeForm(words, linear.by_joint(axis, partial(way, joint)))
     for where, shares in (("both gauges", (1.0, 1.0)), ("gauge 1", (1.0, 0.0)), ("gauge 2", (0.0, 1.0))):
         yield FreeForm(f"something that changes with time in {where}", linear.by_gauge(shares, _time))
     yield FreeForm("something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _around))
 
 
-@dataclass(frozen=True)
-class _Motion:
-    """The motion of the joints in some blocks."""
-
-    blocks: tuple[Block, ...]
-
-    @cached_property
-    def _low(self) -> Array:
-        """The smallest angles (axes,) rad."""
-        return np.asarray(np.min([block.one.path.q.min(axis=0) for block in self.blocks], axis=0), dtype=float)
-
-    @cached_property
-    def span(self) -> Array:
-        """The range (axes,) rad of the joints."""
-        highest: Array = np.max([block.one.path.q.max(axis=0) for block in self.blocks], axis=0)
-        return highest - self._low
-
-    @cached_property
-    def fastest(self) -> Array:
-        """The largest speeds (axes,) rad/s of the joints."""
-        return np.asarray(np.max([np.abs(_rates(block)).max(axis=0) for block in self.blocks], axis=0), dtype=float)
-
-    def angle(self, joint: int, block: Block) -> Array:
-        """Return functions (n, c) rad of the angle of a joint at the samples of a block."""
-        share = (block.one.path.q[:, joint] - self._low[joint]) / self.span[joint]
-        return _waves(share, _UNIT_RAD)
-
-    def speed(self, joint: int, block: Block) -> Array:
-        """Return functions (n, c) rad of the speed of a joint at the samples of a block."""
-        off: Array = _UNIT_RAD * np.abs(_rates(block)[:, [joint]] / self.fastest[joint]) ** _POWERS
-        return off
-
-    def way(self, joint: int, block: Block) -> Array:
-        """Return a function (n, 1) rad of the direction of motion of a joint at the samples of a block."""
-        off: Array = _UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW)
-        return off
-
-
 def _time(block: Block) -> Array:
     """Return functions (n, c) mm of the time of the samples of a block."""
-    t = block.one.path.t_s
+    t = block.path.t_s
     return _waves((t - t[0]) / (t[-1] - t[0]), _UNIT_MM) if block.sampling else np.zeros((len(t), _WAVES))
 
 
 def _around(block: Block) -> Array:
     """Return functions (n, c) mm of the circle angle of the samples of a block."""
-    q = block.one.path.q
+    q = block.path.q
     if not block.sampling:
         return np.zeros((len(q), 2 * _WAVES))
     tool = forward(block.model.arm, q)[:, :3, 3]
     turned = frame_of(circle_of(block.model.rig)).angle(tool)[:, None] * np.arange(1, _WAVES + 1)
     waves = np.concatenate([np.cos(turned), np.sin(turned)], axis=1)
-    parts: Array = _UNIT_MM * waves / np.tile(np.arange(1, _WAVES + 1), 2)
-    return parts
+    return _UNIT_MM * waves / np.tile(np.arange(1, _WAVES + 1), 2)
 
 
 def _waves(share: Array, unit: float) -> Array:
     """Return half waves (n, c) of a share (n,) between 0 and 1."""
     number = np.arange(1, _WAVES + 1)
-    waves: Array = unit * np.cos(np.pi * number * np.clip(share, 0, 1)[:, None]) / number
-    return waves
+    return unit * np.cos(np.pi * number * np.clip(share, 0, 1)[:, None]) / number
 
 
 def _rates(block: Block) -> Array:
     """Return the joint speeds (n, 6) rad/s; at targets they are zero."""
-    path = block.one.path
-    rates: Array = np.gradient(path.q, path.t_s, axis=0) if block.sampling else np.zeros_like(path.q)
-    return rates
-
-
-def _gains(products: Array, slope: Array) -> Array:
-    """Return the log evidence (s,), for each strength, of columns with unknown normal coefficients of that strength
-    over no columns, given their products with each other (c, c) and with the residual (c,)."""
-    power, turn = np.linalg.eigh(products)
-    power = np.maximum(power, 0.0)
-    seen = (turn.T @ slope) ** 2
-    strengths = _STRENGTHS[:, None]
-    gains: Array = 0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1)
-    return gains
+    path = block.path
+    return np.gradient(path.q, path.t_s, axis=0) if block.sampling else np.zeros_like(path.q)

@@ -1,4 +1,9 @@
-"""Blocks: repeated runs as one set of readings with the noise of their mean, and each one on the simulator."""
+"""Blocks: repeated runs as one run, and each one on the simulator.
+
+`blocks_of` puts the runs together that repeat each other. A `Block` is the first of them, with the mean of what the
+model leaves of all and the noise of that mean, entry by entry. A `SimulatedBlock` computes what its readings would be
+with other effects or another set-up, and so what one effect adds to them: a column, in sigmas of the noise.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +17,6 @@ import numpy as np
 from analysis.inference.noise import (
     CircleNoise,
     Repeated,
-    ScatteredRuns,
     circle_noise,
     drift_waves,
     scatter_columns,
@@ -27,12 +31,11 @@ from analysis.inference.observation import (
     ORDERS,
     STAMP_SCATTER,
     TREND_ORDERS,
-    Observation,
     ObservedRun,
     Sampling,
     bridging,
     predicted_in_scene,
-    residuals_of,
+    residual_of,
 )
 from analysis.inference.setups import moved_setup, with_effects, without_origin
 from analysis.kinematics.arm import Array, Integers
@@ -75,23 +78,17 @@ _BORROWED = 2.0
 """Degrees of freedom with which each order of a trend counts what is expected of it beside what few repeats show."""
 
 
-@dataclass(frozen=True)
-class Block:
-    """Repeated runs of one test and direction.
+@dataclass(frozen=True, kw_only=True)
+class Block(ObservedRun):
+    """Repeated runs of one test and direction as one run: the first of them, whose feedback represents all.
 
-    `model` comes from their rig file; `one` is the first run, whose feedback represents all of them. `y_mm` (N,) is
-    their weighted mean residual and `sd_mm` (N,) its standard deviation without scatter between runs; `scatter_mm` (N,
-    c) is what one standard deviation of the scatter of joints and ball adds, and `stamps_mm` (N, s) what one of the
-    scatter of stamps adds at a few angles. `apart_mm` (n, N) are the deviations of the n runs from their mean, and
-    `steady_mm` (n, N) the same without what stamps are expected to have added. `band` (N,) numbers the entries that
-    share a strength. `measured` states whether the noise comes from repeats, and `targets_key` is equal for runs that
-    repeat the same targets.
+    `y_mm` (N,) is their weighted mean residual and `sd_mm` (N,) its standard deviation without scatter between runs;
+    `scatter_mm` (N, c) is what one standard deviation of the scatter of joints and ball adds, and `stamps_mm` (N, s)
+    what one of the scatter of stamps adds at a few angles. `apart_mm` (n, N) are the deviations of the n runs from
+    their mean, and `steady_mm` (n, N) the same without what stamps are expected to have added. `band` (N,) numbers the
+    entries that share a strength, `count` the runs. `measured` states whether the noise comes from repeats.
     """
 
-    name: str
-    model: Model
-    one: Observation
-    sampling: Sampling | None
     y_mm: Array
     sd_mm: Array
     scatter_mm: Array
@@ -101,20 +98,14 @@ class Block:
     band: Integers
     count: int
     measured: bool
-    targets_key: bytes
 
     def whitened(self, values: Array) -> Array:
         """Return readings (m, k, …) mm as entries (N, …) in standard deviations of the noise."""
-        return self.white(entries(values, self.sampling))
+        return self.white(self.entries(values))
 
     def white(self, vector: Array) -> Array:
         """Return entries (N, …) mm in standard deviations of the noise."""
         return vector / self.sd_mm.reshape(-1, *[1] * (vector.ndim - 1))
-
-
-def entries(values: Array, sampling: Sampling | None) -> Array:
-    """Return readings (m, k, …) mm as entries (N, …) mm of a block: a circle's by orders, other readings unchanged."""
-    return sampling.vector(values) if sampling else values.reshape(-1, *values.shape[2:])
 
 
 def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect] = ()) -> list[Block]:
@@ -122,54 +113,27 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects:
     residuals (N,) do not contain them."""
     groups: dict[tuple[str, bytes], list[ObservedRun]] = {}
     for run in runs:
-        groups.setdefault((run.name, targets_key(run)), []).append(run)
-    grouped = [_grouped(name, members, setups, effects) for (name, _), members in groups.items()]
-    circles = [raw for raw in grouped if raw.first.sampling]
-    grids = [raw.first.sampling.averaged for raw in circles if raw.first.sampling]
-    noise = circle_noise([_repeated(raw) for raw in circles], float(np.mean(grids)) if grids else 1.0)
-    sds = dict(zip([raw.name for raw in circles], noise.sd_mm, strict=True))  # a circle's name is its own
-    kinds = [_strength_of(raw.first.one) for raw in grouped]
+        groups.setdefault((run.name, run.targets_key), []).append(run)
+    grouped = [_repeated(members, setups, effects) for members in groups.values()]
+    circles = [(first.sampling, raw) for first, raw in grouped if first.sampling]
+    averaged = float(np.mean([sampling.averaged for sampling, _ in circles])) if circles else 1.0
+    noise = circle_noise([raw.of_laps() for _, raw in circles], averaged)
+    sds = iter(noise.sd_mm)
+    # Each set-up has a strength of the residual of its own; all sockets together have one, since one ball is seated.
+    kinds = [first.setup if first.table.kind.parts(first.table) is None else first.table.test for first, _ in grouped]
     numbers = {name: k for k, name in enumerate(dict.fromkeys(kinds))}
     return [
-        _circle_block(raw, sds[raw.name], noise, numbers[kind])
-        if raw.first.sampling
-        else _target_block(raw, noise, numbers[kind])
-        for raw, kind in zip(grouped, kinds, strict=True)
+        _circle_block(first, raw, next(sds), noise, numbers[kind])
+        if first.sampling
+        else _target_block(first, raw, noise, numbers[kind])
+        for (first, raw), kind in zip(grouped, kinds, strict=True)
     ]
 
 
-def _strength_of(observation: Observation) -> str:
-    """Return what names the strength of the residual (m, k): that of the set-up, and of all sockets together, since one
-    ball is seated in them."""
-    return observation.setup if observation.table.kind.parts(observation.table) is None else observation.table.test
-
-
-def targets_key(run: ObservedRun) -> bytes:
-    """Return bytes that are equal for runs that repeat each other reading by reading. The key of circles (…) is empty,
-    because their name identifies them."""
-    if run.sampling:
-        return b""
-    return _visit_keys(run.one).tobytes()
-
-
-@dataclass(frozen=True)
-class _RepeatedRuns:
-    """Residuals `rows` (n, N) mm of n repeated runs, and the responses of the readings to a unit scatter: `response`
-    (N, c) mm to a constant one, and `drifting` (w, N, c) mm to the waves of one that drifts, which has none at targets.
-    `stamps` (N, c) mm is what one standard deviation of the scatter of stamps adds to a run at a few angles.
-    """
-
-    name: str
-    first: ObservedRun
-    rows: Array
-    response: Array
-    drifting: Array
-    stamps: Array
-
-
-def _grouped(
-    name: str, members: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect]
-) -> _RepeatedRuns:
+def _repeated(
+    members: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect]
+) -> tuple[ObservedRun, Repeated]:
+    """Return the first of repeated runs as they are compared, and their residuals (n, N) mm with what scatter adds."""
     # Periods of standing are compared only if every run has them before and after its lap.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
@@ -180,118 +144,94 @@ def _grouped(
     if samplings := [run.sampling for run in members if run.sampling]:
         samplings = bridging(samplings)
         members = [replace(run, sampling=sampling) for run, sampling in zip(members, samplings, strict=True)]
-    residuals = [residuals_of(run.model, [run.one], setups)[0] for run in with_effects(members, effects)]
-    vectors = [entries(residual, run.sampling) for residual, run in zip(residuals, members, strict=True)]
+    residuals = [residual_of(run, setups) for run in with_effects(members, effects)]
+    vectors = [run.entries(residual) for residual, run in zip(residuals, members, strict=True)]
     first = members[0]
     stamps = np.empty((len(vectors[0]), 0))
     if samplings:
-        predicted = [run.one.values - residual for run, residual in zip(members, residuals, strict=True)]
-        stamps = stamp_noise(samplings, [run.one.t_s for run in members], predicted)
-    response = scatter_response(first.model, first.one, setups[first.one.setup])
-    waves = drift_waves(_share_of_run(first.one)) if first.sampling else np.empty((0, len(response)))
-    drifting = [entries(wave[:, None, None] * response, first.sampling) for wave in waves]
-    constant = entries(response, first.sampling)
+        predicted = [run.values - residual for run, residual in zip(members, residuals, strict=True)]
+        stamps = stamp_noise(samplings, [run.t_s for run in members], predicted)
+    response = scatter_response(first, setups[first.setup])
+    waves = np.empty((0, len(response)))
+    if first.sampling:
+        t_s = first.path.t_s
+        waves = drift_waves((first.t_s - t_s[0]) / (t_s[-1] - t_s[0]))
+    drifting = [first.entries(wave[:, None, None] * response) for wave in waves]
+    constant = first.entries(response)
     # Averaging needs repeats of the same targets.
     alike = [vector for vector in vectors if len(vector) == len(vectors[0])]
     drifts = np.reshape(drifting, (len(drifting), *constant.shape))
-    return _RepeatedRuns(name, first, np.array(alike), constant, drifts, stamps)
+    laps = len(first.sampling.share) if first.sampling else 1
+    return first, Repeated(first.setup, np.array(alike), constant, drifts, laps, stamps)
 
 
-def _repeated(raw: _RepeatedRuns) -> Repeated:
-    """Return repeated laps alone, without the periods of standing."""
-    assert raw.first.sampling is not None  # noqa: S101 - circles have one
-    orders, laps = len(ORDER_OF), len(raw.first.sampling.share)
-    rows, response, drifting, stamps = raw.rows, raw.response, raw.drifting, raw.stamps
-    return Repeated(
-        raw.first.one.setup, rows[:, :orders], response[:orders], drifting[:, :orders], laps, stamps[:orders]
-    )
-
-
-def _share_of_run(observation: Observation) -> Array:
-    """Return the share (m,) of the duration of its run at which each reading was taken."""
-    t_s = observation.path.t_s
-    share: Array = (observation.t_s - t_s[0]) / (t_s[-1] - t_s[0])
-    return share
-
-
-def _circle_block(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise, number: int) -> Block:
+def _circle_block(first: ObservedRun, raw: Repeated, sd_mm: Array, noise: CircleNoise, number: int) -> Block:
     """Return the block of repeated circles, given the noise sd_mm (n, N) of each run; `number` is that of
     their set-up."""
-    sampling = raw.first.sampling
+    sampling = first.sampling
     assert sampling is not None  # noqa: S101 - circles have one
     weight = 1 / (sd_mm[:, BAND_EDGES[4] > ORDER_OF] ** 2).mean(axis=1)
     weight /= weight.sum()
     few = float(np.linalg.norm(weight))
     sd = np.sqrt(weight**2 @ sd_mm**2)
-    sd = np.concatenate([sd, _standing_sd(sd, sampling, raw.first.step_mm), _trend_sd(raw, sd, noise)])
+    # Slow noise of a period of standing averages like white noise of the same strength; all readings of a gauge that
+    # stands are rounded to the same step, as are those of repeats that differ by less.
+    channels = np.split(sd, 2)
+    slow = (ORDER_OF[: len(channels[0])] > 0) & (ORDER_OF[: len(channels[0])] < _SLOW)
+    power = np.array([np.mean(channel[slow] ** 2) for channel in channels])
+    standing = [np.sqrt(power / share + first.step_mm**2 / 12) for share in sampling.stand_share]
+    sd = np.concatenate([sd, *standing, _trend_sd(sampling, raw, sd, noise)])
     # The assumed noise of a run that was not repeated contains the drift.
-    drifting = raw.drifting if noise.measured else raw.drifting[:0]
-    scatter = noise.scatter(raw.first.one.setup)
-    columns = few * scatter_columns(raw.response, drifting, scatter)
-    repeats = ScatteredRuns(raw.rows - raw.rows.mean(axis=0), raw.response, drifting, raw.stamps)
+    repeats = raw if noise.measured else replace(raw, drifting=raw.drifting[:0])
+    scatter = noise.scatter(raw.setup)
+    columns = few * scatter_columns(raw.response, repeats.drifting, scatter)
     band = np.searchsorted(BAND_EDGES, ORDER_OF, side="right") - 1
     band = np.concatenate([band, np.zeros(len(sd) - len(band), dtype=np.int64)])
+    steady, numbers = repeats.without_stamps(scatter, sd / few), band + number * len(BAND_EDGES)
     return Block(
-        raw.name, raw.first.model, raw.first.one, sampling, weight @ raw.rows, sd, without_unseen(columns, sd),
-        few * raw.stamps, repeats.apart, repeats.without_stamps(scatter, sd / few), band + number * len(BAND_EDGES),
-        len(raw.rows), noise.measured, targets_key(raw.first),
+        **vars(first), y_mm=weight @ raw.rows, sd_mm=sd, scatter_mm=without_unseen(columns, sd),
+        stamps_mm=few * raw.stamps, apart_mm=raw.apart, steady_mm=steady, band=numbers, count=len(raw.rows),
+        measured=noise.measured,
     )  # fmt: skip
 
 
-def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
+def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number: int) -> Block:
     """Return the block of repeated runs at targets; `number` is that of their set-up."""
-    table, count = raw.first.one.table, len(raw.rows)
-    sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(raw.first.one))
+    table, count = first.table, len(raw.rows)
+    sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(first))
     if table.kind.of_places and not measured:
         sd = np.full(len(sd), table.kind.assumed_sd_mm)
-    scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.first.one.setup)) / np.sqrt(count)
+    scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.setup)) / np.sqrt(count)
     band = np.full(len(sd), number * len(BAND_EDGES))
-    y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
     return Block(
-        raw.name, raw.first.model, raw.first.one, None, y, sd, scatter, raw.stamps,
-        raw.rows - y, raw.rows - y, band, count, measured, targets_key(raw.first),
+        **vars(first), y_mm=raw.rows.mean(axis=0), sd_mm=sd / np.sqrt(count), scatter_mm=scatter, stamps_mm=raw.stamps,
+        apart_mm=raw.apart, steady_mm=raw.apart, band=band, count=count, measured=measured,
     )  # fmt: skip
 
 
-def _visit_numbers(observation: Observation) -> Integers:
+def _visit_numbers(run: ObservedRun) -> Integers:
     """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
-    table, keys = observation.table, _visit_keys(observation)
+    table, keys = run.table, run.visits
     if table.kind.of_places:
-        visit, sides = visits(table.q[observation.rows], SAME_RAD), table.kind.sides(table)
-        reached = visit[:, None] if sides is None else np.column_stack([visit, sides[observation.rows]])
+        visit, sides = visits(table.q[run.rows], SAME_RAD), table.kind.sides(table)
+        reached = visit[:, None] if sides is None else np.column_stack([visit, sides[run.rows]])
         keys = np.column_stack([np.repeat(reached, 3, axis=0), np.tile(np.arange(3), len(visit))])
     return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
 
 
-def _visit_keys(observation: Observation) -> Integers:
-    """Return integers (m, k) that describe where and how each reading was taken."""
-    return observation.table.kind.visits(observation.table)[observation.rows]
-
-
-def _standing_sd(sd_mm: Array, sampling: Sampling, step_mm: float) -> Array:
-    """Return the standard deviation (2 s,) mm of the means over s periods of standing, for the sum and the difference
-    of the gauges. Slow noise averages like white noise of the same strength; all readings of a gauge that stands are
-    rounded to the same step, as are those of repeats that differ by less."""
-    half = len(ORDER_OF) // 2
-    slow = (ORDER_OF[:half] > 0) & (ORDER_OF[:half] < _SLOW)
-    power = np.array([np.mean(sd_mm[:half][slow] ** 2), np.mean(sd_mm[half:][slow] ** 2)])
-    return np.concatenate([np.sqrt(power / share + step_mm**2 / 12) for share in sampling.stand_share] or [np.empty(0)])
-
-
-def _trend_sd(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise) -> Array:
+def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNoise) -> Array:
     """Return the standard deviation (14,) mm of the trend from lap to lap, none without one, given that (N,) of the
     mean of laps: that of one lap, and as much more as repeated runs show beside the drift of joints and ball. Where
     nothing is measured, this drift is part of it."""
-    sampling = raw.first.sampling
-    if sampling is None or not len(sampling.trend):
+    if not len(sampling.trend):
         return np.empty(0)
     trend, runs = slice(-len(ORDER_OF_TREND), None), len(raw.rows)
     squares = len(sampling.trend) * sd_mm[np.flatnonzero(ORDER_OF < TREND_ORDERS)] ** 2
-    scatter = noise.scatter(raw.first.one.setup).drifting(raw.response.shape[1])
+    scatter = noise.scatter(raw.setup).drifting(raw.response.shape[1])
     drifting: Array = ((raw.drifting[:, trend] * scatter) ** 2).sum(axis=(0, 2))
     if not noise.measured or runs < 2:
         return np.asarray(np.sqrt(squares + drifting), dtype=float)
-    apart = raw.rows[:, trend] - raw.rows[:, trend].mean(axis=0)
+    apart = raw.apart[:, trend]
     expected = runs * squares + drifting  # of one run
     channel = np.arange(len(ORDER_OF_TREND)) * 2 // len(ORDER_OF_TREND)
     alike = channel * TREND_ORDERS + ORDER_OF_TREND
@@ -361,10 +301,10 @@ class SimulatedBlock:
     @cached_property
     def by_setup(self) -> Array:
         """The change (N, t) of the whitened readings for a mm of each term of the set-up."""
-        steps = _STEP_MM * np.eye(self.block.one.table.kind.setup_terms)
-        setups = [moved_setup(self.setup, self.block.one.table, step) for step in steps]
+        steps = _STEP_MM * np.eye(self.block.table.kind.setup_terms)
+        setups = [moved_setup(self.setup, self.block.table, step) for step in steps]
         changed = np.stack([self.read(self.known, self.scene, setup) - self.base for setup in setups], axis=2)
-        return self.whitened(changed) / _STEP_MM
+        return self.block.whitened(changed) / _STEP_MM
 
     def scene_with(self, effects: Sequence[Effect]) -> Scene:
         """Return the scene up to the tool with `effects` in place of the known ones."""
@@ -372,13 +312,13 @@ class SimulatedBlock:
         early = _early(model.effects)
         errors = [self._error(early, effect) for effect in model.effects if effect.STAGE == "joint"]
         joints = self._joints(early)
-        return posed(model, self.block.one.path, replace(joints, link_q=sum(errors, start=joints.link_q)))
+        return posed(model, self.block.path, replace(joints, link_q=sum(errors, start=joints.link_q)))
 
     def _joints(self, early: tuple[Effect, ...]) -> Scene:
         """Return the scene before joints have errors, given the effects of earlier stages."""
 
         def compute() -> Scene:
-            return driven(replace(self.block.model, effects=early), self.block.one.path)
+            return driven(replace(self.block.model, effects=early), self.block.path)
 
         return recent(self._scenes, early, compute, _SCENES)
 
@@ -388,31 +328,17 @@ class SimulatedBlock:
         joints = self._joints(early)
 
         def compute() -> Array:
-            error: Array = apply([effect], "joint", joints).link_q - joints.link_q
-            return error
+            return apply([effect], "joint", joints).link_q - joints.link_q
 
         return recent(self._errors, (early, without_origin(effect)), compute, _ERRORS)
 
     def read(self, effects: Sequence[Effect], scene: Scene, setup: SetUp) -> Array:
         """Return the readings (m, k) mm of a scene up to the tool."""
-        return predicted_in_scene(_with(self.block.model, *effects), self.block.one, scene, setup)
-
-    def at_readings(self, values: Array) -> Array:
-        """Return values (n, …) at the samples of the path, in any unit, at the readings, (m, …)."""
-        at_rows: Array = values[self.block.one.samples]
-        return at_rows
-
-    def entries(self, readings: Array) -> Array:
-        """Return readings (m, k, …) mm as entries (N, …) mm of the block."""
-        return entries(readings, self.block.sampling)
-
-    def whitened(self, readings: Array) -> Array:
-        """Return readings (m, k, …) mm as entries (N, …) in standard deviations of the noise."""
-        return self.block.white(self.entries(readings))
+        return predicted_in_scene(_with(self.block.model, *effects), self.block, scene, setup)
 
     def by_joint(self, axis: int, off: Array) -> Array:
         """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6)."""
-        return self.whitened(self.slopes[:, :, axis - 1, None] * self.at_readings(off)[:, None])
+        return self.block.whitened(self.slopes[:, :, axis - 1, None] * off[self.block.samples, None])
 
     def late(self, effect: Effect) -> Array:
         """Return the change (N, c) of the whitened readings of a circle if the errors of joints that an effect makes
@@ -422,8 +348,8 @@ class SimulatedBlock:
             return np.zeros((len(self.block.y_mm), len(stamps)))
         early = _early((*self.block.model.effects, *self.known))
         now, later = self._error(early, effect), [self._error((*early, stamp), effect) for stamp in stamps]
-        change = np.stack([self.at_readings(error - now) for error in later], axis=2)
-        return self.whitened(np.einsum("mka,mac->mkc", self.slopes, change))
+        change = np.stack([(error - now)[self.block.samples] for error in later], axis=2)
+        return self.block.whitened(np.einsum("mka,mac->mkc", self.slopes, change))
 
     def scattered(self, effect: Effect) -> Array:
         """Return the change (N, 1) of the whitened readings of a circle if the errors of joints that an effect makes
@@ -431,37 +357,37 @@ class SimulatedBlock:
         if not self.block.sampling:
             return np.zeros((len(self.block.y_mm), 1))
         early = _early((*self.block.model.effects, *self.known))
-        moved = recent(self._moved, early, lambda: self._moment_apart(self._joints(early)), _SCENES)
+
+        def moment_apart() -> tuple[Scene, Scene]:
+            joints = self._joints(early)
+            moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self.block.samples])))
+            return joints.taken_at(joints.t_s - moment_s), joints.taken_at(joints.t_s + moment_s)
+
+        moved = recent(self._moved, early, moment_apart, _SCENES)
         earlier, later = (apply([effect], "joint", scene).link_q - scene.link_q for scene in moved)
         now = self._error(early, effect)
-        change = self.at_readings((earlier + later) / 2 - now)
-        return self.whitened(np.einsum("mka,ma->mk", self.slopes, change)[:, :, None])
-
-    def _moment_apart(self, joints: Scene) -> tuple[Scene, Scene]:
-        """Return a scene before joints have errors as it was a moment earlier, and as it will be a moment later."""
-        moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self.block.one.samples])))
-        return joints.taken_at(joints.t_s - moment_s), joints.taken_at(joints.t_s + moment_s)
+        change = ((earlier + later) / 2 - now)[self.block.samples]
+        return self.block.whitened(np.einsum("mka,ma->mk", self.slopes, change)[:, :, None])
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""
-        few = [effects[begin : begin + _FEW] for begin in range(0, len(effects), _FEW)]
-        return np.concatenate([self.whitened(self._added_by(batch)) for batch in few], axis=1)
-
-    def _added_by(self, effects: Sequence[Effect]) -> Array:
-        """Return what each effect adds to the readings, (m, k, p) mm."""
-        early = _early((*self.block.model.effects, *self.known))
-        added = np.zeros((len(effects), *self.base.shape))
-        for k, effect in enumerate(effects):
-            if effect.STAGE == "joint":
-                error = self._error(early, effect)
-                for axis in _turned_axes(error):
-                    added[k] += self._slopes_of_axes[axis] * self.at_readings(error[:, axis])[:, None]
-            else:
-                times = max(1.0, abs(size_of(effect))) if effect.STAGE in _RIGID else 1.0
-                present = (*self.known, scaled(effect, 1 / times))
-                scene = self.scene if effect.STAGE in _READING else self.scene_with(present)
-                added[k] = times * (self.read(present, scene, self.setup) - self.base)
-        return np.moveaxis(added, 0, 2)
+        early, parts = _early((*self.block.model.effects, *self.known)), []
+        for begin in range(0, len(effects), _FEW):
+            few = effects[begin : begin + _FEW]
+            added = np.zeros((len(few), *self.base.shape))
+            for k, effect in enumerate(few):
+                if effect.STAGE == "joint":
+                    error = self._error(early, effect)
+                    # A product of few rows takes a quarter of the time that numpy's `any` takes along many short ones.
+                    for axis in np.flatnonzero(np.ones(len(error)) @ (error != 0)).tolist():
+                        added[k] += self._slopes_of_axes[axis] * error[self.block.samples, axis, None]
+                else:
+                    times = max(1.0, abs(size_of(effect))) if effect.STAGE in _RIGID else 1.0
+                    present = (*self.known, scaled(effect, 1 / times))
+                    scene = self.scene if effect.STAGE in _READING else self.scene_with(present)
+                    added[k] = times * (self.read(present, scene, self.setup) - self.base)
+            parts.append(self.block.whitened(np.moveaxis(added, 0, 2)))
+        return np.concatenate(parts, axis=1)
 
     @cached_property
     def _slopes_of_axes(self) -> Array:
@@ -482,12 +408,6 @@ class SharedBlock(SimulatedBlock):
         if new:
             self._columns.update(zip(new, super().columns(new).T, strict=True))
         return np.stack([self._columns[effect] for effect in effects], axis=1)
-
-
-def _turned_axes(error: Array) -> list[int]:
-    """Return the numbers (from 0) of the joints that have errors among (n, axes) rad. A product of few rows takes a
-    quarter of the time that numpy's `any` takes along many short ones."""
-    return np.flatnonzero(np.ones(len(error)) @ (error != 0)).tolist()
 
 
 def _early(effects: Sequence[Effect]) -> tuple[Effect, ...]:

@@ -57,7 +57,7 @@ class Measure:
     def _root(self) -> Array:
         """The factor (N,) of each entry by which the sum of squares becomes a mean square in µm²."""
         blocks = self.linear.blocks
-        counts = [len(block.sampling.phi if block.sampling else block.one.rows) * block.count for block in blocks]
+        counts = [len(block.sampling.phi if block.sampling else block.rows) * block.count for block in blocks]
         readings = np.array(counts, dtype=float)
         parts = []
         for block, share in zip(blocks, readings / readings.sum(), strict=True):
@@ -65,7 +65,7 @@ class Measure:
             if block.sampling:
                 factor[: len(ORDER_OF)] = 1 / (2 * GRID)
             else:
-                factor[:] = (3 if block.one.table.kind.of_places else 1) / len(factor)
+                factor[:] = (3 if block.table.kind.of_places else 1) / len(factor)
             parts.append(1e3 * block.sd_mm * np.sqrt(share * factor))
         return self.linear.at_entries(parts)
 
@@ -78,22 +78,20 @@ class Measure:
         kept = whole - basis_of(U) @ (basis_of(U).T @ whole)
         precision = np.zeros(U.shape[1])
         for block, rows in zip(self.linear.blocks, self.linear.rows, strict=True):
-            if not block.one.table.kind.of_places:
-                precision[self.linear.terms[block.one.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
+            if not block.table.kind.of_places:
+                precision[self.linear.terms[block.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
         return U, np.linalg.pinv(U.T @ U + np.diag(precision), rcond=_NO_FREEDOM, hermitian=True) @ U.T
 
     def of(self, changes: Array) -> Array:
         """Return whitened changes (N, …) as vectors (N, …) of which the sum of squares is the mean square in µm²."""
         weighted = self._root[:, None] * changes if changes.ndim == 2 else self._root * changes
         U, moves = self._absorbs
-        kept: Array = weighted - U @ (moves @ weighted)
-        return kept
+        return weighted - U @ (moves @ weighted)
 
     def without_set_up(self, changes: Array) -> Array:
         """Return whitened changes (N,) with what set-ups absorb taken off, to be drawn."""
         _, moves = self._absorbs
-        kept: Array = changes - self.linear.U @ (moves @ (self._root * changes))
-        return kept
+        return changes - self.linear.U @ (moves @ (self._root * changes))
 
     def um(self, changes: Array) -> float:
         """Return the root mean square in µm of whitened changes (N,)."""
@@ -117,7 +115,7 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
     Its uncertainty is that of the change and not of a parameter: a size and a shape that trade off leave the change as
     certain as the readings show it.
     """
-    refined, posterior, measure = result.state.refined, result.posterior, Measure(result.linear)
+    refined, posterior, measure = result.fit, result.posterior, Measure(result.linear)
     T, means, covariance = posterior.terms.T, posterior.known, posterior.known_covariance
     allowed = len(refined.unknowns) + np.cumsum([0, *(departure.columns.shape[1] for departure in refined.departures)])
     changes = []
@@ -127,25 +125,12 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         change = result.contributions[k] + T[:, departures] @ means[departures]
         columns, um = measure.of(T[:, parameters]), measure.um(change)
         u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(parameters, parameters)] * columns), 0.0)))
-        usual = measure.um(
-            result.linear.columns([_usual(result.linear, effect, effect.usual_times(result.built))])[:, 0]
-        )
+        # As an arm without a fault shows it, so many times its healthy size.
+        shapes = {shape.field: shape.expected for shape in effect.free(result.linear.payload_kg)}
+        as_usual = scaled(healthy(effect), effect.usual_times(result.built), **shapes)
+        usual = measure.um(result.linear.columns([as_usual])[:, 0])
         changes.append(EffectChange(change, um, u_um, um / usual if usual > 0 else float("inf")))
     return changes
-
-
-def _usual(linear: Linearisation, effect: Effect, times: float) -> Effect:
-    """Return the effect as an arm without a fault shows it, so many times its healthy size."""
-    expected = {shape.field: shape.expected for shape in effect.free(linear.payload_kg)}
-    return scaled(healthy(effect), times, **expected)
-
-
-def budget_of(
-    result: SearchResult, named: Sequence[Named], changes: Sequence[EffectChange], gap: Gap
-) -> list[BudgetPart]:
-    """Return the parts of the gap, the largest share first; the shares add up to 1. `named` has the fitted effects in
-    any order, and may have a vibration that no model removes; changes are of readings (N,)."""
-    return _Budget(result, gap).parts(named, changes)
 
 
 @dataclass(frozen=True)
@@ -157,7 +142,9 @@ class _Drawn:
 
 
 @dataclass(frozen=True)
-class _Budget:
+class Budget:
+    """The parts of a gap of readings (N,), from what a search found."""
+
     result: SearchResult
     gap: Gap
 
@@ -187,14 +174,27 @@ class _Budget:
         return float(vector @ self.whole) / self.whole_um2
 
     def parts(self, named: Sequence[Named], changes: Sequence[EffectChange]) -> list[BudgetPart]:
-        effects = self.result.state.refined.effects
-        drawn = [
-            self._effect(named_effect, place, changes[effects.index(named_effect.effect)])
-            for place, named_effect in enumerate(named)
-            if named_effect.effect in effects
-        ]
+        """Return the parts, the largest share first; the shares add up to 1. `named` has the fitted effects in any
+        order, and may have a vibration that no model removes."""
+        effects = self.result.effects
+        drawn = []
+        for place, name in enumerate(named):
+            if name.effect in effects:
+                change = changes[effects.index(name.effect)]
+                is_unsure = name.doubt != "usual" or change.um < _DOUBTED_SIGMA * change.u_um
+                rank: Rank = "unusual" if name.stands else "undecided" if is_unsure else "usual"
+                vector = self.measure.of(change.change)
+                part = BudgetPart(
+                    "effect", change.um, change.u_um, self.share(vector), axis=getattr(name.effect, "axis", None),
+                    name=label_of(name.effect), times_usual=change.times_usual, rank=rank, odds=name.posterior,
+                    held_out_gain=name.held_out_gain, doubt=name.doubt, index=place,
+                )  # fmt: skip
+                drawn.append(_Drawn(part, vector))
         parts = [line.part for line in self._without_cancelling([*drawn, *self._groups()])]
-        unexplained = self._unexplained()
+        # What remains beyond the noise, with the free forms that stand for an effect without a name.
+        result = self.result
+        remains = self.measure.of(result.beyond_noise * result.posterior.residual + result.free_share)
+        unexplained = BudgetPart("unexplained", float(np.linalg.norm(remains)), 0.0, self.share(remains))
         scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(part.share for part in [*parts, unexplained]))
         for place, named_effect in enumerate(named):
             if named_effect.effect not in effects:  # a vibration, whose phase is new in each run
@@ -202,15 +202,12 @@ class _Budget:
                 whole = named_effect.worth_um**2 / self.whole_um2
                 of_scatter = min(whole, max(scatter.share, 0.0))
                 repeats = min(whole - of_scatter, max(unexplained.share, 0.0))
-                swing = BudgetPart(
-                    "effect",
-                    named_effect.worth_um,
-                    named_effect.u_um,
-                    of_scatter + repeats,
-                    name=label_of(named_effect.effect),
-                    odds=named_effect.posterior,
-                )
-                parts.append(replace(swing, rank="unusual", index=place))
+                parts.append(
+                    BudgetPart(
+                        "effect", named_effect.worth_um, named_effect.u_um, of_scatter + repeats, rank="unusual",
+                        name=label_of(named_effect.effect), odds=named_effect.posterior, index=place,
+                    )
+                )  # fmt: skip
                 scatter = replace(scatter, share=scatter.share - of_scatter)
                 kept = float(np.sqrt(1 - repeats / unexplained.share)) if repeats > 0 else 1.0
                 unexplained = replace(unexplained, share=unexplained.share - repeats, um=kept * unexplained.um)
@@ -232,22 +229,12 @@ class _Budget:
             kept = [_Drawn(both, vector) if line is partner else line for line in others]
         return kept
 
-    def _effect(self, named: Named, place: int, change: EffectChange) -> _Drawn:
-        vector = self.measure.of(change.change)
-        part = BudgetPart("effect", change.um, change.u_um, self.share(vector))
-        ranked = replace(
-            part, axis=getattr(named.effect, "axis", None), name=label_of(named.effect), times_usual=change.times_usual,
-            rank=_rank(named, change), odds=named.posterior, held_out_gain=named.held_out_gain, doubt=named.doubt,
-            index=place,
-        )  # fmt: skip
-        return _Drawn(ranked, vector)
-
     def _groups(self) -> list[_Drawn]:
         """Return what the many small terms of each kind make together."""
-        posterior, columns = self.result.posterior, self.result.selection.columns
+        posterior, columns = self.result.posterior, self.result.columns
         groups: dict[tuple[PartKind, int | None], list[Form]] = {}
         for form in columns.forms:
-            groups.setdefault(group_of(form.effects[0]), []).append(form)
+            groups.setdefault(group_of(form.effect), []).append(form)
         drawn = []
         for (kind, axis), forms in groups.items():
             indices = np.array([column for form in forms for column in form.columns])
@@ -255,7 +242,7 @@ class _Budget:
             vector = moved @ posterior.mean[indices]
             gram = moved.T @ moved
             u_um = float(np.sqrt(max(np.sum(gram * posterior.covariance_among(indices)), 0.0)))
-            times = np.array([form.effects[0].usual_times(self.result.built) for form in forms for _ in form.columns])
+            times = np.array([form.effect.usual_times(self.result.built) for form in forms for _ in form.columns])
             usual_um = float(np.sqrt(np.sum(np.diag(gram) * columns.healthy[indices] * times**2)))
             um = float(np.linalg.norm(vector))
             ratio = um / usual_um if usual_um > 0 else 0.0
@@ -280,44 +267,22 @@ class _Budget:
         odds = np.exp(evidence - evidence.max())
         odds /= odds.sum()
         kept = [forms[k] for k in best.values()]
-        members = [
-            Member(combined_effect(form.effects, result.posterior.size(form)), self._um_of(form), float(likely))
-            for form, likely in zip(kept, odds[1:], strict=True)
-        ]
+        members = []
+        for form, likely in zip(kept, odds[1:], strict=True):
+            indices = list(form.columns)
+            # What it does at the size that it has among the small terms.
+            um = self.measure.um(result.columns.X[:, indices] @ result.posterior.mean[indices])
+            members.append(Member(combined_effect(form.effects, result.posterior.size(form)), um, float(likely)))
         return tuple(sorted(members, key=lambda member: -member.odds)[:_MOST_MEMBERS])
-
-    def _um_of(self, form: Form) -> float:
-        """Return what a form does in µm, at the size that it has among the small terms."""
-        indices = list(form.columns)
-        columns = self.result.selection.columns.X[:, indices]
-        return self.measure.um(columns @ self.result.posterior.mean[indices])
-
-    def _unexplained(self) -> BudgetPart:
-        """Return what remains beyond the noise, with the free forms that stand for an effect without a name."""
-        result = self.result
-        strength = result.state.strength[result.selection.columns.band]
-        beyond = np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
-        vector = self.measure.of(beyond * result.posterior.residual + result.free_share)
-        return BudgetPart("unexplained", float(np.linalg.norm(vector)), 0.0, self.share(vector))
 
     @cached_property
     def _scatter_um(self) -> float:
         """The rms in µm of what differs from run to run, with the noise."""
         result = self.result
-        forms = result.selection.columns.set_ups.stop
-        strength = result.state.strength[result.selection.columns.band]
-        within = 1 - np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
-        moved = result.selection.columns.X[:, forms:] @ result.posterior.mean[forms:]
-        inside = self.measure.um(within * result.posterior.residual + moved)
+        forms = result.columns.set_ups.stop
+        moved = result.columns.X[:, forms:] @ result.posterior.mean[forms:]
+        inside = self.measure.um((1 - result.beyond_noise) * result.posterior.residual + moved)
         return float(np.sqrt(inside**2 + self._apart_um2))
-
-
-def _rank(named: Named, change: EffectChange) -> Rank:
-    if named.stands:
-        return "unusual"
-    if named.doubt != "usual" or change.um < _DOUBTED_SIGMA * change.u_um:
-        return "undecided"
-    return "usual"
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -369,7 +334,7 @@ class SizesBySetUp:
 def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
     """Return the sizes of name k in the set-ups in which it changes readings by more than the limits (b,) µm."""
     linear, change = result.linear, result.contributions[k]
-    setups = np.array([block.one.setup for block in linear.blocks])
+    setups = np.array([block.setup for block in linear.blocks])
     shown = list(dict.fromkeys(setups[worth(linear, change).um > limits].tolist()))
     if len(shown) < 2:
         return SizesBySetUp((), np.empty(0), np.empty((0, 0)))
@@ -386,7 +351,7 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
 
 def _beside_size(result: SearchResult, k: int) -> Posterior:
     """Return the posterior of everything else, in which the size of name k stays as it was fitted."""
-    refined, fitted = result.state.refined, result.state.refined.known
+    refined, fitted = result.fit, result.fit.known
     field = size_field(refined.effects[k])
     kept = np.ones(len(fitted.mean), dtype=bool)
     kept[: len(refined.unknowns)] = [unknown.effect != k or unknown.field != field for unknown in refined.unknowns]

@@ -1,4 +1,9 @@
-"""Candidates: names that may explain readings, their departures from the ideal form, and all their columns."""
+"""Candidates: the names that may explain readings, and the columns of everything that may change them.
+
+`candidates_for` lists every effect that these runs could show, and `columns_for` makes the `Columns` of them: what each
+of their forms adds to all readings at a healthy size, then what set-ups and the scatter between runs may do, each with
+the size that is expected of it. `departure_columns` are what a real gear, ball or brake adds beside its ideal form.
+"""
 
 from __future__ import annotations
 
@@ -42,8 +47,8 @@ class Candidate:
 
     name: str
     effects: tuple[Effect, ...]
-    shaped: tuple[Effect, ...] = ()
     size: float = 1.0
+    shaped: tuple[Effect, ...] = ()
 
     @property
     def effect(self) -> Effect:
@@ -66,28 +71,23 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
             tried = [{free.field: free.tried} for free in form.free(scope.payload_kg) if free.tried is not None]
             for whole, size in ((scaled(healthy(form), size), size) for size in sizes):
                 shaped = tuple(whole.model_copy(update=shape) for shape in tried)
-                candidates.append(Candidate(name_of(form), phases(whole), shaped, size))
+                candidates.append(Candidate(name_of(form), phases(whole), size, shaped))
     return candidates
 
 
 def _scope(blocks: Sequence[Block]) -> Scope:
     """Return what the runs of the blocks can show. A circle has two gauges, a target has one."""
-    tables = [block.one.table for block in blocks]
+    tables = [block.table for block in blocks]
     timed = any(table.kind.swept for table in tables)
     gauges = max((table.kind.gauges for table in tables), key=len)
     twist_deg = np.degrees(blocks[0].model.arm.alpha)
     arm = blocks[0].model.arm
     rail = arm.rail is not None and any(np.ptp(rail_mm(arm, table.q)) > 0 for table in tables)
-    turned, payload_kg = tuple(_turned(blocks)[: arm.axes].tolist()), blocks[0].model.load.payload_kg
-    return Scope(timed, gauges, tuple(twist_deg.tolist()), turned, rail, payload_kg)
-
-
-def _turned(blocks: Sequence[Block]) -> Array:
-    """Return the range (6,) of each joint in turns, on circles if there are any, where joints move while they
-    are read."""
-    swept = [block for block in blocks if block.one.table.kind.swept] or blocks
-    turned: Array = np.max([np.ptp(block.one.table.q, axis=0) for block in swept], axis=0) / (2 * np.pi)
-    return turned
+    # On circles, if there are any, joints move while they are read.
+    moving = [table for table in tables if table.kind.swept] or tables
+    turned = np.max([np.ptp(table.q, axis=0) for table in moving], axis=0) / (2 * np.pi)
+    payload_kg = blocks[0].model.load.payload_kg
+    return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(turned[: arm.axes].tolist()), rail, payload_kg)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -116,10 +116,22 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
     parts = [_shares(linear, departures.beside)]
     parts += [_initial_play(linear, *departures.gap, _PARTS)] if departures.gap else []
     parts += [_reversal_shifts(linear, *departures.jolt)] if departures.jolt else []
-    parts += [_stick_columns(linear, *departures.stick)] if departures.stick else []
+    if departures.stick:
+        # One for each target, for the unknown state in which a sticking plunger reached it.
+        gauge, off_mm = departures.stick
+        read = [not block.sampling and gauge == "g1" for block in linear.blocks]
+        blocks = zip(read, linear.blocks, strict=True)
+        off = linear.at_entries([reads * off_mm / block.sd_mm for reads, block in blocks])
+        targets = np.flatnonzero(off)
+        parts.append(np.zeros((len(off), len(targets))))
+        parts[-1][targets, np.arange(len(targets))] = off[targets]
     # What is left at a block of targets of an effect that fades may be anything between nothing and twice as much.
     parts += [_apart(linear, linear.columns([effect]), sampling=False)] if departures.fades else []
-    parts += [_late_columns(linear, effect)] if effect.STAGE == "joint" else []
+    # What late stamps do among the columns of a healthy arm is what they do without the effect. A play that was crossed
+    # 2 ms later came out 1.2 % too narrow, with an uncertainty of 0.06 %. A wave of 5 Hz that is read at instants which
+    # scatter by 4 ms is 0.8 % smaller on average.
+    if effect.STAGE == "joint":
+        parts.append(_that_change(np.concatenate([linear.late(effect), linear.scattered(effect)], axis=1)))
     return np.concatenate(parts, axis=1)
 
 
@@ -138,8 +150,7 @@ def fewest_columns(columns: Array) -> Array:
     """Return the fewest columns (N, g) that allow for the same as columns (N, f): both have the same covariance, except
     along directions that hardly vary. A play has a column for each part of it and each circle, and most are alike."""
     variances, directions = np.linalg.eigh(columns.T @ columns)
-    fewest: Array = columns @ directions[:, variances > _NEGLIGIBLE**2]
-    return fewest
+    return np.asarray(columns @ directions[:, variances > _NEGLIGIBLE**2], dtype=float)
 
 
 def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:
@@ -156,20 +167,15 @@ def _initial_play(linear: Linearisation, axis: int, half_deg: float, parts: int)
     parts, each with a column for each circle; a position anywhere in the play is equally likely.
     """
     edges, half = np.linspace(-1, 1, parts + 1), np.radians(half_deg)
+    # The rms of the share of each part that lies between its middle and a position anywhere in the play.
+    reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
+    usual = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
 
     def off(block: Block) -> Array:
-        x = block.one.path.q[:, axis - 1]
-        return np.diff([play(x, half, float(edge)) for edge in edges], axis=0).T * _usual_shares(edges)
+        x = block.path.q[:, axis - 1]
+        return np.asarray(np.diff([play(x, half, float(edge)) for edge in edges], axis=0).T * usual, dtype=float)
 
     return _apart(linear, linear.by_joint(axis, off), sampling=True)
-
-
-def _usual_shares(edges: Array) -> Array:
-    """Return the root mean square (n,) of the share of each part of a play, between its edges (n + 1,), that lies
-    between its middle and a position that may be anywhere between -1 and 1."""
-    reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
-    shares: Array = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
-    return shares
 
 
 def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
@@ -180,7 +186,7 @@ def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s:
     for k, block in enumerate(linear.blocks):
         if not block.sampling:
             continue
-        path = block.one.path
+        path = block.path
         for when, _ in path.motion.reversals(axis):
             after = int(np.searchsorted(path.t_s, when))
             columns += [
@@ -199,7 +205,7 @@ def _faded(linear: Linearisation, axis: int, size_deg: float, fades_s: float) ->
     for simulated, rows in zip(linear.simulated, linear.rows, strict=True):
         if not simulated.block.sampling:
             continue
-        path = simulated.block.one.path
+        path = simulated.block.path
         turns = [when for when, _ in path.motion.reversals(axis)]
         if not turns:
             continue
@@ -212,31 +218,9 @@ def _faded(linear: Linearisation, axis: int, size_deg: float, fades_s: float) ->
     return np.concatenate(columns, axis=1)
 
 
-def _stick_columns(linear: Linearisation, gauge: str, off_mm: float) -> Array:
-    """Return columns (N, t), one for each target, for the unknown state in which a sticking plunger reached it."""
-    read = [not block.sampling and gauge == "g1" for block in linear.blocks]
-    off = linear.at_entries([reads * off_mm / block.sd_mm for reads, block in zip(read, linear.blocks, strict=True)])
-    targets = np.flatnonzero(off)
-    columns = np.zeros((len(off), len(targets)))
-    columns[targets, np.arange(len(targets))] = off[targets]
-    return columns
-
-
-def _late_columns(linear: Linearisation, effect: Effect) -> Array:
-    """Return columns (N, c), c ≤ 3, for an effect that comes as much later as the stamps of healthy clocks have it, and
-    for how much smaller stamps that scatter make it.
-
-    What late stamps do among the columns of a healthy arm is what they do without the effect. A play that was crossed
-    2 ms later came out 1.2 % too narrow, with an uncertainty of 0.06 %. A wave of 5 Hz that is read at instants which
-    scatter by 4 ms is 0.8 % smaller on average.
-    """
-    return _that_change(np.concatenate([linear.late(effect), linear.scattered(effect)], axis=1))
-
-
 def _that_change(columns: Array) -> Array:
     """Return those of columns (N, c) that change a reading."""
-    shown: Array = columns[:, np.abs(columns).max(axis=0) > _LEAST]
-    return shown
+    return columns[:, np.abs(columns).max(axis=0) > _LEAST]
 
 
 def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
@@ -291,21 +275,18 @@ def fault_sizes(level: float) -> Array:
     return np.geomspace(least, LARGEST_FAULT, 1 + round(np.log(LARGEST_FAULT / least) / np.log(_SIZE_RATIO)))
 
 
-@dataclass(frozen=True)
-class Form:
-    """One way in which a name may appear. `effects` has the effect of each column, `size` is their size in healthy
-    sizes, `columns` has their indices, and `among` is the number of forms of the name."""
+@dataclass(frozen=True, kw_only=True)
+class Form(Candidate):
+    """One way in which a name may appear: a candidate with the indices of its `columns`, `among` so many forms of its
+    name."""
 
-    name: str
-    effects: tuple[Effect, ...]
-    size: float
     columns: tuple[int, ...]
     among: int
 
     @property
     def one_sided(self) -> bool:
         """Whether its size cannot be negative."""
-        return len(self.effects) == 1 and one_sided(self.effects[0])
+        return len(self.effects) == 1 and one_sided(self.effect)
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,6 +321,15 @@ class Columns:
     def likelihoods(self) -> Array:
         """How likely each form (n,) is among those of its name in a healthy arm."""
         return _likelihoods(self.forms)
+
+    @cached_property
+    def sizes(self) -> Array:
+        """The size (f,), in healthy sizes, at which each column of a form was computed."""
+        return np.repeat([form.size for form in self.forms], [len(form.columns) for form in self.forms])
+
+    def forms_in(self, linear: Linearisation) -> Array:
+        """Return the columns (N, f) of the same forms in another linearisation, per healthy size."""
+        return np.asarray(linear.columns([effect for form in self.forms for effect in form.effects]) / self.sizes)
 
     @cached_property
     def name_of_column(self) -> NDArray[np.int64]:
@@ -461,8 +451,10 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
     every = in_each_shape(candidates)
     sizes = np.repeat([candidate.size for candidate in every], [len(candidate.effects) for candidate in every])
     columns = linear.columns([effect for candidate in every for effect in candidate.effects]) / sizes
-    not_seen, kept, columns = _detectable(every, columns)
-    forms = forms_of(kept)
+    widths, sigma = [len(candidate.effects) for candidate in every], LARGEST_FAULT * np.linalg.norm(columns, axis=0)
+    shows = [bool(sigmas.max() > _DETECTABLE_SIGMA) for sigmas in np.split(sigma, np.cumsum(widths)[:-1])]
+    forms = forms_of([candidate for candidate, is_shown in zip(every, shows, strict=True) if is_shown])
+    seen, columns = {form.name for form in forms}, columns[:, np.repeat(shows, widths)]
     # Every joint of a healthy arm has some play, and its position in the play at the start of a run is unknown.
     plays = [healthy(candidate.effect) for candidate in candidates if is_play(candidate.effect)]
     begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
@@ -479,40 +471,27 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
         np.concatenate([share, np.zeros(set_ups + scattered)]),
         np.concatenate([np.zeros(len(share)), placed_mm**2, np.ones(scattered)]),
         np.concatenate([healthy_means(forms, present), np.zeros(set_ups + scattered)]),
-        not_seen,
-        constants_apart([block.one for block in linear.blocks]),
+        tuple(dict.fromkeys(candidate.name for candidate in every if candidate.name not in seen)),
+        constants_apart(linear.blocks),
     )
-
-
-def _detectable(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, ...], list[Candidate], Array]:
-    """Return the names that no fault size makes visible, the forms that are visible, and the columns (N, p) of these
-    forms."""
-    widths = [len(candidate.effects) for candidate in every]
-    sigma = LARGEST_FAULT * np.linalg.norm(columns, axis=0)
-    shows = [bool(sigmas.max() > _DETECTABLE_SIGMA) for sigmas in np.split(sigma, np.cumsum(widths)[:-1])]
-    kept = [candidate for candidate, is_shown in zip(every, shows, strict=True) if is_shown]
-    names = {candidate.name for candidate in kept}
-    hidden = tuple(dict.fromkeys(candidate.name for candidate in every if candidate.name not in names))
-    return hidden, kept, columns[:, np.repeat(shows, widths)]
 
 
 def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return candidates, each followed by its variants in other shapes."""
     return [
-        form
+        replace(candidate, effects=effects, shaped=())
         for candidate in candidates
-        for form in (candidate, *(replace(candidate, effects=(shape,)) for shape in candidate.shaped))
+        for effects in (candidate.effects, *((shape,) for shape in candidate.shaped))
     ]
 
 
 def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
     """Return the forms of candidates, with columns in their order."""
-    among = Counter(form.name for form in every)
-    ends = np.cumsum([len(form.effects) for form in every]).tolist()
-    return tuple(
-        Form(form.name, form.effects, form.size, tuple(range(end - len(form.effects), end)), among[form.name])
-        for form, end in zip(every, ends, strict=True)
-    )
+    among, first, forms = Counter(form.name for form in every), 0, []
+    for form in every:
+        columns = tuple(range(first, first := first + len(form.effects)))
+        forms.append(Form(form.name, form.effects, form.size, columns=columns, among=among[form.name]))
+    return tuple(forms)
 
 
 def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
@@ -533,7 +512,7 @@ def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
     name = name_of(effect)
     keeps = np.array([form.name != name for form in forms], dtype=float)
     indices = np.flatnonzero(keeps == 0)
-    orders = np.array([order_of(forms[k].effects[0]) for k in indices.tolist()])
+    orders = np.array([order_of(forms[k].effect) for k in indices.tolist()])
     if _is_ordered(orders):
         width, k = np.gradient(np.sort(orders)), int(np.argmin(np.abs(orders - order_of(effect))))
         keeps[indices] = 1.0
@@ -569,7 +548,7 @@ def _likelihoods(forms: Sequence[Form]) -> Array:
     likely, names = np.ones(len(forms)), np.array([form.name for form in forms])
     for name in dict.fromkeys(names.tolist()):
         indices = np.flatnonzero(names == name)
-        orders = np.array([order_of(forms[k].effects[0]) for k in indices.tolist()])
+        orders = np.array([order_of(forms[k].effect) for k in indices.tolist()])
         if _is_ordered(orders):
             likely[indices[np.argsort(orders)]] = np.gradient(np.log(np.sort(orders)))
         likely[indices] /= likely[indices].sum()

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.frames import Tabular, for_json, table_of_rows
-from analysis.inference.observation import by_socket, outside_effect_coverage, residuals_of
+from analysis.inference.observation import by_socket, outside_effect_coverage, residual_of
 from analysis.inference.placements import observe_runs, split_by_frame, split_by_target
 from analysis.inference.setups import fit_setups
 from analysis.kinematics.arm import Array, Integers
@@ -20,7 +20,7 @@ from analysis.measures.radial import RadialResult
 from analysis.measures.reduction import PHI
 from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.results import Result, result_of
-from analysis.model.predict import Model, SetUp, model_of, path_of, predict
+from analysis.model.predict import Model, SetUp, path_of, predict
 from analysis.noise.readings import rms
 from analysis.traces.loading import Measured
 from analysis.traces.tables import Table
@@ -144,35 +144,26 @@ def compare(runs: Sequence[Measured], rig: Rig, unseen: Sequence[Measured] = ())
 
 def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
     """Return runs compared with the model of a rig, with set-ups that are called by where they are."""
-    model = model_of(rig)
     pieces = [
-        (run, observation)
-        for run, whole in zip(runs, observe_runs(rig, runs), strict=True)
-        for observation in by_socket(whole)
+        (run, part) for run, whole in zip(runs, observe_runs(rig, runs), strict=True) for part in by_socket(whole)
     ]
-    runs = [run for run, _ in pieces]
-    names = [run.run.manifest.name for run in runs]
-    observations, doubts = split_by_frame(model, [observation for _, observation in pieces], names)
-    observations, of_targets = split_by_target(model, observations, names)
+    names = [run.run.manifest.name for run, _ in pieces]
+    split_up, doubts = split_by_frame([part for _, part in pieces], names)
+    split_up, of_targets = split_by_target(split_up, names)
     doubts += of_targets
-    for name, observation in zip(names, observations, strict=True):
-        doubts += outside_effect_coverage(
-            rig.effects, observation.table.q[observation.rows], f"{name}, an effect of the rig file"
-        )
-    placed = fit_setups([(model, observation) for observation in observations])
+    for name, part in zip(names, split_up, strict=True):
+        doubts += outside_effect_coverage(rig.effects, part.table.q[part.rows], f"{name}, an effect of the rig file")
+    placed = fit_setups(split_up)
     comparisons, poses = [], []
-    for run, observation, residual in zip(runs, observations, residuals_of(model, observations, placed), strict=True):
+    for (run, _), part in zip(pieces, split_up, strict=True):
+        residual = residual_of(part, placed)
         if run.table.kind.of_places:
             away_um = 1e3 * np.linalg.norm(residual, axis=1)
             rms_um = float(np.sqrt(np.mean(away_um**2)))
             poses.append(PoseComparison(run.run.manifest.name, len(away_um), rms_um, float(away_um.max())))
         else:
-            comparisons.append(_one(run, model, placed[observation.setup], observation.rows, residual))
-    setups = {
-        f"{observation.setup}{where}": placed[observation.setup]
-        for observation in observations
-        if not observation.table.kind.of_places
-    }
+            comparisons.append(_one(run, part.model, placed[part.setup], part.rows, residual))
+    setups = {f"{part.setup}{where}": placed[part.setup] for part in split_up if not part.table.kind.of_places}
     return Compared(tuple(comparisons), setups, tuple(doubts), tuple(poses))
 
 

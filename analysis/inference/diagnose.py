@@ -14,7 +14,7 @@ import numpy as np
 from analysis.inference.act_list import EARLY, EARLY_COMMANDED, JudgedPlace, acts_of
 from analysis.inference.acts import Act
 from analysis.inference.blocks import Block
-from analysis.inference.budget import EffectChange, Measure, budget_of, effect_changes
+from analysis.inference.budget import Budget, EffectChange, Measure, effect_changes
 from analysis.inference.expected import is_separable
 from analysis.inference.link_swing import find_vibration
 from analysis.inference.naming_tests import naming_tests
@@ -81,17 +81,17 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
             f"{', '.join(driven_once)} was driven once: its noise is assumed equal to that of the other circles"
         )
     unrepeated = [block for block in blocks if not block.sampling and not block.measured]
-    once = dict.fromkeys(block.name for block in unrepeated if not block.one.table.kind.never_twice)
-    doubts += [words for block in unrepeated if (words := block.one.table.kind.never_twice)]
+    once = dict.fromkeys(block.name for block in unrepeated if not block.table.kind.never_twice)
+    doubts += [words for block in unrepeated if (words := block.table.kind.never_twice)]
     if once:
         doubts.append(f"no target of {', '.join(once)} was visited twice: its scatter is assumed; visit targets again")
     ways: dict[str, set[str]] = {}
     for block in blocks:
-        table = block.one.table
+        table = block.table
         doubts += table.kind.doubts(table, block.model, block.name)
         if direction := table.kind.direction(table):
             ways.setdefault(table.test, set()).add(direction)
-    rails = [rail_mm(block.model.arm, block.one.table.q) for block in blocks if block.model.arm.rail is not None]
+    rails = [rail_mm(block.model.arm, block.table.q) for block in blocks if block.model.arm.rail is not None]
     if rails and np.ptp(stands := np.concatenate(rails)) == 0:
         doubts.append(f"the rail stood at {stands[0]:g} mm all along: nothing of it shows; measure along it")
     for test, seen in ways.items():
@@ -100,7 +100,7 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
                 f"{test} was driven {next(iter(seen))} only: effects that change with the direction cannot be detected"
             )
     if not circles:
-        sides = any(block.one.table.kind.sides(block.one.table) is not None for block in blocks)
+        sides = any(block.table.kind.sides(block.table) is not None for block in blocks)
         back = "" if sides else ", or on how a joint turns back,"
         doubts.append(f"the robot stood at every reading: effects that depend on the speed{back} hardly show")
     return tuple(dict.fromkeys(doubts))  # each socket of a run is a block of its own
@@ -172,7 +172,7 @@ def diagnose(
     _hold_enough(runs)
     result = search(runs, progress) if given is None else fit_given(runs, given, progress)
     progress("validating on held-out runs")
-    effects = result.state.refined.effects
+    effects = result.effects
     sound, wild = without_wild(runs, effects, "the runs used")
     fitted = FittedRuns(sound)
     stages = stages_of(fitted, result)
@@ -239,9 +239,8 @@ def _temperature(used: Sequence[Measured]) -> Array | None:
 def _before(used: Sequence[Measured]) -> tuple[Act, ...]:
     """Return what comes first where joints were read early: whether a table holds the commanded ones decides it."""
     tables = [run.run.table for run in used if run.table.kind.of_tracker]
-    return (
-        EARLY_COMMANDED if any(table is not None and COMMANDED[0] in table.column_names for table in tables) else EARLY,
-    )
+    commanded = any(table is not None and COMMANDED[0] in table.column_names for table in tables)
+    return (EARLY_COMMANDED if commanded else EARLY,)
 
 
 def _gaps(judged: Sequence[tuple[Sequence[ObservedRun], Sequence[str]]], stages: Stages, result: SearchResult) -> Gaps:
@@ -253,11 +252,11 @@ def _gaps(judged: Sequence[tuple[Sequence[ObservedRun], Sequence[str]]], stages:
 
 def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], train: Gap) -> list[Named]:
     """Return the vibration of the link as a name, if its worth exceeds the scatter of a circle without it, in µm."""
-    swing = find_vibration(with_effects(runs, result.state.refined.effects), result.linear.setups)
+    swing = find_vibration(with_effects(runs, result.effects), result.linear.setups)
     if swing is None:
         return []
     circles = [block.sampling is not None for block in result.linear.blocks]
-    limits = limits_um(result.linear, None, swing.scatter_um)
+    limits = limits_um(result.linear, swing.scatter_um)
     return named_vibration(swing, limits[circles], train.after_um)
 
 
@@ -279,14 +278,12 @@ def _diagnosis_of(
     condition = condition_of(result, named, remainder, whole, is_material=is_material, early=early)
     linear, before = result.linear, result.linear.in_mm(result.initial_residual)
     measure = Measure(linear)
-    drawn = [
-        linear.in_mm(measure.without_set_up(linear.residual(effects))) for effects in ((), result.state.refined.effects)
-    ]
+    drawn = [linear.in_mm(measure.without_set_up(linear.residual(effects))) for effects in ((), result.effects)]
     is_testable = condition != "not_testable_here"
     return Diagnosis(
         condition=condition,
         accuracy=accuracy,
-        budget=tuple(budget_of(result, named, changes, gaps.train)) if is_testable else (),
+        budget=tuple(Budget(result, gaps.train).parts(named, changes)) if is_testable else (),
         runs_to_decide=runs_to_decide(result, named) if condition == "undecided" else None,
         rig=rig,
         runs=gaps.train.runs,
@@ -298,7 +295,11 @@ def _diagnosis_of(
         unseen=gaps.unseen,
         left=bands_above_noise(linear.blocks, result.posterior.residual),
         setups=linear.setups,
-        groups=tuple(_group(name) for name in ambiguous_names(named) if name.rivals),
+        groups=tuple(
+            (name_of(name.effect), *(name_of(rival.effect) for rival in name.rivals))
+            for name in ambiguous_names(named)
+            if name.rivals
+        ),
         not_testable=result.selection.not_testable(result.state, result.posterior),
         next_test=None,
         repeated=all(block.measured for block in linear.blocks),
@@ -312,8 +313,8 @@ def _diagnosis_of(
 
 def _hold_enough(runs: Sequence[ObservedRun]) -> None:
     """Raise FileError where there are fewer readings than terms of the set-ups."""
-    terms = sum({run.one.setup: run.one.table.kind.setup_terms for run in runs}.values())
-    if (count := sum(run.one.values.size for run in runs)) < terms:
+    terms = sum({run.setup: run.table.kind.setup_terms for run in runs}.values())
+    if (count := sum(run.values.size for run in runs)) < terms:
         raise FileError("RUN…", f"{count} readings are fewer than the {terms} terms of the set-up", "give more runs")
 
 
@@ -341,7 +342,3 @@ def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest 
         ]
     test, sigma = best
     return NextTest(test.test, test.why, float(sigma)), []
-
-
-def _group(name: Named) -> tuple[str, ...]:
-    return (name_of(name.effect), *(name_of(rival.effect) for rival in name.rivals))

@@ -11,10 +11,9 @@ import numpy as np
 from analysis.inference.blocks import blocks_of
 from analysis.inference.budget import Measure
 from analysis.inference.compare import Compared
-from analysis.inference.observation import ObservedRun
 from analysis.inference.prepared_runs import prepare_runs
 from analysis.inference.residuals import curves_of, maps_of, places
-from analysis.inference.responses import Linearisation, linearise, noise_um
+from analysis.inference.responses import linearise, noise_um
 from analysis.inference.result import Curve, Map, Place, of_place
 from analysis.inference.setups import fit_run_setups
 from analysis.inference.staircase import Left, Staircase, Step
@@ -63,13 +62,26 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
     runs, elsewhere = ([replace(run, model=replace(run.model, effects=())) for run in part] for part in parts)
     setups, _ = fit_run_setups(runs)
     linear = linearise(blocks_of(runs, setups), setups)
-    groups = _groups(rig, linear)
+    # The effects of the rig file, those first that change the readings most, and then what its calibration holds beside
+    # them, each with its place.
+    measure = Measure(linear)
+    um = [measure.um(linear.columns([effect])[:, 0]) for effect in rig.effects]
+    groups: list[tuple[int, tuple[Effect, ...]]]
+    groups = [(k, (rig.effects[k],)) for k in sorted(range(len(um)), key=lambda k: -um[k])]
+    if rig.calibrated and rig.calibrated.effects:
+        groups.append((len(um), tuple(rig.calibrated.effects)))
     models = [tuple(effect for _, group in groups[:k] for effect in group) for k in range(len(groups) + 1)]
     curves, maps = drawn(linear, models)
-    measure, ends = Measure(linear), [linear.residual(effects) for effects in (models[0], models[-1])]
+    ends = [linear.residual(effects) for effects in (models[0], models[-1])]
     before, after = (linear.in_mm(measure.without_set_up(end)) for end in ends)
     floor_um = float(np.sqrt(np.mean(noise_um(linear) ** 2)))
-    staircase = Staircase(_steps(groups, models, (runs, elsewhere), floor_um), curves, maps) if groups else None
+    u_um = [floor_um / np.sqrt(max(len(runs_there), 1)) for runs_there in (runs, elsewhere)]
+    steps = []
+    for k, left_um in enumerate(left_um_of(models, (runs, elsewhere)) if groups else ()):
+        then, later = (Left(um, float(u)) if um is not None else None for um, u in zip(left_um, u_um, strict=True))
+        assert then is not None  # noqa: S101 - runs were prepared
+        steps.append(Step((groups[k - 1][0],) if k else (), then, unseen=later))
+    staircase = Staircase(tuple(steps), curves, maps) if groups else None
     return Disagreement(
         rig,
         places(linear.blocks, linear.in_mm(linear.without_set_up(ends[-1]))),
@@ -78,28 +90,3 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
         staircase,
         floor_um,
     )
-
-
-def _groups(rig: Rig, linear: Linearisation) -> list[tuple[int, tuple[Effect, ...]]]:
-    """Return the effects of the rig file, those first that change the readings most, and then what its calibration
-    holds beside them, each with its place."""
-    measure = Measure(linear)
-    size = [measure.um(linear.columns([effect])[:, 0]) for effect in rig.effects]
-    order = sorted(range(len(size)), key=lambda k: -size[k])
-    calibrated = rig.calibrated.effects if rig.calibrated else ()
-    return [*((k, (rig.effects[k],)) for k in order), *([(len(size), tuple(calibrated))] if calibrated else [])]
-
-
-def _steps(
-    groups: Sequence[tuple[int, tuple[Effect, ...]]],
-    models: Sequence[tuple[Effect, ...]],
-    runs: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
-    floor_um: float,
-) -> tuple[Step, ...]:
-    u_um = [floor_um / np.sqrt(max(len(runs_there), 1)) for runs_there in runs]
-    steps = []
-    for k, left_um in enumerate(left_um_of(models, runs)):
-        used, unseen = (Left(um, float(u)) if um is not None else None for um, u in zip(left_um, u_um, strict=True))
-        assert used is not None  # noqa: S101 - runs were prepared
-        steps.append(Step((groups[k - 1][0],) if k else (), used, unseen=unseen))
-    return tuple(steps)

@@ -25,7 +25,7 @@ from analysis.inference.candidates import (
     shares_beside,
 )
 from analysis.inference.noise import DRIFTING_SHARE
-from analysis.inference.observation import ObservedRun, by_socket, observe_run
+from analysis.inference.observation import by_socket, observe_run
 from analysis.inference.refine import refine
 from analysis.inference.responses import Linearisation, linearise
 from analysis.inference.result import ODDS
@@ -76,14 +76,6 @@ class FormPosterior:
         """The index of each form by its effects."""
         return {form.effects: k for k, form in enumerate(self.forms)}
 
-    def variance_beside(self, effects: Sequence[Effect]) -> Array:
-        """Return the prior variance (p,) of all coefficients, in healthy sizes squared, beside named effects; what
-        follows the forms is unchanged."""
-        variance = self.variance
-        for effect in effects:
-            variance = variance * column_shares_beside(self.forms, effect, len(variance))
-        return variance
-
     def sd(self, candidate: Candidate) -> float:
         """Return the standard uncertainty of a candidate's size, in healthy sizes, as if its shape were known, averaged
         over the phases where one is free."""
@@ -93,17 +85,11 @@ class FormPosterior:
         shares = shares_beside(self.forms, candidate.effect)
         taken = [column for j in np.flatnonzero(shares < 1).tolist() for column in self.forms[j].columns]
         columns = list(self.forms[k].columns)
-        precision = np.linalg.eigvalsh(self._cavity(taken, columns))
+        # What the readings say of them beside everything except what is taken.
+        cavity = np.linalg.inv(self.A[np.ix_(taken, taken)]) - np.diag(1 / self.variance[taken])
+        places = [taken.index(column) for column in columns]
+        precision = np.linalg.eigvalsh(cavity[np.ix_(places, places)])
         return float(np.sqrt(np.mean(1 / np.maximum(precision, 1e-12) + shares[k] * self.variance[columns])))
-
-    def _cavity(self, columns: Sequence[int], asked: Sequence[int]) -> Array:
-        """Return the precision (q, q) that the readings give the columns `asked`, which are among `columns`, beside
-        everything except `columns`."""
-        among = list(columns)
-        inverse = np.asarray(np.linalg.inv(self.A[np.ix_(among, among)]), dtype=float)
-        precision: Array = inverse - np.diag(1 / self.variance[among])
-        places = [among.index(column) for column in asked]
-        return precision[np.ix_(places, places)]
 
     def sigmas_apart(self, chosen: Sequence[Candidate], sizes: Array, pairs: Integers) -> Array:
         """Return the sigmas (m,) by which the candidates of pairs (m, 2), at sizes (n,) in healthy sizes, are apart
@@ -122,11 +108,11 @@ class FormPosterior:
         precisions[:, np.arange(4), np.arange(4)] -= 1 / variance[pair]
         width = np.array([len(indices) for indices in own_columns])
         this, that, across = precisions[:, :2, :2], precisions[:, 2:, 2:], precisions[:, :2, 2:]
-        sigma: Array = np.minimum(
+        values: Array = np.minimum(
             sizes[first] * _left(this, across, that, width[first]),
             sizes[second] * _left(that, across.transpose(0, 2, 1), this, width[second]),
         )
-        return sigma
+        return values
 
 
 def _left(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
@@ -134,8 +120,7 @@ def _left(precision: Array, across: Array, other_precision: Array, width: Array)
     coefficient of any size, given the precisions (n, 2, 2)."""
     free = other_precision + np.eye(2) / LARGEST_FAULT**2
     remaining = precision - across @ np.linalg.solve(free, across.transpose(0, 2, 1))
-    sigma: Array = np.sqrt(np.maximum(np.trace(remaining, axis1=1, axis2=2) / width, 0.0))
-    return sigma
+    return np.asarray(np.sqrt(np.maximum(np.trace(remaining, axis1=1, axis2=2) / width, 0.0)), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -163,11 +148,6 @@ class FormInformation:
     def _variance(self) -> Array:
         return healthy_shares(self.forms)
 
-    @cached_property
-    def _place(self) -> dict[tuple[Effect, ...], tuple[int, ...]]:
-        """The columns of each form."""
-        return {form.effects: form.columns for form in self.forms}
-
     def of(self, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Array:
         """Return the information (p, p) that runs hold about the coefficients in healthy sizes, with their set-ups and
         scatter eliminated. Forms that they do not show have none."""
@@ -176,7 +156,8 @@ class FormInformation:
         of_forms, nuisance = np.flatnonzero(~is_nuisance), np.flatnonzero(is_nuisance)
         across = columns.gram[np.ix_(of_forms, nuisance)]
         nuisance_precision = columns.gram[np.ix_(nuisance, nuisance)] + np.diag(1 / columns.fixed[nuisance])
-        place = [k for form in columns.forms for k in self._place[form.effects]]
+        of_form = {form.effects: form.columns for form in self.forms}
+        place = [k for form in columns.forms for k in of_form[form.effects]]
         whole = np.zeros((len(self._variance), len(self._variance)))
         whole[np.ix_(place, place)] = columns.gram[np.ix_(of_forms, of_forms)] - across @ np.linalg.solve(
             nuisance_precision, across.T
@@ -221,27 +202,24 @@ def planned_blocks(
     """Return the blocks, with entries (N,), of some tests driven `runs` times in each direction, and their set-ups;
     `place` distinguishes these set-ups from those of other runs. Raises FileError where the arm cannot drive a test."""
     model = model_of(rig)
-    driven = [_at(observe_run(model, table, rig.name), place) for table in _tables(rig, tests)]
-    seen = [replace(run, one=observation) for run in driven for observation in by_socket(run.one)]
-    setups = {run.one.setup: _setup(rig, run.one.table) for run in seen}
-    setups |= fit_setups([(run.model, run.one) for run in seen if run.one.table.kind.of_places])
-    return [_repeated(block, runs) for block in blocks_of(seen, setups)], setups
-
-
-def _at(run: ObservedRun, place: str) -> ObservedRun:
-    return replace(run, one=replace(run.one, setup=run.one.setup + place))
-
-
-def _repeated(block: Block, runs: int) -> Block:
-    """Return the block of `runs` repeats. Its noise is assumed, because visits simulated without noise do not determine
-    it."""
-    drifting = np.sqrt(DRIFTING_SHARE) * np.linalg.norm(block.scatter_mm, axis=1)
-    sd = block.sd_mm if block.sampling else np.hypot(TARGET_MM.rms, drifting)
-    few = 1 / np.sqrt(runs)
-    return replace(
-        block, sd_mm=few * sd, scatter_mm=few * block.scatter_mm, stamps_mm=few * block.stamps_mm, count=runs,
-        measured=False,
-    )  # fmt: skip
+    driven = [observe_run(model, table, rig.name) for table in _tables(rig, tests)]
+    seen = [part for run in driven for part in by_socket(replace(run, setup=run.setup + place))]
+    setups = {run.setup: nominal_setup(rig, run.table) for run in seen}
+    off_mm = np.array(_SET_BY_HAND_MM)
+    if rig.tests.circle and any(rig.tests.circle.eccentricity_mm):
+        off_mm = np.array(rig.tests.circle.eccentricity_mm)
+    for run in seen:
+        if run.sampling and rig.tests.circle:
+            setups[run.setup] = replace(nominal := nominal_setup(rig, run.table), ball=nominal.ball + off_mm)
+    setups |= fit_setups([run for run in seen if run.table.kind.of_places])
+    blocks, few = [], 1 / np.sqrt(runs)
+    for block in blocks_of(seen, setups):
+        # The noise is assumed, because visits simulated without noise do not determine it.
+        drifting = np.sqrt(DRIFTING_SHARE) * np.linalg.norm(block.scatter_mm, axis=1)
+        sd = block.sd_mm if block.sampling else np.hypot(TARGET_MM.rms, drifting)
+        scatter, stamps = few * block.scatter_mm, few * block.stamps_mm
+        blocks.append(replace(block, sd_mm=few * sd, scatter_mm=scatter, stamps_mm=stamps, count=runs, measured=False))
+    return blocks, setups
 
 
 def _tables(rig: Rig, tests: Sequence[TestName]) -> list[Table]:
@@ -254,14 +232,6 @@ def _tables(rig: Rig, tests: Sequence[TestName]) -> list[Table]:
         cw = replace(acw, direction="cw", t_s=acw.t_s[-1] - acw.t_s[::-1], q=acw.q[::-1])
         tables += [replace(lap, test=test) for test in circles for lap in (acw, cw)]
     return tables
-
-
-def _setup(rig: Rig, table: Table) -> SetUp:
-    setup = nominal_setup(rig, table)
-    if isinstance(table, CircleTable) and rig.tests.circle:
-        off_mm = rig.tests.circle.eccentricity_mm
-        return replace(setup, ball=setup.ball + np.array(off_mm if any(off_mm) else _SET_BY_HAND_MM))
-    return setup
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -314,7 +284,11 @@ class ExpectedPosterior:
         shaped = bool(effect.FREE or effect.STRETCHED) and not is_wave(effect)
         if not shaped or not is_detectable(sd):
             return sd
-        return self._fitted_sd(effect, size or float(np.clip(DETECTABLE * sd, self.least, LARGEST_FAULT)))
+        size = size or float(np.clip(DETECTABLE * sd, self.least, LARGEST_FAULT))
+        shapes = {free.field: free.expected for free in effect.free(self.linear.payload_kg)}
+        fault = scaled(healthy(effect), size, **shapes)
+        refined = refine(self.linear.simulated_with((fault,)), self._background_beside((fault,)), [fault])
+        return refined.sd(0)[size_field(effect)] / healthy_size(effect)
 
     def sd_of_name(self, name: str) -> float:
         """Return the standard uncertainty of the size of a name, in healthy sizes, in the form that is
@@ -325,7 +299,13 @@ class ExpectedPosterior:
     def separation_sigma(self, ones: Sequence[Effect], others: Sequence[Effect]) -> float:
         """Return the sigmas by which a name at its size is separated from another name of any size; each is given as
         one effect, or as two where the phase is free."""
-        T = self._at_size([*ones, *others])
+        # Extrapolated from a small size; a play is not proportional to its width and stays as it is.
+        effects = [*ones, *others]
+        small = [
+            effect if is_play(effect) else scaled(healthy(effect), min(1.0, effect.STRAIGHT)) for effect in effects
+        ]
+        times = [size_of(effect) / size_of(scaled_down) for effect, scaled_down in zip(effects, small, strict=True)]
+        T = self.linear.columns(small) * np.array(times)
         weighed = self._background_beside((ones[0], others[0])).weighed(T)
         H = weighed.products(weighed)
         q = len(ones)
@@ -347,26 +327,10 @@ class ExpectedPosterior:
 
     def _background_beside(self, effects: Sequence[Effect]) -> Background:
         """Return the background beside named effects."""
-        return background_of(self._columns, np.ones(len(self.linear.y)), self._known.variance_beside(effects))
-
-    def _fitted_sd(self, effect: Effect, size: float) -> float:
-        """Return the standard uncertainty of a size, in healthy sizes, where a fault is fitted together with its
-        shapes."""
-        fault = scaled(
-            healthy(effect), size, **{free.field: free.expected for free in effect.free(self.linear.payload_kg)}
-        )
-        refined = refine(self.linear.simulated_with((fault,)), self._background_beside((fault,)), [fault])
-        return refined.sd(0)[size_field(effect)] / healthy_size(effect)
-
-    def _at_size(self, effects: Sequence[Effect]) -> Array:
-        """Return what effects add to the whitened readings, (N, p), extrapolated from a small size; a play is not
-        proportional to its width and stays as it is."""
-        small = [
-            effect if is_play(effect) else scaled(healthy(effect), min(1.0, effect.STRAIGHT)) for effect in effects
-        ]
-        times = [size_of(effect) / size_of(scaled_down) for effect, scaled_down in zip(effects, small, strict=True)]
-        whole: Array = self.linear.columns(small) * np.array(times)
-        return whole
+        variance = self._variance
+        for effect in effects:
+            variance = variance * column_shares_beside(self._columns.forms, effect, len(variance))
+        return background_of(self._columns, np.ones(len(self.linear.y)), variance)
 
 
 def expected_posterior(blocks: Sequence[Block], setups: Mapping[str, SetUp], level: float = 1.0) -> ExpectedPosterior:

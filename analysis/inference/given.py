@@ -32,6 +32,8 @@ def given_effects(words: str, axes: int = 6) -> list[Effect]:
 
 
 def _expanded(word: str, axes: int) -> list[Effect]:
+    """Return the effects of a word at their starting sizes: zero or, where it cannot be negative, half a healthy
+    one."""
     name, _, place = word.partition(":")
     if name not in VOCABULARY:
         raise UseError(f"--fit {word}", "no such effect", f"one of {', '.join(VOCABULARY)}")
@@ -44,14 +46,11 @@ def _expanded(word: str, axes: int) -> list[Effect]:
     keys = {key: (value,) if value is not None else every[key] for key, value in match.groupdict().items()}
     if any(int(value) > axes for key, (value, *_) in keys.items() if key in _AXES):
         raise UseError(f"--fit {word}", f"the arm has {axes} axes", "name one of them")
-    starts = [_starting_effect(word, name, dict(zip(keys, values, strict=True))) for values in product(*keys.values())]
-    return [half for effect in starts for half in phases(effect)]
-
-
-def _starting_effect(word: str, name: str, keys: dict[str, str]) -> Effect:
-    """Return an effect with its starting size: zero or, where it cannot be negative, half a healthy size."""
-    try:
-        effect = VOCABULARY[name].model_validate(keys)
-    except ValueError:
-        raise UseError(f"--fit {word}", f"outside what {name} can be", "see docs/simulation.md") from None
-    return scaled(healthy(effect), 0.5 if one_sided(effect) else 0.0)
+    effects: list[Effect] = []
+    for values in product(*keys.values()):
+        try:
+            effect = VOCABULARY[name].model_validate(dict(zip(keys, values, strict=True)))
+        except ValueError:
+            raise UseError(f"--fit {word}", f"outside what {name} can be", "see docs/simulation.md") from None
+        effects += phases(scaled(healthy(effect), 0.5 if one_sided(effect) else 0.0))
+    return effects

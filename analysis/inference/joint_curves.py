@@ -52,16 +52,6 @@ def is_of_curve(effect: Effect) -> bool:
     return is_wave(effect) and effect.STAGE == "joint"
 
 
-def _kind_of(effect: Effect) -> int | None:
-    """Return which width an effect of an arm's shape shares with others of its kind: 0 of angles, 1 of lengths, 2 of
-    what yields under gravity; None of any other effect."""
-    if effect.part == "gravity" and effect.STAGE == "joint":
-        return 2
-    if effect.compensation().constant is None:
-        return None
-    return int(effect.unit(size_field(effect)) == "mm")
-
-
 @dataclass(frozen=True)
 class JointCurves:
     """How large the curves of an arm's joints are: their widths in healthy sizes of a gear error, and how fast the
@@ -95,8 +85,7 @@ class CurveColumns:
 
     def variance(self, curves: JointCurves) -> Array:
         """Return the prior variances (c,), in healthy sizes squared."""
-        variance: Array = np.array(curves.widths)[self.joint] ** 2 * self.order ** (-2 * curves.decay) * self.among
-        return variance
+        return np.array(curves.widths)[self.joint] ** 2 * self.order ** (-2 * curves.decay) * self.among
 
     def fitted(
         self, start: JointCurves, strength: Array, limits: Array, log_likelihood: LogLikelihood
@@ -141,7 +130,13 @@ def curve_columns(effects: Sequence[Effect], *, constants_apart: bool = False) -
         if len(orders) > 1:
             among[joint == j] = np.interp(order[joint == j], orders, np.gradient(orders))
     if constants_apart:
-        kinds = {k: kind for k, effect in enumerate(effects) if (kind := _kind_of(effect)) is not None}
+        # Angles, lengths, and what yields under gravity each share a width: 0, 1 and 2.
+        kinds: dict[int, int] = {}
+        for k, effect in enumerate(effects):
+            if effect.part == "gravity" and effect.STAGE == "joint":
+                kinds[k] = 2
+            elif effect.compensation().constant is not None:
+                kinds[k] = int(effect.unit(size_field(effect)) == "mm")
         place = np.array(list(kinds), dtype=np.int64)
         indices = np.concatenate([indices, place])
         joint = np.concatenate([joint, MOST_AXES + np.array(list(kinds.values()), dtype=np.int64)])

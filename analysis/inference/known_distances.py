@@ -36,8 +36,7 @@ class KnownDistances:
         """Return the known distances less those of set-ups (t,), in standard deviations of their scatter."""
         apart = [float(np.linalg.norm(_between(setups, pair))) for pair in self.pairs]
         known_mm = [distance.distance_mm for distance in self.known]
-        residual: Array = (np.array(known_mm) - np.array(apart)) / _SD_MM
-        return residual
+        return np.asarray((np.array(known_mm) - np.array(apart)) / _SD_MM, dtype=float)
 
     def by_setup(self, setups: Mapping[str, SetUp], terms: Mapping[str, Sequence[int]], count: int) -> Array:
         """Return the change (t, count) of the distances for a mm of each term of the set-ups, in the same unit; `terms`
@@ -62,26 +61,25 @@ def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
     """Return the known distances of sockets that were touched in one run, those of repeated runs in the same set-ups
     once. What belongs to them follows the entries (N,) of the blocks."""
     distances: dict[tuple[str, str], SocketDistance] = {}
-    touched = [block for block in blocks if block.one.table.kind.parts(block.one.table) is not None]
+    touched = [block for block in blocks if block.table.kind.parts(block.table) is not None]
     for first, second in combinations(touched, 2):
         touch = first.model.rig.tests.touch
-        if touch is None or first.one.table is not second.one.table:
+        if touch is None or first.table is not second.table:
             continue
         between = {_socket(first), _socket(second)}
         for distance in touch.distances:
             if set(distance.between) == between:
-                distances[first.one.setup, second.one.setup] = distance
+                distances[first.setup, second.setup] = distance
     return KnownDistances(tuple(distances), tuple(distances.values()))
 
 
 def _socket(block: Block) -> str:
     """Return the name of the socket of a block of touches."""
-    sockets = block.one.table.kind.parts(block.one.table)
-    return "" if sockets is None else str(sockets[block.one.rows[0]])
+    sockets = block.table.kind.parts(block.table)
+    return "" if sockets is None else str(sockets[block.rows[0]])
 
 
 def _between(setups: Mapping[str, SetUp], pair: tuple[str, str]) -> Array:
     """Return the way (3,) mm from one socket to the other."""
     first, second = (setups[name].T_instrument_world[:3, 3] for name in pair)
-    way: Array = second - first
-    return way
+    return second - first

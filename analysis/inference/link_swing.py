@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from analysis.inference.observation import GRID, STAMP_SCATTER, ObservedRun, Sampling, residuals_of
+from analysis.inference.observation import GRID, STAMP_SCATTER, ObservedRun, Sampling, residual_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
 from rigs.effects import Effect
@@ -79,7 +79,7 @@ def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> 
     # Each run has its own amplitude and phase, so the sum of the powers of n runs has a gamma distribution of shape n.
     gain = float(over[k] - count - count * np.log(max(over[k] / count, 1.0))) - float(np.log(len(f)))
     near = f[k] + (f[1] - f[0]) * _FINER
-    tried = [[_fitted(group, frequency_hz) for group in groups] for frequency_hz in near.tolist()]
+    tried = [[group.fitted(frequency_hz) for group in groups] for frequency_hz in near.tolist()]
     at = int(np.argmax([sum(fit.energy for fit in fits) for fits in tried]))
     fits, frequency_hz = tried[at], float(near[at])
     seen = sum(fit.seen for fit in fits)
@@ -172,6 +172,24 @@ class _Repeated:
         )
         return float(np.mean((laps - laps.mean(axis=0)) ** 2)) * len(laps) / (len(laps) - 1)
 
+    def fitted(self, frequency_hz: float) -> _Fit:
+        """Return the vibrations of all repeats. Each is in the deviation of every other one through the mean."""
+        count = len(self.runs)
+        laps = [deviation.mean_lap(frequency_hz) / count for deviation in self.runs]
+        normal, right = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
+        for k, deviation in enumerate(self.runs):
+            columns = -np.concatenate([_at_rows(deviation.sampling, lap) for lap in laps], axis=1)
+            columns[:, 2 * k : 2 * k + 2] += deviation.waves(frequency_hz)
+            normal += columns.T @ columns
+            right += columns.T @ deviation.quick
+        values, vectors = np.linalg.eigh(normal)
+        # A wave that is seen entirely has half the number of readings as its value.
+        kept = values > _SEEN * np.mean([len(deviation.t_s) for deviation in self.runs]) / 2
+        along = vectors[:, kept].T @ right
+        waves = vectors[:, kept] @ (along / values[kept])
+        energy, spread = float(along @ (along / values[kept])), float(np.sum(1 / values[kept]))
+        return _Fit(waves.reshape(count, 2), energy, max(int(kept.sum()), 1) / 2, spread)
+
 
 @dataclass(frozen=True)
 class _Fit:
@@ -185,25 +203,6 @@ class _Fit:
     spread: float
 
 
-def _fitted(group: _Repeated, frequency_hz: float) -> _Fit:
-    """Return the vibrations of all repeats, each of which is in the deviation of every other one through the mean."""
-    count = len(group.runs)
-    laps = [deviation.mean_lap(frequency_hz) / count for deviation in group.runs]
-    normal, right = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
-    for k, deviation in enumerate(group.runs):
-        columns = -np.concatenate([_at_rows(deviation.sampling, lap) for lap in laps], axis=1)
-        columns[:, 2 * k : 2 * k + 2] += deviation.waves(frequency_hz)
-        normal += columns.T @ columns
-        right += columns.T @ deviation.quick
-    values, vectors = np.linalg.eigh(normal)
-    # A wave that is seen entirely has half the number of readings as its value.
-    kept = values > _SEEN * np.mean([len(deviation.t_s) for deviation in group.runs]) / 2
-    along = vectors[:, kept].T @ right
-    waves = vectors[:, kept] @ (along / values[kept])
-    energy, spread = float(along @ (along / values[kept])), float(np.sum(1 / values[kept]))
-    return _Fit(waves.reshape(count, 2), energy, max(int(kept.sum()), 1) / 2, spread)
-
-
 def _repeated(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> list[_Repeated]:
     groups: dict[str, list[ObservedRun]] = {}
     for run in runs:
@@ -213,7 +212,7 @@ def _repeated(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> list[
     for group in groups.values():
         if len(group) < 2:
             continue
-        residuals = [residuals_of(run.model, [run.one], setups)[0].mean(axis=1) for run in group]
+        residuals = [residual_of(run, setups).mean(axis=1) for run in group]
         mean = np.mean(
             [run.sampling.gridded(residual) for run, residual in zip(group, residuals, strict=True) if run.sampling],
             axis=0,
@@ -221,11 +220,11 @@ def _repeated(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> list[
         apart, wholes = [], []
         for run, residual in zip(group, residuals, strict=True):
             assert run.sampling is not None  # noqa: S101 - circles only
-            rows = run.one.rows[: len(run.sampling.phi)]
+            rows = run.rows[: len(run.sampling.phi)]
             deviation = residual[: len(rows)] - _at_rows(run.sampling, mean[:, None])[:, 0]
-            apart.append(_Deviation(run.one.path.t_s[rows], deviation, run.sampling))
+            apart.append(_Deviation(run.path.t_s[rows], deviation, run.sampling))
             wholes.append(replace(apart[-1], left_mm=residual[: len(rows)]))
-        repeated.append(_Repeated(group[0].one.setup, tuple(apart), tuple(wholes)))
+        repeated.append(_Repeated(group[0].setup, tuple(apart), tuple(wholes)))
     return repeated
 
 
@@ -246,8 +245,7 @@ def _power(deviation: _Deviation, f: Array) -> Array:
     width = int(np.ceil(np.sqrt(len(f))))
     fine = np.exp(-2j * np.pi * np.outer(t, (f[1] - f[0]) * np.arange(width)))
     coarse = np.exp(-2j * np.pi * np.outer(f[::width], t))
-    power: Array = np.abs((r * coarse) @ fine).ravel()[: len(f)] ** 2 / len(t)
-    return power
+    return np.asarray(np.abs((r * coarse) @ fine).ravel()[: len(f)] ** 2 / len(t), dtype=float)
 
 
 def _noise_level(power: Array, width: int) -> Array:

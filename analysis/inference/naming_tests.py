@@ -84,14 +84,20 @@ def naming_tests(
         possible, _ = further()
     except FileError:
         possible = []
-    planned_tests = NamingTests([*_joined(result, *judges), *possible])
+    used, elsewhere = judges
+    if elsewhere:  # the test that uses them as well takes no driving
+        setups = {**fit_run_setups(elsewhere)[0], **result.linear.setups}
+        linear = linearise(without_bands(blocks_of([*used, *elsewhere], setups)), setups)
+        expected = ExpectedPosterior(linear, result.state.level)
+        possible = [PossibleTest(JOINED, "they were driven already", expected, 0.0, 0, 0), *possible]
+    planned_tests = NamingTests(possible)
     tests = []
     for k in asked:
         part = budget[k]
         if part.members:
-            planned = planned_tests.for_member(part.members[0].effect, len(result.selection.columns.forms))
+            planned = planned_tests.for_member(part.members[0].effect, len(result.columns.forms))
         elif is_open(part, name := named[part.index or 0]):
-            planned = planned_tests.for_member(name.effect, len(result.selection.columns.forms))
+            planned = planned_tests.for_member(name.effect, len(result.columns.forms))
         else:
             planned = planned_tests.for_rivals(name.effect, name.rivals[0].effect)
         tests += [(k, *planned)] if planned else []
@@ -105,13 +111,3 @@ def _needs_a_test(part: BudgetPart, named: Sequence[Named]) -> bool:
     if is_open(part, name):
         return not is_play(name.effect)
     return name.stands and part.share > _MUCH and any(rival.posterior * ODDS >= name.posterior for rival in name.rivals)
-
-
-def _joined(result: SearchResult, used: Sequence[ObservedRun], elsewhere: Sequence[ObservedRun]) -> list[PossibleTest]:
-    """Return the test that uses the runs of another place as well, which takes no driving."""
-    if not elsewhere:
-        return []
-    runs = [*used, *elsewhere]
-    setups = {**fit_run_setups(elsewhere)[0], **result.linear.setups}
-    linear = linearise(without_bands(blocks_of(runs, setups)), setups)
-    return [PossibleTest(JOINED, "they were driven already", ExpectedPosterior(linear, result.state.level), 0.0, 0, 0)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -14,14 +15,14 @@ from analysis.inference.observation import (
     ORDER_OF,
     ORDER_OF_TREND,
     STAMP_SCATTER,
-    Observation,
+    ObservedRun,
     Sampling,
     by_orders,
     predicted,
     predicted_in_scene,
 )
 from analysis.kinematics.arm import Array, Integers
-from analysis.model.predict import Model, SetUp, moved
+from analysis.model.predict import SetUp, moved
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from rigs.effects import turned
 from rigs.schema.vocabulary import MOST_AXES
@@ -89,46 +90,49 @@ ASSUMED_SCATTER = RunScatter(
 """The scatter of real cells."""
 
 
-def average_scatter(every: Sequence[RunScatter]) -> RunScatter:
-    """Return the root mean square of some scatters."""
-    return RunScatter(*np.sqrt(np.mean(np.array([astuple(scatter) for scatter in every]) ** 2, axis=0)).tolist())
-
-
-def scatter_response(model: Model, observation: Observation, setup: SetUp) -> Array:
+def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
     """Return the response of the readings, (m, k, axes + 3) mm, to a unit scatter of each joint and of the ball; for
     poses, whose instrument frame is always fitted, of the joints alone, (m, 3, axes)."""
-    scene = moved(model, observation.path)
-    base = predicted_in_scene(model, observation, scene, setup)
-    columns = []
+    model, scene = run.model, moved(run.model, run.path)
+    base, columns = predicted_in_scene(model, run, scene, setup), []
     for axis in range(1, model.arm.axes + 1):
         off = replace(model, effects=(*model.effects, turned(axis, SCATTER_DEG)))
-        columns.append(predicted(off, observation, setup) - base)
-    if not observation.table.kind.of_places:
-        steps = SCATTER_MM * np.eye(3)
-        columns += [
-            predicted_in_scene(model, observation, scene, replace(setup, ball=setup.ball + step)) - base
-            for step in steps
-        ]
+        columns.append(predicted(replace(run, model=off), setup) - base)
+    if not run.table.kind.of_places:
+        places = [replace(setup, ball=setup.ball + step) for step in SCATTER_MM * np.eye(3)]
+        columns += [predicted_in_scene(model, run, scene, place) - base for place in places]
     return np.stack(columns, axis=2)
 
 
 def drift_waves(share: Array) -> Array:
     """Return the waves (w, m) of a unit scatter that drifts along the run, at the share (m,) of its duration."""
     turns = 2 * np.pi * np.arange(1, _DRIFT_ORDERS + 1)[:, None] * share
-    waves: Array = np.concatenate([np.cos(turns), np.sin(turns)]) / np.sqrt(_DRIFT_ORDERS)
-    return waves
+    return np.asarray(np.concatenate([np.cos(turns), np.sin(turns)]) / np.sqrt(_DRIFT_ORDERS), dtype=float)
 
 
-@dataclass(frozen=True)
-class ScatteredRuns:
-    """Deviations `apart` (n, N) mm of n runs from their mean, and their responses to a unit scatter: `constant`
-    (N, axes + 3) mm and `drifting` (w, N, axes + 3) mm. `stamps` (N, s) mm is what one standard deviation of the
-    scatter of stamps adds at a few angles."""
+@dataclass(frozen=True, eq=False)
+class Repeated:
+    """Repeated runs of one test and direction: `rows` (n, N) mm of n runs, their responses `response` (N, axes + 3) mm
+    and `drifting` (w, N, axes + 3) mm to a unit scatter, the number of laps of which a row is the mean, and what one
+    standard deviation of the scatter of stamps adds to it at a few angles, `stamps` (N, s) mm."""
 
-    apart: Array
-    constant: Array
+    setup: str
+    rows: Array
+    response: Array
     drifting: Array
+    laps: int
     stamps: Array
+
+    @cached_property
+    def apart(self) -> Array:
+        """The deviations (n, N) mm of the runs from their mean."""
+        return np.asarray(self.rows - self.rows.mean(axis=0), dtype=float)
+
+    def of_laps(self) -> Repeated:
+        """Return the laps alone, without the periods of standing and the trend after their orders (N,)."""
+        count = len(ORDER_OF)
+        rows, drifting = self.rows[:, :count], self.drifting[:, :count]
+        return replace(self, rows=rows, response=self.response[:count], drifting=drifting, stamps=self.stamps[:count])
 
     def noise(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
         """Return the part (n, N) mm of the deviations that is expected to be noise of sd_mm (N,) and not scatter, and
@@ -143,30 +147,28 @@ class ScatteredRuns:
             return self.apart
         _, taken = self._regression(scatter, sd_mm)
         stamps = taken[taken.shape[0] - self.stamps.shape[1] :]
-        steady: Array = self.apart - (self.apart / sd_mm) @ stamps.T @ self.stamps.T
-        return steady
+        return self.apart - (self.apart / sd_mm) @ stamps.T @ self.stamps.T
 
     def _regression(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
         """Return what one standard deviation of scatter and of stamps adds, (N, c) in those of the noise sd_mm (N,),
         and the matrix (c, N) that estimates their coefficients from readings in the same unit."""
-        scattered = scatter_columns(self.constant, self.drifting, scatter)
+        scattered = scatter_columns(self.response, self.drifting, scatter)
         columns = np.concatenate([scattered, self.stamps], axis=1) / sd_mm[:, None]
         normal = columns.T @ columns
         normal[np.diag_indices_from(normal)] += 1.0
         return columns, np.asarray(np.linalg.solve(normal, columns.T), dtype=float)
 
-    def whitened(self, sd_mm: Array) -> ScatteredRuns:
-        """Return the same runs in standard deviations of noise of sd_mm (N,) and of stamps together, instead of mm."""
+    def whitened(self, sd_mm: Array) -> tuple[Array, Array, Array]:
+        """Return deviations (n, N), constant response (N, c) and drifting response (w, N, c) in standard deviations of
+        noise of sd_mm (N,) and of stamps together, instead of mm."""
         directions, size, _ = np.linalg.svd(self.stamps / sd_mm[:, None], full_matrices=False)
         less = directions * (1 - 1 / np.sqrt(1 + size**2))
 
         def white(rows: Array) -> Array:
             whitened = rows / sd_mm
-            uncorrelated: Array = whitened - (whitened @ directions) @ less.T
-            return uncorrelated
+            return np.asarray(whitened - (whitened @ directions) @ less.T, dtype=float)
 
-        drifting = white(self.drifting.swapaxes(1, 2)).swapaxes(1, 2)
-        return ScatteredRuns(white(self.apart), white(self.constant.T).T, drifting, self.stamps[:, :0])
+        return white(self.apart), white(self.response.T).T, white(self.drifting.swapaxes(1, 2)).swapaxes(1, 2)
 
 
 def scatter_columns(constant: Array, drifting: Array, scatter: RunScatter) -> Array:
@@ -181,8 +183,7 @@ def without_unseen(columns: Array, sd_mm: Array) -> Array:
     (N,)."""
     directions, size, _ = np.linalg.svd(columns / sd_mm[:, None], full_matrices=False)
     seen = size > _SEEN
-    visible: Array = directions[:, seen] * size[seen] * sd_mm[:, None]
-    return visible
+    return np.asarray(directions[:, seen] * size[seen] * sd_mm[:, None], dtype=float)
 
 
 def unscattered(apart: Array, columns: Array) -> tuple[Array, Array]:
@@ -196,11 +197,10 @@ def _span_of(columns: Array) -> Array:
     """Return an orthonormal basis of columns (N, c), without directions that are nearly zero."""
     squares, directions = np.linalg.eigh(columns.T @ columns)
     seen = squares > 1e-6 * squares[-1]
-    span: Array = columns @ (directions[:, seen] / np.sqrt(squares[seen]))
-    return span
+    return np.asarray(columns @ (directions[:, seen] / np.sqrt(squares[seen])), dtype=float)
 
 
-def scatter_of(repeated: Sequence[tuple[ScatteredRuns, Array]]) -> RunScatter:
+def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
     """Return the scatter that makes the differences between repeated runs most likely, given the noise (N,) mm of each
     group.
 
@@ -213,19 +213,17 @@ def scatter_of(repeated: Sequence[tuple[ScatteredRuns, Array]]) -> RunScatter:
     return RunScatter(*np.sqrt(weight @ squares / weight.sum()).tolist())
 
 
-def _evidence(runs: ScatteredRuns, sd_mm: Array, squares: Array) -> Array:
+def _evidence(runs: Repeated, sd_mm: Array, squares: Array) -> Array:
     """Return the log evidence (s,) of scatters, given their squares (s, 4) in the order of `RunScatter`."""
-    white = runs.whitened(sd_mm)
-    constant, drifting = white.constant, white.drifting
+    apart, constant, drifting = runs.whitened(sd_mm)
     span = _span_of(np.concatenate([constant, *drifting], axis=1))
     waves = [drifting[:, :, columns].transpose(1, 0, 2).reshape(len(constant), -1) for columns in _OWN]
     inside = [span.T @ part for part in (*(constant[:, columns] for columns in _OWN), *waves)]
     C = np.tensordot(squares, np.stack([part @ part.T for part in inside]), axes=1)
     C[:, np.arange(len(C[0])), np.arange(len(C[0]))] += 1.0
-    Z = white.apart @ span
+    Z = apart @ span
     cost = np.einsum("nr,srn->s", Z, np.linalg.solve(C, np.broadcast_to(Z.T, (len(C), *Z.T.shape))))
-    evidence: Array = -0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost)
-    return evidence
+    return np.asarray(-0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -265,20 +263,6 @@ LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
 
 
 @dataclass(frozen=True)
-class Repeated:
-    """Repeated runs of one test and direction: `rows` (n, N) mm of n runs, the responses `response` (N, c) mm and
-    `drifting` (w, N, c) mm to a unit scatter, the number of laps of which a row is the mean, and what one standard
-    deviation of the scatter of stamps adds to it, `stamps` (N, s) mm."""
-
-    setup: str
-    rows: Array
-    response: Array
-    drifting: Array
-    laps: int
-    stamps: Array
-
-
-@dataclass(frozen=True)
 class CircleNoise:
     """Noise of circles. `sd_mm` has an array (n, N) for each block; `scattered` has the scatter of each set-up;
     `measured` states whether they come from repeats."""
@@ -289,7 +273,10 @@ class CircleNoise:
 
     def scatter(self, setup: str) -> RunScatter:
         """Return the scatter of a set-up; one without repeated circles gets the average of all."""
-        return self.scattered.get(setup) or average_scatter(list(self.scattered.values()))
+        if setup in self.scattered:
+            return self.scattered[setup]
+        squares = np.array([astuple(scatter) for scatter in self.scattered.values()]) ** 2
+        return RunScatter(*np.sqrt(np.mean(squares, axis=0)).tolist())
 
 
 def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
@@ -305,7 +292,7 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
     sd_mm: dict[int, Array] = {}
     scattered = {}
     for setup, members in repeated.items():
-        found, scattered[setup] = _setup_noise([_scattered(groups[k]) for k in members])
+        found, scattered[setup] = _setup_noise([groups[k] for k in members])
         sd_mm.update(zip(members, found, strict=True))
     # A run that was not repeated borrows the noise of its set-up, or else of all.
     every = list(sd_mm)
@@ -316,18 +303,13 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
     return CircleNoise(tuple(sd_mm[k] for k in range(len(groups))), scattered, measured=True)
 
 
-def _scattered(group: Repeated) -> ScatteredRuns:
-    apart = group.rows - group.rows.mean(axis=0)
-    return ScatteredRuns(apart, group.response, group.drifting, group.stamps)
-
-
-def _setup_noise(every: Sequence[ScatteredRuns]) -> tuple[list[Array], RunScatter]:
+def _setup_noise(every: Sequence[Repeated]) -> tuple[list[Array], RunScatter]:
     """Return the noise (n, N) mm of the runs of each repeated group of a set-up, and their scatter.
 
     Noise and scatter are estimated in turn, each with what the other explains removed; in the first round the noise is
     taken from what no scatter could explain.
     """
-    parts = [unscattered(runs.apart, np.concatenate([runs.constant, *runs.drifting], axis=1)) for runs in every]
+    parts = [unscattered(runs.apart, np.concatenate([runs.response, *runs.drifting], axis=1)) for runs in every]
     levels = [np.ones((len(runs.apart), 4)) for runs in every]
     for _ in range(_ROUNDS):
         for _ in range(2):
@@ -357,8 +339,7 @@ def _assumed(group: Repeated, averaged: float) -> Array:
     drifting = ((group.drifting * ASSUMED_SCATTER.drifting(group.response.shape[1])) ** 2).sum(axis=(0, 2))
     for entries in _bands():
         drifting[entries] = drifting[entries].mean()
-    sd: Array = np.sqrt(WHITE_MM.rms**2 * averaged + slow + drifting)
-    return sd
+    return np.asarray(np.sqrt(WHITE_MM.rms**2 * averaged + slow + drifting), dtype=float)
 
 
 def _bands() -> list[Integers]:
@@ -402,8 +383,7 @@ def _levels(rows: Array, free: Array) -> Array:
         return np.tile(np.maximum(np.sqrt(total / n), _LEAST_LEVEL), (n, 1))
     each = (q - total / n**2) / (1 - 2 / n)
     # The estimate for the quietest of few runs can be zero; no run gets less than a quarter of their mean level.
-    level: Array = np.maximum(np.sqrt(np.maximum(each, total / n / 16)), _LEAST_LEVEL)
-    return level
+    return np.asarray(np.maximum(np.sqrt(np.maximum(each, total / n / 16)), _LEAST_LEVEL), dtype=float)
 
 
 def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tuple[Array, bool]:
@@ -459,10 +439,15 @@ def stamp_noise(samplings: Sequence[Sampling], t_s: Sequence[Array], readings_mm
     these runs are taken to scatter alike. The rows of fast gauges are means of many readings and scatter less, but a
     crossing that is shorter than a row makes an error of this size in them too.
     """
-    laps = [
-        (sampling, _off_mm(t, readings, len(sampling.phi)))
-        for sampling, t, readings in zip(samplings, t_s, readings_mm, strict=True)
-    ]  # fmt: skip
+    laps, none = [], np.zeros((1, 2))
+    for sampling, t, readings in zip(samplings, t_s, readings_mm, strict=True):
+        count = len(sampling.phi)
+        steps, passed_s = np.diff(readings[:count], axis=0), np.diff(t[:count])[:, None]
+        # A step between two readings is as steep for both of them. Readings with the same stamp have no slope.
+        slopes = np.divide(steps, passed_s, out=np.zeros_like(steps), where=passed_s > 0)
+        before, after = np.concatenate([none, slopes]), np.concatenate([slopes, none])
+        late_s = STAMP_SCATTER * float(np.median(passed_s))
+        laps.append((sampling, late_s * np.where(np.abs(before) > np.abs(after), before, after)))
     sd_mm = np.sqrt(np.mean([sampling.gridded_sd(off_mm) ** 2 for sampling, off_mm in laps], axis=0))
     way = np.sign(sum(sampling.gridded(off_mm) for sampling, off_mm in laps))
     most = sd_mm.max(axis=1)
@@ -473,15 +458,3 @@ def stamp_noise(samplings: Sequence[Sampling], t_s: Sequence[Array], readings_mm
     single[angles, :, np.arange(len(angles))] = (way * sd_mm)[angles]
     others = 2 * len(samplings[0].stands) + (len(ORDER_OF_TREND) if len(samplings[0].trend) else 0)
     return np.concatenate([by_orders(single), np.zeros((others, len(angles)))])
-
-
-def _off_mm(t_s: Array, readings_mm: Array, count: int) -> Array:
-    """Return by how much the first `count` readings (m, 2) mm are off where stamps are one standard deviation late.
-
-    A step between two readings is as steep for both of them. Readings with the same stamp have no slope.
-    """
-    steps, passed_s = np.diff(readings_mm[:count], axis=0), np.diff(t_s[:count])[:, None]
-    slopes = np.divide(steps, passed_s, out=np.zeros_like(steps), where=passed_s > 0)
-    none = np.zeros((1, 2))
-    before, after = np.concatenate([none, slopes]), np.concatenate([slopes, none])
-    return STAMP_SCATTER * float(np.median(passed_s)) * np.where(np.abs(before) > np.abs(after), before, after)

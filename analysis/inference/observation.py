@@ -1,8 +1,7 @@
 """Runs as a fit sees them: the readings to explain, the path that was driven, laps, stands and joint ranges.
 
-An observation is a table with the readings that count; an observed run adds a smooth path, its lap and its stands, so
+A run is a table with the readings that count; as a diagnosis uses it, it has a smooth path, its lap and its stands, so
 that it can be compared with its repeats. The joint angles that runs covered say where a model may be used.
-
 """
 
 from __future__ import annotations
@@ -14,62 +13,96 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.kinematics.arm import Array, Integers
+from analysis.kinematics.arm import Array, Integers, Mask
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, SetUp, moved, nominal_setup, path_of, read
 from analysis.model.scene import Scene
 from analysis.noise.readings import is_wild, step_of
 from analysis.traces.laps import laps_of
-from analysis.traces.tables import (
-    CircleTable,
-    Table,
-)
+from analysis.traces.tables import CircleTable, Table
 from rigs.effects import Effect
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 # ----------------------------------------------------------------------------------------------------------------------
-# Observations: tables in the form that a fit uses, with the readings to explain and the residuals of a model.
+# Runs in the form that a fit uses: the readings to explain about the model of their rig file, and what it leaves.
 
 
 @dataclass(frozen=True)
-class Observation:
-    """One table to explain. `rows` (m,) are those of the readings used, `values` (m, k) mm the readings. Observations
-    with equal names of their set-up share it."""
+class ObservedRun:
+    """One run to explain about the model of its rig file: `rows` (m,) of its table are those of the readings used,
+    `values` (m, k) mm the readings. Runs with equal names of their set-up share it.
 
+    Of a circle as a diagnosis uses it the path is smooth, and the rows of standing follow those of the lap, which
+    `sampling` has as orders; `wild` counts the readings that were replaced by interpolation between their neighbours,
+    and `step_mm` is the step to which its coarser gauge is rounded.
+    """
+
+    model: Model
     table: Table
     path: Path
     rows: Integers
     values: Array
     setup: str
+    sampling: Sampling | None = None
+    wild: int = 0
+    step_mm: float = 0.0
 
     @property
     def samples(self) -> Integers:
         """The samples (m,) of the path at which the readings were taken."""
-        samples: Integers = self.path.rows[self.rows]
-        return samples
+        return np.asarray(self.path.rows[self.rows], dtype=np.intp)
 
     @property
     def t_s(self) -> Array:
         """The times (m,) s of the readings."""
-        times: Array = self.path.t_s[self.samples]
-        return times
+        return np.asarray(self.path.t_s[self.samples], dtype=float)
+
+    @property
+    def name(self) -> str:
+        """The name that repeated runs share: `yaw cw`, `radial`."""
+        direction = self.table.kind.direction(self.table)
+        return f"{self.setup} {direction}" if direction else self.setup
+
+    @property
+    def visits(self) -> Integers:
+        """Integers (m, k) that describe where and how each reading was taken."""
+        return np.asarray(self.table.kind.visits(self.table)[self.rows], dtype=np.int64)
+
+    @property
+    def targets_key(self) -> bytes:
+        """Bytes that are equal for runs that repeat each other reading by reading; empty for circles, because their
+        name identifies them."""
+        return b"" if self.sampling else self.visits.tobytes()
+
+    def entries(self, values: Array) -> Array:
+        """Return readings (m, k, …) mm as entries (N, …) mm: a circle's by orders, other readings unchanged."""
+        return self.sampling.vector(values) if self.sampling else values.reshape(-1, *values.shape[2:])
+
+    @property
+    def on_lap(self) -> ObservedRun:
+        """The run of (m, k) mm by which errors are stated: of a circle the lap alone, since a robot that stands before
+        and after it would count one place hundreds of times."""
+        if self.sampling is None:
+            return self
+        lap = slice(len(self.sampling.phi))
+        return replace(self, rows=self.rows[lap], values=self.values[lap], sampling=None)
 
 
-def observe(model: Model, table: Table, where: str) -> Observation:
-    """Return a table with its path and, for a circle, its lap; values are (m, k) mm. Raises FileError for a table that
-    is not a circle of the rig, or has no joint angles."""
+def observe(model: Model, table: Table, where: str) -> ObservedRun:
+    """Return a table with its path and, for a circle, the readings of its laps; values are (m, k) mm. Raises FileError
+    for a table that is not a circle of the rig, or has no joint angles."""
     if table.kind.without_joints:
         raise table.kind.refused(where)
     rows = table.kind.rows_used(table, model.rig, where)
-    return Observation(table, path_of(model, table), rows, table.kind.readings(table)[rows], table.test)
+    return ObservedRun(model, table, path_of(model, table), rows, table.kind.readings(table)[rows], table.test)
 
 
-def with_placement(observation: Observation, placement: str) -> Observation:
-    """Return the observation with the set-up of a placement that the user named; without a name, that of the test
-    alone."""
-    return replace(observation, setup=f"{observation.setup} at {placement}") if placement else observation
+def with_placement(run: ObservedRun, placement: str) -> ObservedRun:
+    """Return the run, of (m, k) mm, with the set-up of a placement that the user named; without a name, that of the
+    test alone."""
+    return replace(run, setup=f"{run.setup} at {placement}") if placement else run
 
 
 _SOCKET = ", socket "
@@ -81,49 +114,46 @@ def without_socket(setup: str) -> str:
     return setup.partition(_SOCKET)[0]
 
 
-def by_socket(observation: Observation) -> list[Observation]:
-    """Return touches as an observation for each socket, of (m, 3) mm, along the path of all; another observation alone.
-    The place of each socket is a set-up of its own."""
-    parts = observation.table.kind.parts(observation.table)
+def by_socket(run: ObservedRun) -> list[ObservedRun]:
+    """Return touches as a run for each socket, of (m, 3) mm, along the path of all; another run alone. The place of
+    each socket is a set-up of its own."""
+    parts = run.table.kind.parts(run.table)
     if parts is None:
-        return [observation]
-    socket = parts[observation.rows]
-    return [
-        replace(
-            observation,
-            rows=observation.rows[touched],
-            values=observation.values[touched],
-            setup=f"{observation.setup}{_SOCKET}{name}",
-        )
-        for name, touched in ((name, socket == name) for name in np.unique(socket).tolist())
-    ]
+        return [run]
+    socket = parts[run.rows]
+    names = np.unique(socket).tolist()
+    return [replace(part(run, socket == name), setup=f"{run.setup}{_SOCKET}{name}") for name in names]
 
 
-def thinned(observation: Observation, most: int) -> Observation:
+def part(run: ObservedRun, keep: Mask) -> ObservedRun:
+    """Return a run with the readings (m, k) of the mask `keep` (m,); the path, and with it the approach to each pose,
+    stays complete."""
+    return replace(run, rows=run.rows[keep], values=run.values[keep])
+
+
+def thinned(run: ObservedRun, most: int) -> ObservedRun:
     """Return a circle with at most `most` (m,) of its readings, evenly spaced, which alone are simulated."""
-    kept = np.argsort(observation.rows)[:: -(-len(observation.rows) // most)]
-    path = replace(observation.path, rows=observation.samples[kept], alone=True)
-    return replace(observation, path=path, rows=np.arange(len(kept)), values=observation.values[kept])
+    kept = np.argsort(run.rows)[:: -(-len(run.rows) // most)]
+    path = replace(run.path, rows=run.samples[kept], alone=True)
+    return replace(run, path=path, rows=np.arange(len(kept)), values=run.values[kept])
 
 
-def predicted(model: Model, observation: Observation, setup: SetUp) -> Array:
-    """Return the readings (m, k) mm that a model predicts; for poses the positions."""
-    return predicted_in_scene(model, observation, moved(model, observation.path), setup)
+def predicted(run: ObservedRun, setup: SetUp) -> Array:
+    """Return the readings (m, k) mm that the model of a run predicts; for poses the positions."""
+    return predicted_in_scene(run.model, run, moved(run.model, run.path), setup)
 
 
-def predicted_in_scene(model: Model, observation: Observation, scene: Scene, setup: SetUp) -> Array:
-    """Return the predicted readings (m, k) mm from an existing scene, which is the same for all set-ups."""
-    values = read(model, observation.table, observation.path, scene, setup)
-    if observation.table.kind.of_places:
+def predicted_in_scene(model: Model, run: ObservedRun, scene: Scene, setup: SetUp) -> Array:
+    """Return the readings (m, k) mm that a model predicts from an existing scene, which is the same for all set-ups."""
+    values = read(model, run.table, run.path, scene, setup)
+    if run.table.kind.of_places:
         values = values[:, [3, 7, 11]]
-    return values[observation.rows]
+    return values[run.rows]
 
 
-def residuals_of(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> list[Array]:
-    """Return measured minus predicted readings, (m, k) mm for each observation."""
-    return [
-        observation.values - predicted(model, observation, setups[observation.setup]) for observation in observations
-    ]
+def residual_of(run: ObservedRun, setups: Mapping[str, SetUp]) -> Array:
+    """Return measured minus predicted readings (m, k) mm of a run in its set-up."""
+    return run.values - predicted(run, setups[run.setup])
 
 
 def rms(residuals: Sequence[Array]) -> float:
@@ -182,33 +212,26 @@ _HALF_S = 0.2
 reversal of a joint."""
 
 
-def smooth_path(observation: Observation) -> Observation:
-    """Return a circle with its path (n, 6) rad smoothed, and any other observation unchanged."""
-    if not observation.table.kind.swept:
-        return observation
+def smooth_path(run: ObservedRun) -> ObservedRun:
+    """Return a circle with its path (n, 6) rad smoothed, and any other run unchanged."""
+    if not run.table.kind.swept:
+        return run
     # A parabola overshoots where the robot starts and stops, and would create reversals, so only laps are smoothed.
-    laps = observation.samples
-    q = observation.path.q.copy()
-    q[laps] = _parabolas(observation.path.t_s, observation.path.q)[laps]
-    return replace(observation, path=replace(observation.path, motion=Motion(observation.path.t_s, q)))
-
-
-def _parabolas(t_s: Array, q: Array) -> Array:
-    """Return the values (n, 6) of local parabolas with weights of Epanechnikov's kernel."""
-    step = float(np.median(np.diff(t_s)))
-    reach = max(2, int(np.ceil(_HALF_S / step)))
+    laps, t_s, q = run.samples, run.path.t_s, run.path.q
+    reach = max(2, int(np.ceil(_HALF_S / float(np.median(np.diff(t_s))))))
     index = np.arange(len(t_s))[:, None] + np.arange(-reach, reach + 1)
     inside = (index >= 0) & (index < len(t_s))
     index = np.clip(index, 0, len(t_s) - 1)
     x = (t_s[index] - t_s[:, None]) / _HALF_S
-    weight = np.where(inside & (np.abs(x) < 1), 1 - x**2, 0.0)
+    weight = np.where(inside & (np.abs(x) < 1), 1 - x**2, 0.0)  # Epanechnikov's kernel
     powers = np.stack([np.ones_like(x), x, x**2], axis=2)
     normal = np.einsum("nw,nwi,nwj->nij", weight, powers, powers) + 1e-12 * np.eye(3)
     # Only the value at the centre is needed, so one row of the inverse gives the weights of the samples.
     row = np.linalg.solve(normal, np.broadcast_to(np.eye(3)[:, :1], (len(t_s), 3, 1)))[:, :, 0]
     share = weight * np.einsum("ni,nwi->nw", row, powers)
-    value: Array = np.einsum("nw,nwj->nj", share, q[index] - q[:, None]) + q
-    return value
+    smooth = q.copy()
+    smooth[laps] = (np.einsum("nw,nwj->nj", share, q[index] - q[:, None]) + q)[laps]
+    return replace(run, path=replace(run.path, motion=Motion(t_s, smooth)))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -288,7 +311,16 @@ class Sampling:
         rows = np.concatenate([self.before.ravel(), self.after.ravel()])
         grid = np.tile(np.arange(GRID), 2 * len(self.share))
         matrix = csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
-        return matrix if self.bridged is None else csr_array(_bridge(*self.bridged) @ matrix)
+        if self.bridged is None:
+            return matrix
+        # Values at the bridged grid angles are those on the line between the values beside them.
+        begin, end = self.bridged
+        bridge, share = np.eye(GRID), np.arange(1, end - begin + 2) / (end - begin + 2)
+        inside = np.arange(begin, end + 1) % GRID
+        bridge[inside] = 0.0
+        bridge[inside, (begin - 1) % GRID] = 1 - share
+        bridge[inside, (end + 1) % GRID] = share
+        return csr_array(csr_array(bridge) @ matrix)
 
     def gridded_sd(self, sd: Array) -> Array:
         """Return the standard deviation (GRID, …) at the grid of independent errors of the rows, sd (m, …), in any
@@ -302,8 +334,7 @@ class Sampling:
         the means over periods of standing, then the slow orders of the trend from lap to lap."""
         parts = [by_orders(self.gridded(values))]
         for rows in self.stands:
-            mean = values[rows].mean(axis=0, keepdims=True)
-            parts += [_sum(mean), _difference(mean)]
+            parts += _channels(values[rows].mean(axis=0, keepdims=True))
         if len(self.trend):
             laps: Array = self._trend @ values[: len(self.phi)].reshape(len(self.phi), -1)
             parts.append(by_orders(laps.reshape(GRID, *values.shape[1:]))[_OF_TREND])
@@ -358,24 +389,10 @@ def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
     return [replace(sampling, bridged=bridged) for sampling in samplings]
 
 
-def _bridge(begin: int, end: int) -> csr_array:
-    """Return the matrix (GRID, GRID) that replaces the values at grid angles from `begin` to `end` by those on the line
-    between the values beside them."""
-    from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
-
-    matrix = np.eye(GRID)
-    share = np.arange(1, end - begin + 2) / (end - begin + 2)
-    inside = np.arange(begin, end + 1) % GRID
-    matrix[inside] = 0.0
-    matrix[inside, (begin - 1) % GRID] = 1 - share
-    matrix[inside, (end + 1) % GRID] = share
-    return csr_array(matrix)
-
-
 def by_orders(readings: Array) -> Array:
     """Return readings (GRID, 2, …) at the grid as orders of sum and difference, (N, …); `curve` is the inverse."""
     parts = []
-    for channel in (_sum(readings), _difference(readings)):
+    for channel in _channels(readings):
         spectrum = np.fft.rfft(channel, axis=0, norm="ortho")
         parts += [spectrum[:1].real, np.sqrt(2) * spectrum[1:ORDERS].real, np.sqrt(2) * spectrum[1:ORDERS].imag]
     return np.concatenate(parts)
@@ -391,65 +408,42 @@ def curve(vector: Array) -> Array:
         spectrum[1:ORDERS] = (part[1:ORDERS] + 1j * part[ORDERS:]) / np.sqrt(2)
         channels.append(np.fft.irfft(spectrum, n=GRID, norm="ortho"))
     total, apart = channels
-    readings: Array = np.stack([total - apart, total + apart], axis=1) / np.sqrt(2)
-    return readings
+    return np.asarray(np.stack([total - apart, total + apart], axis=1) / np.sqrt(2), dtype=float)
 
 
-def _sum(values: Array) -> Array:
-    added: Array = (values[:, 0] + values[:, 1]) / np.sqrt(2)
-    return added
-
-
-def _difference(values: Array) -> Array:
-    apart: Array = (values[:, 1] - values[:, 0]) / np.sqrt(2)
-    return apart
-
-
-@dataclass(frozen=True)
-class ObservedRun:
-    """One run about the model of its own rig file. `one` is its observation with a smooth path, in which the rows of
-    standing follow those of the lap. `wild` counts the readings of a circle that were replaced by interpolation between
-    their neighbours, and `step_mm` is the step to which its coarser gauge is rounded."""
-
-    model: Model
-    one: Observation
-    sampling: Sampling | None
-    wild: int = 0
-    step_mm: float = 0.0
-
-    @property
-    def name(self) -> str:
-        """The name that repeated runs share: `yaw cw`, `radial`."""
-        direction = self.one.table.kind.direction(self.one.table)
-        return f"{self.one.setup} {direction}" if direction else self.one.setup
-
-    @property
-    def on_lap(self) -> Observation:
-        """The observation of (m, k) mm by which errors are stated: of a circle the lap alone, since a robot that stands
-        before and after it would count one place hundreds of times."""
-        if self.sampling is None:
-            return self.one
-        count = len(self.sampling.phi)
-        return replace(self.one, rows=self.one.rows[:count], values=self.one.values[:count])
+def _channels(values: Array) -> tuple[Array, Array]:
+    """Return sum and difference (m, …) of two gauges (m, 2, …), unitary."""
+    return (values[:, 0] + values[:, 1]) / np.sqrt(2), (values[:, 1] - values[:, 0]) / np.sqrt(2)
 
 
 def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     """Return a run's table as an observed run, with readings (m, k) mm. Raises FileError for a table that is not a
     circle of the rig."""
     if not isinstance(table, CircleTable):
-        return ObservedRun(model, observe(model, table, where), None)
+        return observe(model, table, where)
     sound = without_wild(table)
     wild = int(np.count_nonzero(sound.g_mm != table.g_mm))
     step_mm = max(step_of(gauge) for gauge in table.g_mm.T)
-    table = averaged(sound, _rows_a_lap(table, model, where) // _ROWS)
+    laps = laps_of(table, model.rig, where)
+    table = averaged(sound, len(laps.phi) // laps.count // _ROWS)
     lap = observe(model, table, where)
     smoothed = smooth_path(lap)
-    sampling, rows = _sampled(table, model, smoothed, where)
+    phi, q, first, last = laps_of(table, model.rig, where).phi, smoothed.path.q, int(lap.rows[0]), int(lap.rows[-1])
+    speed = np.linalg.norm(np.gradient(q, smoothed.path.t_s, axis=0), axis=1)
+    still = speed < _STANDS * np.median(speed[lap.rows])
+    # Standing before and after the lap, unless it does not on one side.
+    stands = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
+    stands = stands if min(map(len, stands)) >= _LEAST_STAND else []
+    begins = len(lap.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
+    places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
+    per_step = len(lap.rows) / (GRID * _laps(phi))
+    sampling = sampling_of(phi, places, np.array([len(rows) / per_step for rows in stands]))
+    rows = np.concatenate([lap.rows, *stands]).astype(np.intp)
     raw, smooth = replace(lap, rows=rows), replace(smoothed, rows=rows)
     # Servo ripple is real motion, so the readings are corrected by the predicted effect of its removal from the path.
     setup = nominal_setup(model.rig, table)
-    ripple = predicted(model, raw, setup) - predicted(model, smooth, setup)
-    return ObservedRun(model, replace(smooth, values=table.g_mm[rows] - ripple), sampling, wild, step_mm)
+    values = table.g_mm[rows] - (predicted(raw, setup) - predicted(smooth, setup))
+    return replace(smooth, values=values, sampling=sampling, wild=wild, step_mm=step_mm)
 
 
 def without_wild(table: CircleTable) -> CircleTable:
@@ -470,25 +464,9 @@ def averaged(table: CircleTable, count: int) -> CircleTable:
     whole = len(table.t_s) // count * count
 
     def means(values: Array) -> Array:
-        mean: Array = values[:whole].reshape(-1, count, *values.shape[1:]).mean(axis=1)
-        return mean
+        return np.asarray(values[:whole].reshape(-1, count, *values.shape[1:]).mean(axis=1), dtype=float)
 
     return replace(table, t_s=means(table.t_s), q=means(table.q), g_mm=means(table.g_mm), u_t_s=None)
-
-
-def _rows_a_lap(table: CircleTable, model: Model, where: str) -> int:
-    laps = laps_of(table, model.rig, where)
-    return len(laps.phi) // laps.count
-
-
-def _sampled(table: CircleTable, model: Model, observation: Observation, where: str) -> tuple[Sampling, Integers]:
-    phi = laps_of(table, model.rig, where).phi
-    stands = _stands(observation)
-    begins = len(observation.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
-    places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
-    per_step = len(observation.rows) / (GRID * _laps(phi))
-    shares = np.array([len(rows) / per_step for rows in stands])
-    return sampling_of(phi, places, shares), np.concatenate([observation.rows, *stands]).astype(np.intp)
 
 
 def _laps(phi: Array) -> int:
@@ -498,46 +476,23 @@ def _laps(phi: Array) -> int:
 
 def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
     """Return the sampling of the circle angles (n,) rad of some laps, in order of time."""
-    laps = _laps(phi)
-    number = _number(phi, laps)
-    sides = [_beside(np.flatnonzero(number == lap), phi) for lap in range(laps)]
-    before, after, share = (np.array(side) for side in zip(*sides, strict=True))
-    return Sampling(before, after, share, phi, stands, stand_share, _trend_of(laps))
-
-
-def _trend_of(laps: int) -> Array:
-    """Return the weights of laps (L,) whose sum grows with what each lap adds to the one before, of length one; an
-    empty array for a single lap."""
-    if laps < 2:
-        return np.empty(0)
+    laps, grid = _laps(phi), np.arange(GRID) * 2 * np.pi / GRID
+    number, turned = _number(phi, laps), phi % (2 * np.pi)
+    before, after, share = np.empty((3, laps, GRID))
+    for lap in range(laps):
+        rows = np.flatnonzero(number == lap)
+        order = rows[np.argsort(turned[rows])]
+        angle = turned[order]
+        later = np.searchsorted(angle, grid) % len(angle)
+        step = (angle[later] - angle[later - 1]) % (2 * np.pi)
+        part = ((grid - angle[later - 1]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
+        before[lap], after[lap], share[lap] = order[later - 1], order[later], np.clip(part, 0, 1)
+    # The trend is what each lap adds to the one before, of length one.
     weights = np.arange(laps) - (laps - 1) / 2
-    trend: Array = weights / np.linalg.norm(weights)
-    return trend
+    trend = weights / np.linalg.norm(weights) if laps > 1 else np.empty(0)
+    return Sampling(before.astype(np.intp), after.astype(np.intp), share, phi, stands, stand_share, trend)
 
 
 def _number(phi: Array, laps: int) -> Array:
     """Return the number (n,) of the lap, from 0 on, to which each circle angle (n,) rad belongs."""
-    number: Array = np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1)
-    return number
-
-
-def _beside(rows: Integers, phi: Array) -> tuple[Integers, Integers, Array]:
-    """Return the rows of one lap before and after each grid angle, (GRID,) each, and the weight of the latter."""
-    order = rows[np.argsort(phi[rows] % (2 * np.pi))]
-    angle = phi[order] % (2 * np.pi)
-    grid = np.arange(GRID) * 2 * np.pi / GRID
-    after = np.searchsorted(angle, grid) % len(angle)
-    before = after - 1
-    step = (angle[after] - angle[before]) % (2 * np.pi)
-    share = ((grid - angle[before]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
-    return order[before], order[after], np.clip(share, 0, 1)
-
-
-def _stands(observation: Observation) -> list[Integers]:
-    """Return the rows of standing before and after the lap, or an empty list unless both exist."""
-    t, q = observation.path.t_s, observation.path.q
-    speed = np.linalg.norm(np.gradient(q, t, axis=0), axis=1)
-    still = speed < _STANDS * np.median(speed[observation.rows])
-    first, last = int(observation.rows[0]), int(observation.rows[-1])
-    periods = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
-    return periods if min(map(len, periods)) >= _LEAST_STAND else []
+    return np.asarray(np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1), dtype=float)

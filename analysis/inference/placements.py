@@ -18,10 +18,10 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.inference.observation import (
-    Observation,
+    ObservedRun,
     observe,
     predicted,
-    residuals_of,
+    residual_of,
     rms,
     thinned,
     with_placement,
@@ -29,7 +29,7 @@ from analysis.inference.observation import (
 )
 from analysis.inference.setups import FRAME, fit_setups, placement_of, target_of, targeted
 from analysis.kinematics.arm import Arm, Array, arm_of
-from analysis.model.predict import Model, SetUp, model_of
+from analysis.model.predict import SetUp, model_of
 from analysis.noise.cell import BALL_MM, JOINT_DEG
 from analysis.traces.loading import Measured
 from rigs.errors import FileError
@@ -51,8 +51,8 @@ TO_SPARE = 9
 three poses, of three coordinates each."""
 
 
-def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[Observation]:
-    """Return runs as observations of (m, k) mm, each with the set-up of its placement. Raises FileError for a run of
+def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
+    """Return runs of (m, k) mm as a fit sees them, each with the set-up of its placement. Raises FileError for a run of
     another robot."""
     model = model_of(rig)
     for run in runs:
@@ -64,20 +64,18 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[Observation]:
     return [with_placement(observe(model, run.table, str(run.path)), run.run.manifest.placement) for run in runs]
 
 
-def split_by_frame(
-    model: Model, observations: Sequence[Observation], names: Sequence[str]
-) -> tuple[list[Observation], list[str]]:
-    """Return the observations, of (m, k) mm, with a set-up for each frame that they show, and messages about them; of
+def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
+    """Return runs, of (m, k) mm, with a set-up for each frame that they show, and messages about them; of
     poses `split_by_target` has those."""
-    split_up, messages = list(observations), []
-    for setup in dict.fromkeys(observation.setup for observation in observations):
-        places = [k for k, observation in enumerate(observations) if observation.setup == setup]
-        split = _circle_frames if observations[places[0]].table.kind.swept else _target_frames
-        frames = sorted(sorted(frame) for frame in split(model, observations, places))
+    split_up, messages = list(runs), []
+    for setup in dict.fromkeys(run.setup for run in runs):
+        places = [k for k, run in enumerate(runs) if run.setup == setup]
+        split = _circle_frames if runs[places[0]].table.kind.swept else _target_frames
+        frames = sorted(sorted(frame) for frame in split(runs, places))
         for number, frame in enumerate(frames[1:], start=2):
             for k in frame:
                 split_up[k] = replace(split_up[k], setup=f"{setup}{FRAME}{number}")
-        if len(frames) > 1 and not observations[places[0]].table.kind.of_tracker:
+        if len(frames) > 1 and not runs[places[0]].table.kind.of_tracker:
             messages.append(_of_frames(setup, [[names[k] for k in frame] for frame in frames]))
     return split_up, messages
 
@@ -89,106 +87,79 @@ def _of_frames(setup: str, frames: Sequence[Sequence[str]]) -> str:
     return f"{message}, which rig relabel --placement can name"
 
 
-def split_by_target(
-    model: Model, observations: Sequence[Observation], names: Sequence[str]
-) -> tuple[list[Observation], list[str]]:
-    """Return the observations, of (m, k) mm, with a target of its own for each place on the tool that placements of
+def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
+    """Return runs, of (m, k) mm, with a target of its own for each place on the tool that placements of
     poses show, and a message about each. A reflector that was put elsewhere under an instrument that stood keeps the
     frame of that placement."""
-    split_up = list(observations)
+    split_up = list(runs)
     members: dict[str, list[int]] = {}
-    for k, observation in enumerate(observations):
-        if observation.table.kind.of_tracker:
-            members.setdefault(observation.setup, []).append(k)
-    settled: dict[str, list[Observation]] = {}
-    for setup in sorted(members, key=lambda name: -_readings(observations, name)):
-        runs = [observations[k] for k in members[setup]]
-        name = _settled(model, settled, setup, runs)
-        settled[name] = [replace(observation, setup=name) for observation in runs]
-        for k, observation in zip(members[setup], settled[name], strict=True):
-            split_up[k] = observation
+    for k, run in enumerate(runs):
+        if run.table.kind.of_tracker:
+            members.setdefault(run.setup, []).append(k)
+    settled: dict[str, list[ObservedRun]] = {}
+    for setup in sorted(members, key=lambda name: -_readings(runs, name)):
+        of_setup = [runs[k] for k in members[setup]]
+        name = _settled(settled, setup, of_setup)
+        settled[name] = [replace(run, setup=name) for run in of_setup]
+        for k, run in zip(members[setup], settled[name], strict=True):
+            split_up[k] = run
     named = {split_up[places[0]].setup: [names[k] for k in places] for places in members.values()}
-    return split_up, _of_targets(named) if any(map(target_of, named)) else _of_placements(named)
+    if any(map(target_of, named)):
+        targets: dict[str, list[str]] = {}
+        for setup, its_names in named.items():
+            targets.setdefault(target_of(setup), []).extend(its_names)
+        of_runs = "; ".join(", ".join(its_names) for _, its_names in sorted(targets.items()))
+        count = len({placement_of(setup) for setup in named})
+        stood = "one place of the instrument" if count == 1 else f"{count} places of the instrument"
+        message = f"the poses show {len(targets)} places of the target on the tool ({of_runs}) and {stood}: each is a "
+        return split_up, [message + "set-up of its own, as of several reflectors, and the arm is one"]
+    frames: dict[str, list[list[str]]] = {}
+    for setup, its_names in sorted(named.items()):
+        frames.setdefault(setup.partition(FRAME)[0], []).append(its_names)
+    return split_up, [_of_frames(setup, members) for setup, members in frames.items() if len(members) > 1]
 
 
-def _settled(model: Model, settled: dict[str, list[Observation]], setup: str, runs: Sequence[Observation]) -> str:
+def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[ObservedRun]) -> str:
     """Return the name that runs of a set-up get beside those that are settled: with the target of one of these, in the
     frame of one with a target of their own, or with both."""
     if not settled:
         return setup
     targets = list(dict.fromkeys(map(target_of, settled)))
-    another = targeted(setup, str(len(targets) + 1))
-    trials = {
-        targeted(setup, target): [observation for observation in settled if target_of(observation) == target]
-        for target in targets
-    }
+    trials = {targeted(setup, target): [home for home in settled if target_of(home) == target] for target in targets}
     frame = setup.partition(FRAME)[0]
     if frame != setup:
-        trials[targeted(frame, str(len(targets) + 1))] = [
-            observation for observation in settled if placement_of(observation) == frame
-        ]
-    fits = []
+        trials[targeted(frame, str(len(targets) + 1))] = [home for home in settled if placement_of(home) == frame]
+    # Few poses are not judged: they have the target of the others.
+    few, fits = sum(run.values.size for run in runs) < runs[0].table.kind.setup_terms + TO_SPARE, []
     for name, homes in trials.items():
         if homes:
-            together_mm = _beside(model, settled[homes[0]], runs, name)
-            if together_mm is not None:
-                fits.append((together_mm, name))
-    return min(fits)[1] if fits else another
+            home = settled[homes[0]]
+            moved_mm = rms(_left([*home, *(replace(run, setup=name) for run in runs)]))
+            if few:
+                is_home = target_of(name) == target_of(homes[0])
+            else:
+                apart_mm = max(rms(_left(home)), rms(_left(runs)))
+                is_home = moved_mm < max(_APART * apart_mm, apart_mm + _APART_MM)
+            fits += [(moved_mm, name)] * is_home
+    return min(fits)[1] if fits else targeted(setup, str(len(targets) + 1))
 
 
-def _beside(model: Model, home: Sequence[Observation], runs: Sequence[Observation], name: str) -> float | None:
-    """Return what runs leave, rms mm, as the set-up `name` beside those at home, None where that is more than both
-    leave alone. Few poses are not judged: they have the target of the others."""
-    moved_mm = rms(_left(model, [*home, *(replace(observation, setup=name) for observation in runs)]))
-    if sum(observation.values.size for observation in runs) < runs[0].table.kind.setup_terms + TO_SPARE:
-        return moved_mm if target_of(name) == target_of(home[0].setup) else None
-    apart_mm = max(rms(_left(model, home)), rms(_left(model, runs)))
-    return moved_mm if moved_mm < max(_APART * apart_mm, apart_mm + _APART_MM) else None
-
-
-def _of_placements(named: Mapping[str, list[str]]) -> list[str]:
-    """Return a message for each placement of poses, of runs named by set-up, that shows several frames."""
-    frames: dict[str, list[list[str]]] = {}
-    for setup, names in sorted(named.items()):
-        frames.setdefault(setup.partition(FRAME)[0], []).append(names)
-    return [_of_frames(setup, members) for setup, members in frames.items() if len(members) > 1]
-
-
-def _of_targets(named: Mapping[str, list[str]]) -> list[str]:
-    """Return the line that says which runs of poses, named by set-up, have which target on the tool, and from how many
-    places of the instrument they were seen."""
-    targets: dict[str, list[str]] = {}
-    for setup, names in named.items():
-        targets.setdefault(target_of(setup), []).extend(names)
-    runs = "; ".join(", ".join(names) for _, names in sorted(targets.items()))
-    frames = len({placement_of(setup) for setup in named})
-    stood = "one place of the instrument" if frames == 1 else f"{frames} places of the instrument"
-    return [
-        f"the poses show {len(targets)} places of the target on the tool ({runs}) and {stood}: each is a set-up of its "
-        "own, as of several reflectors, and the arm is one"
-    ]
-
-
-def with_enough_readings(observations: Sequence[Observation]) -> tuple[list[int], list[str]]:
-    """Return the indices of observations whose readings (m, k) determine their set-ups, and messages about the others.
+def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[str]]:
+    """Return the indices of runs whose readings (m, k) determine their set-ups, and messages about the others.
     Raises FileError if there are none."""
     tool_known = {
-        (observation.table.test, target_of(observation.setup))
-        for observation in observations
-        if _spare(observations, observation.setup) > 0
+        (run.table.test, target_of(run.setup))
+        for run in runs
+        if _readings(runs, run.setup) > run.table.kind.setup_terms
     }
     reasons: dict[str, str] = {}
-    for observation in observations:
-        shares = (
-            observation.table.kind.of_places and (observation.table.test, target_of(observation.setup)) in tool_known
-        )
-        terms = observation.table.kind.setup_terms - 3 * shares
-        readings = _readings(observations, observation.setup)
+    for run in runs:
+        shares = run.table.kind.of_places and (run.table.test, target_of(run.setup)) in tool_known
+        terms = run.table.kind.setup_terms - 3 * shares
+        readings = _readings(runs, run.setup)
         if readings <= terms:
-            reasons[observation.setup] = (
-                f"its {readings} readings are too few for the {terms} terms of the set-up alone"
-            )
-    kept = [k for k, observation in enumerate(observations) if observation.setup not in reasons]
+            reasons[run.setup] = f"its {readings} readings are too few for the {terms} terms of the set-up alone"
+    kept = [k for k, run in enumerate(runs) if run.setup not in reasons]
     if not kept:
         setup, why = next(iter(reasons.items()))
         raise FileError(f"set-up {setup}", why, "give more runs of it, or more readings in each")
@@ -218,27 +189,22 @@ def same_arm(first: Arm, second: Arm) -> bool:
     )
 
 
-def _readings(observations: Sequence[Observation], setup: str) -> int:
-    return sum(observation.values.size for observation in observations if observation.setup == setup)
+def _readings(runs: Sequence[ObservedRun], setup: str) -> int:
+    return sum(run.values.size for run in runs if run.setup == setup)
 
 
-def _spare(observations: Sequence[Observation], setup: str) -> int:
-    table = next(observation.table for observation in observations if observation.setup == setup)
-    return _readings(observations, setup) - table.kind.setup_terms
-
-
-def _circle_frames(model: Model, observations: Sequence[Observation], places: Sequence[int]) -> list[list[int]]:
+def _circle_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[list[int]]:
     """Return circles grouped by frame: first those of each direction, which are then matched."""
-    few = {k: thinned(observations[k], _ENOUGH_ROWS) for k in places}
-    placed = {k: fit_setups([(model, observation)])[observation.setup] for k, observation in few.items()}
+    few = {k: thinned(runs[k], _ENOUGH_ROWS) for k in places}
+    placed = {k: fit_setups([run])[run.setup] for k, run in few.items()}
 
     def moved_mm(first: int, second: int) -> float:
-        at_first, at_second = (predicted(model, few[second], placed[k]) for k in (first, second))
+        at_first, at_second = (predicted(few[second], placed[k]) for k in (first, second))
         return rms([at_second - at_first])
 
     ways: dict[str, list[list[int]]] = {}
     for k in places:
-        table = observations[k].table
+        table = runs[k].table
         frames = ways.setdefault(table.kind.direction(table) or "", [])
         home = next((frame for frame in frames if moved_mm(frame[0], k) < _MOVED_MM), None)
         if home is None:
@@ -248,26 +214,31 @@ def _circle_frames(model: Model, observations: Sequence[Observation], places: Se
     most, *others = sorted(ways.values(), key=len, reverse=True)
     for frames in others:
         apart = np.array([[moved_mm(home[0], frame[0]) for home in most] for frame in frames])
-        for row, column in _nearest(apart):
+        pairs = [(0, 0)]
+        if apart.shape != (1, 1):  # each frame has one home, and their distances the least sum
+            from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - slow to import, needed here only
+
+            pairs = list(zip(*(side.tolist() for side in linear_sum_assignment(apart)), strict=True))
+        for row, column in pairs:
             most[column] = most[column] + frames[row]
     return most
 
 
-def _nearest(apart: Array) -> list[tuple[int, int]]:
-    """Return the pairs of rows and columns of a matrix (r, c) with the least sum; each row has one column."""
-    if apart.shape == (1, 1):
-        return [(0, 0)]
-    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - slow to import, needed here only
-
-    return list(zip(*(side.tolist() for side in linear_sum_assignment(apart)), strict=True))
-
-
-def _target_frames(model: Model, observations: Sequence[Observation], places: Sequence[int]) -> list[list[int]]:
+def _target_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[list[int]]:
     """Return runs at targets, or of poses, grouped by frame."""
     frames: list[list[int]] = []
+
+    def is_home(frame: Sequence[int], k: int) -> bool:
+        others, last = [runs[j] for j in frame], runs[k]
+        together, alone_mm = _left([*others, last]), rms(_left(others))
+        if last.values.size >= last.table.kind.setup_terms + TO_SPARE:
+            alone_mm = max(alone_mm, rms(_left([last])))
+        apart = max(rms(together[:-1]), rms(together[-1:]))
+        return apart < _APART * alone_mm or apart < alone_mm + _APART_MM
+
     # Runs with most readings come first, because a run of few readings can only join a frame.
-    for k in sorted(places, key=lambda k: -observations[k].values.size):
-        home = next((frame for frame in frames if _one_frame(model, [observations[j] for j in (*frame, k)])), None)
+    for k in sorted(places, key=lambda k: -runs[k].values.size):
+        home = next((frame for frame in frames if is_home(frame, k)), None)
         if home is None:
             frames.append([k])
         else:
@@ -275,18 +246,7 @@ def _target_frames(model: Model, observations: Sequence[Observation], places: Se
     return frames
 
 
-def _one_frame(model: Model, runs: Sequence[Observation]) -> bool:
-    """Return whether the last run can be in the frame of the others."""
-    *others, last = runs
-    together = _left(model, runs)
-    if last.values.size < last.table.kind.setup_terms + TO_SPARE:
-        apart_mm = rms(_left(model, others))
-    else:
-        apart_mm = max(rms(_left(model, others)), rms(_left(model, [last])))
-    apart = max(rms(together[:-1]), rms(together[-1:]))
-    return apart < _APART * apart_mm or apart < apart_mm + _APART_MM
-
-
-def _left(model: Model, runs: Sequence[Observation]) -> list[Array]:
+def _left(runs: Sequence[ObservedRun]) -> list[Array]:
     """Return the residuals (m, k) mm of runs with their set-ups fitted."""
-    return residuals_of(model, runs, fit_setups([(model, observation) for observation in runs]))
+    setups = fit_setups(runs)
+    return [residual_of(run, setups) for run in runs]

@@ -203,7 +203,7 @@ def possible_tests(
     """Return each further test that the arm can drive, beside the existing blocks, and those that it cannot drive, with
     the reason."""
     possible, impossible = [], []
-    shared = [SharedBlock(block, (), setups[block.one.setup]) for block in without_bands(blocks)]
+    shared = [SharedBlock(block, (), setups[block.setup]) for block in without_bands(blocks)]
     for further in further_tests(rig, tests):
         refused = ""
         for words, moved in further.choices:
@@ -213,22 +213,13 @@ def possible_tests(
                 refused = refused or error.what
                 continue
             expected = ExpectedPosterior(beside(shared, without_bands(added), places), level)
-            set_ups = len({block.one.setup for block in added})
-            possible.append(PossibleTest(words, further.why, expected, _minutes(added), len(added), set_ups))
+            set_ups = len({block.setup for block in added})
+            minutes = sum(block.count * float(np.ptp(block.path.t_s)) for block in added) / 60
+            possible.append(PossibleTest(words, further.why, expected, minutes, len(added), set_ups))
             break
         else:
             impossible.append((further.choices[0][0], refused))
     return possible, impossible
-
-
-def _minutes(blocks: Sequence[Block]) -> float:
-    """Return how many minutes the robot drives for planned blocks, with all of their repeats."""
-    return sum(block.count * float(np.ptp(block.one.path.t_s)) for block in blocks) / 60
-
-
-def best_first(tests: Sequence[SeparatingTest]) -> tuple[SeparatingTest, ...]:
-    """Return the tests ordered by the sigmas by which they separate."""
-    return tuple(sorted(tests, key=lambda test: -test.sigma))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -271,7 +262,8 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
     forms: dict[str, list[Candidate]] = {}
     for candidate in expected.candidates:
         forms.setdefault(label_of(candidate.effect), []).append(candidate)
-    zeros = _sigma(expected.linear, [turned(axis, _NUDGE_DEG) for axis in range(1, expected.linear.axes + 1)])
+    nudges = [turned(axis, _NUDGE_DEG) for axis in range(1, expected.linear.axes + 1)]
+    zeros: Array = np.linalg.norm(expected.linear.columns(nudges), axis=0)
     chosen, detectabilities = [], []
     for label, candidates in forms.items():
         candidate = sorted(candidates, key=lambda form: form.size)[len(candidates) // 2]
@@ -288,7 +280,8 @@ def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
     column = linear.columns([effect])[:, 0]
     whole, remaining = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
     if whole > _NOTHING and remaining < _OWN_SHARE * whole:
-        return f"the set-up absorbs it: {_set_up_of(linear)}, which are always fitted"
+        terms = sorted({block.table.kind.setup_words for block in linear.blocks})
+        return f"the set-up absorbs it: {'; '.join(terms)}, which are always fitted"
     axis = getattr(effect, "axis", None)
     if axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
         return f"the ball lies on axis {axis}"
@@ -299,30 +292,25 @@ def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
     return "the other effects of a healthy arm hide it"
 
 
-def _set_up_of(linear: Linearisation) -> str:
-    """Return what is fitted of the set-ups, in words."""
-    return "; ".join(sorted({block.one.table.kind.setup_words for block in linear.blocks}))
+@dataclass(frozen=True)
+class Detected:
+    """The detectability of each name, gears by order."""
 
+    detectabilities: tuple[Detectability, ...]
 
-def _sigma(linear: Linearisation, effects: Sequence[Effect]) -> Array:
-    sigma: Array = np.linalg.norm(linear.columns(effects), axis=0)
-    return sigma
+    @property
+    def names(self) -> dict[str, tuple[Detectability, ...]]:
+        """Each name with its detectabilities: one, or one for each order of a gear."""
+        named: dict[str, tuple[Detectability, ...]] = {}
+        for detectability in self.detectabilities:
+            name = name_of(detectability.effect)
+            named[name] = (*named.get(name, ()), detectability)
+        return named
 
-
-def by_name(detectabilities: Sequence[Detectability]) -> dict[str, tuple[Detectability, ...]]:
-    """Return detectabilities by the name of an effect: one each, or those of the orders of a gear."""
-    named: dict[str, tuple[Detectability, ...]] = {}
-    for detectability in detectabilities:
-        name = name_of(detectability.effect)
-        named[name] = (*named.get(name, ()), detectability)
-    return named
-
-
-def undetectable(detectabilities: Sequence[Detectability]) -> tuple[str, ...]:
-    """Return the names of which nothing can be detected."""
-    return tuple(
-        name for name, forms in by_name(detectabilities).items() if all(detectability.hidden for detectability in forms)
-    )
+    @property
+    def undetectable(self) -> tuple[str, ...]:
+        """Names of which nothing is detected, at any order of a gear."""
+        return tuple(name for name, forms in self.names.items() if all(form.hidden for form in forms))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -360,22 +348,10 @@ class ClosePair:
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """What runs can show: the detectability of each name, gears by order, and the pairs that look alike, the closest
-    first."""
+class Judgement(Detected):
+    """What runs can show: the detectability of each name, and the pairs that look alike, the closest first."""
 
-    detectabilities: tuple[Detectability, ...]
     pairs: tuple[ClosePair, ...]
-
-    @property
-    def names(self) -> dict[str, tuple[Detectability, ...]]:
-        """Each name with its detectabilities: one, or one for each order of a gear."""
-        return by_name(self.detectabilities)
-
-    @property
-    def undetectable(self) -> tuple[str, ...]:
-        """Names of which nothing is detected, at any order of a gear."""
-        return undetectable(self.detectabilities)
 
 
 def judged(expected: ExpectedPosterior) -> Judgement:
@@ -439,15 +415,14 @@ class Gain:
     shows: int
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, kw_only=True)
+class Plan(Detected):
     """What a set of tests can and cannot distinguish. `gains` lists further tests, the one that adds most first;
     `impossible` lists tests that this arm cannot drive, each with the reason. `level` is that of everything else that
     may be wrong with the arm, 1 where it is as large as usual."""
 
     tests: tuple[TestName, ...]
     runs: int
-    detectabilities: tuple[Detectability, ...]
     groups: tuple[tuple[str, ...], ...]
     pairs: tuple[Pair, ...]
     gains: tuple[Gain, ...]
@@ -458,16 +433,6 @@ class Plan:
     def hidden(self) -> tuple[Detectability, ...]:
         """What these tests cannot detect, with a separate entry for each order of a gear."""
         return tuple(detectability for detectability in self.detectabilities if detectability.hidden)
-
-    @property
-    def undetectable(self) -> tuple[str, ...]:
-        """Names of which these tests detect nothing, at any order of a gear."""
-        return undetectable(self.detectabilities)
-
-    @property
-    def names(self) -> dict[str, tuple[Detectability, ...]]:
-        """Each name with its detectabilities: one, or one for each order of a gear."""
-        return by_name(self.detectabilities)
 
 
 def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0) -> Plan:
@@ -482,20 +447,20 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
     possible, impossible = possible_tests(rig, tests, blocks, setups, level, runs=runs)
     further, gains = _further_tests(possible, judgement)
     return Plan(
-        tuple(tests),
-        runs,
-        tuple(
+        detectabilities=tuple(
             replace(detectability, further=further.get(name_of(detectability.effect), ()))
             for detectability in judgement.detectabilities
         ),
-        _groups([pair.names for pair in judgement.pairs]),
-        tuple(
+        tests=tuple(tests),
+        runs=runs,
+        groups=_groups([pair.names for pair in judgement.pairs]),
+        pairs=tuple(
             Pair((label_of(pair.first[0]), label_of(pair.second[0])), pair.sigma, pair.others, further[pair.names])
             for pair in judgement.pairs
         ),
-        gains,
-        tuple(impossible),
-        level,
+        gains=gains,
+        impossible=tuple(impossible),
+        level=level,
     )
 
 
@@ -543,6 +508,6 @@ def _further_tests(
         for key, value in sigma.items():
             further[key].append(SeparatingTest(test.test, value, test.why))
     return (
-        {key: best_first(tests) for key, tests in further.items()},
+        {key: tuple(sorted(tests, key=lambda test: -test.sigma)) for key, tests in further.items()},
         tuple(sorted(gains, key=lambda gain: -(gain.parts + gain.shows))),
     )

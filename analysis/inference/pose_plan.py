@@ -53,10 +53,16 @@ class Pool:
         """The numbers (count,) of the poses to measure, the one that shows most first."""
         covariance, chosen = self.covariance.copy(), list[int]()
         for _ in range(min(count, len(self.q))):
-            gain = _gains(covariance, self.sd_mm)
+            # What each pose (n,) would take from the variance of all places, mm².
+            rows = covariance.reshape(-1, 3, len(covariance))
+            seen = (rows * self.sd_mm**2) @ rows.transpose(0, 2, 1)
+            of_poses = np.stack([covariance[k : k + 3, k : k + 3] for k in range(0, len(covariance), 3)]) + np.eye(3)
+            gain = np.trace(np.linalg.solve(of_poses, seen), axis1=1, axis2=2)
             gain[chosen] = -np.inf
             chosen.append(int(np.argmax(gain)))
-            _measure(covariance, chosen[-1])
+            pose = slice(3 * chosen[-1], 3 * chosen[-1] + 3)
+            across = covariance[:, pose]
+            covariance -= across @ np.linalg.solve(across[pose] + np.eye(3), across.T)
         return np.array(chosen, dtype=np.int64)
 
     def u_mm(self, chosen: Integers) -> float:
@@ -163,7 +169,7 @@ def pool_of(rig: Rig, q: Array) -> Pool:
     """What is expected of poses q (n, 6) rad of the arm of a rig, seen by a tracker. Raises FileError."""
     table = PoseTable(q, forward(arm_of(rig.robot), q)[:, :3, 3], None)
     run = observe_run(model_of(rig), table, rig.name)
-    setups = {run.one.setup: nominal_setup(rig, table)}
+    setups = {run.setup: nominal_setup(rig, table)}
     (block,) = blocks = without_bands(blocks_of([run], setups))
     linear = linearise(blocks, setups)
     columns = columns_for(linear, [candidate for candidate in candidates_for(linear) if not is_play(candidate.effect)])
@@ -172,18 +178,3 @@ def pool_of(rig: Rig, q: Array) -> Pool:
     variance[columns.set_ups] = _SET_UP_SIGMA**2 / np.mean(of_set_ups**2, axis=0)
     half = columns.X * np.sqrt(variance)
     return Pool(q, half @ half.T, block.sd_mm)
-
-
-def _gains(covariance: Array, sd_mm: Array) -> Array:
-    """What each pose (n,) would take from the variance of all places, mm²."""
-    rows = covariance.reshape(-1, 3, len(covariance))
-    seen = (rows * sd_mm**2) @ rows.transpose(0, 2, 1)
-    blocks = np.stack([covariance[k : k + 3, k : k + 3] for k in range(0, len(covariance), 3)]) + np.eye(3)
-    return np.asarray(np.trace(np.linalg.solve(blocks, seen), axis1=1, axis2=2))
-
-
-def _measure(covariance: Array, pose: int) -> None:
-    """Take from the covariance of all places what a pose shows."""
-    rows = slice(3 * pose, 3 * pose + 3)
-    across = covariance[:, rows]
-    covariance -= across @ np.linalg.solve(across[rows] + np.eye(3), across.T)

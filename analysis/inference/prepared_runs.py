@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,15 +12,15 @@ from analysis.conventions.finding import Finding
 from analysis.conventions.gauge_order import ORDER, SIGN
 from analysis.conventions.lost_poses import left_out
 from analysis.inference.observation import (
-    Observation,
     ObservedRun,
     by_socket,
     observe_run,
-    residuals_of,
+    part,
+    residual_of,
     with_placement,
 )
 from analysis.inference.placements import split_by_frame, split_by_target, with_enough_readings
-from analysis.inference.setups import fit_run_setups, part, with_effects
+from analysis.inference.setups import fit_run_setups, with_effects
 from analysis.kinematics.arm import Array, Mask
 from analysis.model.predict import model_of
 from analysis.noise.cell import TARGET_MM
@@ -53,20 +53,23 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     use_of = [number for number, use in enumerate(uses) for _ in use]
     found_wrong = findings_of(runs)
     wrong = _contradicted(runs, found_wrong)
-    _hold_some(uses[0], runs, wrong)
+    if uses[0] and all(k in wrong for k in range(len(uses[0]))):
+        raise FileError(str(runs[0].path), wrong[0].what, wrong[0].remedy)
     seen = _about_one_rig(rig, runs)
     kept = [k for k in range(len(runs)) if k not in wrong]
     seen, far = _without_far(seen, names, set(kept))
     doubts += far
-    pieces = [(k, replace(seen[k], one=observation)) for k in kept for observation in by_socket(seen[k].one)]
-    found, split = _split_by_frame([run for _, run in pieces], [names[k] for k, _ in pieces])
-    doubts += [f"{names[k]} is left out: {finding.words}" for k, finding in wrong.items()] + split
+    pieces = [(k, piece) for k in kept for piece in by_socket(seen[k])]
+    of_pieces = [names[k] for k, _ in pieces]
+    found, of_frames = split_by_frame([piece for _, piece in pieces], of_pieces)
+    found, of_targets = split_by_target(found, of_pieces)
+    doubts += [f"{names[k]} is left out: {finding.words}" for k, finding in wrong.items()] + of_frames + of_targets
     doubts += _likely(found_wrong)
     doubts += _wild([(names[k], seen[k].wild, runs[k].table) for k in kept])
     parts = []
     for number in range(len(uses)):
         of_use = [run for (k, _), run in zip(pieces, found, strict=True) if use_of[k] == number]
-        enough, too_few = with_enough_readings([run.one for run in of_use]) if of_use else ([], [])
+        enough, too_few = with_enough_readings(of_use) if of_use else ([], [])
         parts.append([of_use[k] for k in enough])
         doubts += too_few
     return parts, doubts
@@ -85,19 +88,12 @@ def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Mea
 
 def _contradicted(runs: Sequence[Measured], findings: Sequence[Finding]) -> dict[int, Finding]:
     """Return the runs that are no measurement as they are labelled, each with what shows it."""
-    certain = [finding for finding in findings if finding.strength != "likely"]
-    shown = {
-        k: next((finding for finding in certain if run.run.manifest.name in finding.runs), None)
-        for k, run in enumerate(runs)
-    }
-    return {k: finding for k, finding in shown.items() if finding is not None}
-
-
-def _hold_some(used: Sequence[Measured], runs: Sequence[Measured], wrong: Mapping[int, Finding]) -> None:
-    """Raise FileError where no run is left to find effects from."""
-    first = [k for k in range(len(runs)) if k < len(used)]
-    if first and all(k in wrong for k in first):
-        raise FileError(str(runs[0].path), wrong[0].what, wrong[0].remedy)
+    shown: dict[str, Finding] = {}
+    for finding in findings:
+        if finding.strength != "likely":
+            shown = dict.fromkeys(finding.runs, finding) | shown
+    names = [run.run.manifest.name for run in runs]
+    return {k: shown[name] for k, name in enumerate(names) if name in shown}
 
 
 def _likely(findings: Sequence[Finding]) -> list[str]:
@@ -135,34 +131,19 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
         # A circle with the ball beside axis 6 has another tool on the same arm; a tool that no run has is a mistake.
         robot = run.rig.robot.model_copy(update={"tool": rig.robot.tool}) if of_rig else run.rig.robot
         if robot != rig.robot:
-            raise FileError(
-                str(run.path),
-                f"is of another robot than {rig.name} ({_differing(run.rig, rig)})",
-                "diagnose the runs of one robot at a time, or give the --rig that they were made with",
-            )
+            theirs, ours = vars(run.rig.robot), vars(rig.robot)
+            fields = [name for name in type(rig.robot).model_fields if theirs[name] != ours[name]]
+            differing = f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"
+            remedy = "diagnose the runs of one robot at a time, or give the --rig that they were made with"
+            raise FileError(str(run.path), f"is of another robot than {rig.name} ({differing})", remedy)
         cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
         if cell not in cells:
             cells.append(cell)
         observed = observe_run(model_of(cell), run.table, str(run.path))
-        placed = with_placement(observed.one, run.run.manifest.placement)
-        place = cells.index(cell)
+        placed = with_placement(observed, run.run.manifest.placement)
         # Another circle or other gauges need another set-up.
-        setup = placed.setup + f" {place + 1}" * (place > 0)
-        seen.append(replace(observed, one=replace(placed, setup=setup)))
+        seen.append(replace(placed, setup=placed.setup + f" {cells.index(cell) + 1}" * (cell != cells[0])))
     return seen
-
-
-def _split_by_frame(seen: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
-    """Return runs with a set-up for each frame that the runs of a set-up show, and messages about them."""
-    found, doubts = list(seen), []
-    for setup in dict.fromkeys(run.one.setup for run in seen):
-        places = [k for k, run in enumerate(seen) if run.one.setup == setup]
-        split, words = split_by_frame(seen[places[0]].model, [seen[k].one for k in places], [names[k] for k in places])
-        for k, observation in zip(places, split, strict=True):
-            found[k] = replace(seen[k], one=observation)
-        doubts += words
-    apart, words = split_by_target(seen[0].model, [run.one for run in found], names) if found else ([], [])
-    return [replace(run, one=observation) for run, observation in zip(found, apart, strict=True)], [*doubts, *words]
 
 
 def _without_far(
@@ -172,24 +153,17 @@ def _without_far(
     fitted to them, and a message for each run that has such."""
     found, doubts = list(seen), []
     for k, run in enumerate(seen):
-        far = run.one.table.kind.far(run.one.table, run.model.arm) if k in kept else None
+        far = run.table.kind.far(run.table, run.model.arm) if k in kept else None
         if far is None:
             continue
-        table = run.one.table
+        table = run.table
         if words := far.words(table):
             doubts.append(f"{names[k]}: {words}")
         out = far.wild | table.kind.lost(table)
         if out.any() and not out.all():
-            found[k] = replace(run, one=part(run.one, ~out[run.one.rows]))
+            found[k] = part(run, ~out[run.rows])
             doubts.append(f"{names[k]}: {left_out(table, out, far.far_mm)}")
     return found, doubts
-
-
-def _differing(rig: Rig, other_rig: Rig) -> str:
-    fields = [
-        name for name in type(rig.robot).model_fields if getattr(rig.robot, name) != getattr(other_rig.robot, name)
-    ]
-    return f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -212,32 +186,47 @@ def without_wild(
     """Return runs without the readings (m, k) mm at targets and poses that lie far from all others beside a model with
     `effects`, those that have others, and a message for each set-up with wild ones; `use` says in it what the runs are
     for."""
-    targets = [k for k, run in enumerate(runs) if not run.one.table.kind.swept]
-    sound, far_mm, shared = list(runs), dict[str, float](), list[str]()
+    targets = [k for k, run in enumerate(runs) if not run.table.kind.swept]
+    sound, far_mm, doubts = list(runs), dict[str, float](), list[str]()
     away = _away(with_effects([runs[k] for k in targets], effects)) if targets else []
-    far = [spreads > runs[k].one.table.kind.wild_spreads for k, (_, spreads) in zip(targets, away, strict=True)]
+    far = [spreads > runs[k].table.kind.wild_spreads for k, (_, spreads) in zip(targets, away, strict=True)]
     kept = _no_accidents([runs[k] for k in targets], far)
     for k, (distance_mm, _), wild in zip(targets, away, far, strict=True):
-        observation = runs[k].one
-        if observation.setup in kept:
+        run = runs[k]
+        if run.setup not in kept:
+            sound[k] = part(run, ~wild)
             if wild.any():
-                shared.append(_shared(observation, int(wild.sum()), float(distance_mm.max())))
-            continue
-        sound[k] = replace(runs[k], one=part(observation, ~wild))
-        if wild.any():
-            far_mm[observation.setup] = max(far_mm.get(observation.setup, 0.0), float(distance_mm.max()))
-    doubts = [_message(runs, sound, setup, most_mm, use) for setup, most_mm in far_mm.items()]
-    return [run for run in sound if len(run.one.rows)], [*shared, *doubts]
+                far_mm[run.setup] = max(far_mm.get(run.setup, 0.0), float(distance_mm.max()))
+        elif wild.any():
+            doubts.append(
+                f"{wild.sum()} of {len(run.rows)} readings of {run.setup} lie far from all others, up "
+                f"to {distance_mm.max():.1f} mm, and are not left out: so many, or all in one range of a joint, are no "
+                "lost points; check the signs, order and zeros of the joints, and whether instrument or base moved"
+            )
+    for setup, most_mm in far_mm.items():
+        members = [k for k, run in enumerate(runs) if run.setup == setup]
+        count = sum(len(runs[k].rows) for k in members)
+        wild_count = count - sum(len(sound[k].rows) for k in members)
+        kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
+        if not runs[members[0]].table.kind.of_places:
+            kind = f"readings at the targets of {setup}"
+            check = "check that the robot stands while it is read, that the clocks agree, and that the plunger touches"
+        are = "is wild" if wild_count == 1 else "are wild"
+        doubts.append(
+            f"{wild_count} of {count} {kind} {are}, up to {most_mm:.1f} mm off, and not counted in the rms of {use}: "
+            f"{check}"
+        )
+    return [run for run in sound if len(run.rows)], doubts
 
 
 def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]:
     """Return the set-ups whose poses that are `wild` (m,) are too many for accidents, or have a range of a joint to
     themselves. Readings of a gauge at targets are no such: a robot that is read while it moves is wild at many."""
-    poses = [k for k, run in enumerate(runs) if run.one.table.kind.of_places]
+    poses = [k for k, run in enumerate(runs) if run.table.kind.of_places]
     kept = set()
-    for setup in dict.fromkeys(runs[k].one.setup for k in poses):
-        members = [k for k in poses if runs[k].one.setup == setup]
-        angles = np.concatenate([runs[k].one.table.q[runs[k].one.rows] for k in members])
+    for setup in dict.fromkeys(runs[k].setup for k in poses):
+        members = [k for k in poses if runs[k].setup == setup]
+        angles = np.concatenate([runs[k].table.q[runs[k].rows] for k in members])
         if not by_accident(np.concatenate([wild[k] for k in members]), angles):
             kept.add(setup)
     return kept
@@ -246,39 +235,15 @@ def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]
 def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
     """Return how far the readings (m,) of each run are from the model, in mm and in robust standard deviations of their
     set-up, with set-ups fitted to those that are near."""
-    near: list[Mask] = [np.ones(len(run.one.rows), dtype=bool) for run in runs]
+    near: list[Mask] = [np.ones(len(run.rows), dtype=bool) for run in runs]
     distances_found: list[tuple[Array, Array]] = []
     for _ in range(_STEPS):
-        those = [replace(run, one=part(run.one, mask)) for run, mask in zip(runs, near, strict=True)]
-        setups, _ = fit_run_setups(those)
-        distances = [np.linalg.norm(residuals_of(run.model, [run.one], setups)[0], axis=1) for run in runs]
+        setups, _ = fit_run_setups([part(run, mask) for run, mask in zip(runs, near, strict=True)])
+        distances = [np.linalg.norm(residual_of(run, setups), axis=1) for run in runs]
         sd_mm = {}
         for setup in setups:
-            every = [mm for run, mm in zip(runs, distances, strict=True) if run.one.setup == setup]
+            every = [mm for run, mm in zip(runs, distances, strict=True) if run.setup == setup]
             sd_mm[setup] = max(1.4826 * float(np.median(np.concatenate(every))), TARGET_MM.high)
-        distances_found = [(mm, mm / sd_mm[run.one.setup]) for run, mm in zip(runs, distances, strict=True)]
+        distances_found = [(mm, mm / sd_mm[run.setup]) for run, mm in zip(runs, distances, strict=True)]
         near = [spreads <= _NEAR for _, spreads in distances_found]
     return distances_found
-
-
-def _shared(observation: Observation, far: int, most_mm: float) -> str:
-    """Return what a person should know of readings that are far off and no accident."""
-    return (
-        f"{far} of {len(observation.rows)} readings of {observation.setup} lie far from all others, up to "
-        f"{most_mm:.1f} mm, and are not left out: so many, or all in one range of a joint, are no lost points; check "
-        "the signs, order and zeros of the joints, and whether instrument or base moved"
-    )
-
-
-def _message(runs: Sequence[ObservedRun], sound: Sequence[ObservedRun], setup: str, most_mm: float, use: str) -> str:
-    """Return what a person should know of the wild readings of a set-up."""
-    members = [k for k, run in enumerate(runs) if run.one.setup == setup]
-    count = sum(len(runs[k].one.rows) for k in members)
-    wild = count - sum(len(sound[k].one.rows) for k in members)
-    if runs[members[0]].one.table.kind.of_places:
-        kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
-    else:
-        kind = f"readings at the targets of {setup}"
-        check = "check that the robot stands while it is read, that the clocks agree, and that the plunger touches"
-    are = "is wild" if wild == 1 else "are wild"
-    return f"{wild} of {count} {kind} {are}, up to {most_mm:.1f} mm off, and not counted in the rms of {use}: {check}"

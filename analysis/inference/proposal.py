@@ -94,22 +94,16 @@ def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
             changes = [where, "" if radius == circle.radius_mm else f"radius {radius:g} mm"]
             if any(changes):
                 yield ", ".join(filter(None, changes)), with_circle(rig, circle, centre_mm=centre, radius_mm=radius)
-    for words, normal in _tilts(circle):
-        yield words, with_circle(rig, circle, normal=normal)
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    frame, tilt = frame_of(circle), np.radians(_TILT_DEG)
+    for about, axis in (("its zero direction", frame.u), ("the direction at 90°", frame.v)):
+        normal = Rotation.from_rotvec(tilt * axis).apply(frame.n).round(6)
+        yield f"tilted by {_TILT_DEG:g}° about {about}", with_circle(rig, circle, normal=tuple(normal.tolist()))
     yield f"{FASTER} times as fast", with_circle(rig, circle, speed_mm_s=FASTER * circle.speed_mm_s)
     off_axis = ball_off_axis(rig)
     if off_axis:
         yield f"ball {OFF_AXIS_MM:g} mm off axis 6", off_axis
-
-
-def _tilts(circle: Circle) -> list[tuple[str, tuple[float, ...]]]:
-    """Return the normal tilted about the zero direction and about the direction across it."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-    frame, tilt = frame_of(circle), np.radians(_TILT_DEG)
-    ways = (("its zero direction", frame.u), ("the direction at 90°", frame.v))
-    tilted = [(name, Rotation.from_rotvec(tilt * axis).apply(frame.n).round(6)) for name, axis in ways]
-    return [(f"tilted by {_TILT_DEG:g}° about {name}", tuple(normal.tolist())) for name, normal in tilted]
 
 
 # ----------------------------------------------------------------------------------------------------------------------

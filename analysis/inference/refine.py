@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -101,7 +101,7 @@ class Refined:
     def without(self, place: int) -> Refined:
         """Return the fit without one effect, the others unchanged; its residual (N,) is not updated."""
         kept = [k for k, unknown in enumerate(self.unknowns) if unknown.effect != place]
-        unknowns = [replace(self.unknowns[k], effect=_before(self.unknowns[k].effect, place)) for k in kept]
+        unknowns = [replace(u, effect=u.effect - (u.effect > place)) for u in self.unknowns if u.effect != place]
         return replace(
             self, effects=_all_but(self.effects, place), unknowns=tuple(unknowns), values=self.values[kept],
             covariance=self.covariance[np.ix_(kept, kept)], to_limit=self.to_limit[kept],
@@ -222,7 +222,7 @@ class _Problem:
     def solved(self, effects: Sequence[Effect], rounds: int) -> Refined:
         """Return the solution of the Levenberg-Marquardt iteration within the bounds of the parameters."""
         x = np.array([float(getattr(effects[u.effect], u.field)) for u in self.unknowns])
-        limits = self._limits(effects)
+        limits, phases = self._limits(effects), np.array([unknown.field == PHASE for unknown in self.unknowns])
         x = np.clip(x, limits[0], limits[1])
         now = self._with(effects, x)
         r = self._left(now)
@@ -238,7 +238,7 @@ class _Problem:
             for _ in range(_TRIES):
                 damped = H + damping * np.diag(np.diag(H))
                 step = step_within(limits - x, damped, gradient)[0]
-                tried = self._turned(x + step)
+                tried = np.where(phases, (x + step + 180) % 360 - 180, x + step)  # phases from -180 to 180 degrees
                 nearer = self._with(now, tried)
                 there_r = self._left(nearer)
                 there_cost = self._cost(there_r, tried)
@@ -289,39 +289,29 @@ class _Problem:
         return float(self._product(r, r)[0, 0]) + float((((x - self.expected) / self.spread) ** 2).sum())
 
     def _slopes(self, effects: Sequence[Any]) -> tuple[Response, ...]:
-        """Return the derivatives (N, q) by the unknowns of each new effect. Effects add, so each has its own."""
-        unknowns = self.unknowns[sum(tangent.columns.shape[1] for tangent in self.fitted.tangents) :]
-        return tuple(
-            self._slopes_of(effects[k], [unknown for unknown in unknowns if unknown.effect == k])
-            for k in range(len(self.fitted.effects), len(effects))
-        )
-
-    def _slopes_of(self, effect: Any, unknowns: Sequence[Unknown]) -> Response:
-        """Return the derivatives (N, q) of an effect, or of the latest one near it, by its unknowns."""
-
-        steps = _steps_nearby(effect, unknowns)
-        return self.linear.near.of("slopes", effect, steps, lambda: slopes_of(self.linear, effect, unknowns))
-
-    def _turned(self, x: Array) -> Array:
-        """Return values (q,) with phases from -180 to 180 degrees."""
-        phases = np.array([unknown.field == PHASE for unknown in self.unknowns])
-        return np.where(phases, (x + 180) % 360 - 180, x)
+        """Return the derivatives (N, q) by the unknowns of each new effect, or of the latest one near it. Effects add,
+        so each has its own."""
+        near, slopes = self.linear.near, []
+        for k in range(len(self.fitted.effects), len(effects)):
+            unknowns = [unknown for unknown in self.unknowns if unknown.effect == k]
+            compute = partial(slopes_of, self.linear, effects[k], unknowns)
+            slopes.append(near.of("slopes", effects[k], _steps_nearby(effects[k], unknowns), compute))
+        return tuple(slopes)
 
     def _limits(self, effects: Sequence[Any]) -> Array:
-        """Return the lower and the upper bounds (2, q) of the unknowns; a phase has none."""
-        return (
-            np.array([self._limits_of(effects[unknown.effect], unknown) for unknown in self.unknowns]).reshape(-1, 2).T
-        )
-
-    def _limits_of(self, effect: Any, unknown: Unknown) -> tuple[float, float]:
-        if unknown.field == PHASE:
-            return -np.inf, np.inf
-        if unknown.field == size_field(effect):
-            return size_limits(effect)
-        low, high = bounds(effect, unknown.field)
-        # A shape stays near its plausible values, however long the first step is.
-        reach = _FURTHEST * unknown.spread
-        return max(low, unknown.low, unknown.expected - reach), min(high, unknown.expected + reach)
+        """Return the lower and the upper bounds (2, q) of the unknowns; a phase has none. A shape stays near its
+        plausible values, however long the first step is."""
+        limits = np.empty((2, len(self.unknowns)))
+        for k, unknown in enumerate(self.unknowns):
+            effect = effects[unknown.effect]
+            if unknown.field == PHASE:
+                limits[:, k] = -np.inf, np.inf
+            elif unknown.field == size_field(effect):
+                limits[:, k] = size_limits(effect)
+            else:
+                (low, high), reach = bounds(effect, unknown.field), _FURTHEST * unknown.spread
+                limits[:, k] = max(low, unknown.low, unknown.expected - reach), min(high, unknown.expected + reach)
+        return limits
 
     def _with(self, effects: Sequence[Any], x: Array) -> list[Any]:
         made = list(effects)
@@ -331,15 +321,16 @@ class _Problem:
 
 
 def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[Unknown]) -> Array:
-    """Return the derivatives (N, q) of whitened readings by the unknowns of an effect."""
-    steps = np.array([_step(effect, unknown) for unknown in unknowns])
-    changed = [
-        effect.model_copy(update={u.field: float(getattr(effect, u.field)) + step})
-        for u, step in zip(unknowns, steps, strict=True)
-    ]
+    """Return the derivatives (N, q) of whitened readings by the unknowns of an effect, over small steps that stay
+    within the bounds."""
+    steps, changed = np.empty(len(unknowns)), []
+    for k, unknown in enumerate(unknowns):
+        size = 1e-3 * unknown.spread if unknown.field != size_field(effect) else 0.05 * healthy_size(effect)
+        at = float(getattr(effect, unknown.field))
+        steps[k] = -size if at + size > bounds(effect, unknown.field)[1] else size
+        changed.append(effect.model_copy(update={unknown.field: at + steps[k]}))
     columns = linear.columns([effect, *changed])
-    slopes: Array = (columns[:, 1:] - columns[:, :1]) / steps
-    return slopes
+    return (columns[:, 1:] - columns[:, :1]) / steps
 
 
 def size_limits(effect: Effect) -> tuple[float, float]:
@@ -391,17 +382,5 @@ def _unknowns(linear: Linearisation, effects: Sequence[Effect], first: int) -> l
     return unknowns
 
 
-def _step(effect: Any, unknown: Unknown) -> float:
-    """Return a small step of the derivative that stays within the bounds."""
-    size = 1e-3 * unknown.spread if unknown.field != size_field(effect) else 0.05 * healthy_size(effect)
-    _, high = bounds(effect, unknown.field)
-    return -size if getattr(effect, unknown.field) + size > high else size
-
-
 def _all_but(items: tuple[_One, ...], place: int) -> tuple[_One, ...]:
     return (*items[:place], *items[place + 1 :])
-
-
-def _before(number: int, place: int) -> int:
-    """Return an index after the item at `place` is removed."""
-    return number - (number > place)

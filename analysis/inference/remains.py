@@ -56,13 +56,16 @@ Functions = Callable[[Block], Array]
 def _subjects(blocks: Sequence[Block], temperature: Array | None) -> Iterator[tuple[Subject, Functions | None]]:
     """Yield what places may go with, each as functions (n, c) rad at the samples of a block, None where the runs do not
     have it."""
-    yield "posture", _of_places(lambda block: np.concatenate([f(block.one.table.q) for f in (np.cos, np.sin)], axis=1))
+    yield "posture", _of_places(lambda block: np.concatenate([f(block.table.q) for f in (np.cos, np.sin)], axis=1))
     yield "approach", _of_places(_sides)
-    yield "time", _of_places(_waves_of_time)
-    one_table = len({id(block.one.table) for block in blocks if block.one.table.kind.of_places}) == 1
-    shows = temperature is not None and one_table and np.ptp(temperature) > 0
-    warmth = _centred(np.zeros(1) if temperature is None else temperature)
-    yield "temperature", _of_places(lambda _: warmth) if shows else None
+    half_waves, ends = np.pi * np.arange(1, _SLOW + 1), (0.0, 1.0)
+    yield "time", _of_places(lambda block: np.cos(half_waves * np.linspace(*ends, len(block.table.q))[:, None]))
+    one_table = len({id(block.table) for block in blocks if block.table.kind.of_places}) == 1
+    if temperature is not None and one_table and np.ptp(temperature) > 0:
+        warmth = ((temperature - temperature.mean()) / np.ptp(temperature))[:, None]
+        yield "temperature", _of_places(lambda _: warmth)
+    else:
+        yield "temperature", None
     yield "speed", None  # a robot that stands has none
 
 
@@ -71,8 +74,8 @@ def _of_places(of_rows: Callable[[Block], Array]) -> Functions:
     rows (n, c); zero for circles."""
 
     def functions(block: Block) -> Array:
-        samples = len(block.one.path.q)
-        if not block.one.table.kind.of_places:
+        samples = len(block.path.q)
+        if not block.table.kind.of_places:
             return np.zeros((samples, of_rows(block).shape[1]))
         values = _UNIT_RAD * of_rows(block)
         return np.repeat(values, samples // len(values), axis=0)
@@ -82,24 +85,12 @@ def _of_places(of_rows: Callable[[Block], Array]) -> Functions:
 
 def _sides(block: Block) -> Array:
     """Return the way (n, axes) in which each joint came: as the rows say, or else from the row before."""
-    table = block.one.table
+    table = block.table
     sides = table.kind.sides(table)
     if sides is not None:
         return sides.astype(float)
     way = np.diff(table.q, axis=0, prepend=table.q[:1])
     return np.where(np.abs(way) > SAME_RAD, np.sign(way), 0.0)
-
-
-def _waves_of_time(block: Block) -> Array:
-    """Return half waves (n, c) over the order of the rows."""
-    share = np.linspace(0.0, 1.0, len(block.one.table.q))
-    return np.cos(np.pi * np.arange(1, _SLOW + 1) * share[:, None])
-
-
-def _centred(values: Array) -> Array:
-    """Return values (n,) about their mean, as a column (n, 1) of unit range."""
-    centred: Array = ((values - values.mean()) / (np.ptp(values) or 1.0))[:, None]
-    return centred
 
 
 def _share_left_out(columns: Array, off: Array, left_out: LeftOut) -> float:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
@@ -33,82 +33,67 @@ _SLOW = 30
 """Orders below this are compared between the directions. Chosen: as for the level of slow noise in `noise`."""
 
 
-@dataclass(frozen=True)
-class _Band:
-    block: Block
-    part: str
-    orders: tuple[int, int] | None
-    count: int
-    energy_mm2: float
-    ratio: float
-
-    @property
-    def is_clear(self) -> bool:
-        """Whether it exceeds its noise by more than chance explains."""
-        return bool(self.ratio > max(_LEAST, 1 + _CLEAR * np.sqrt(2 / self.count)))
+Part = Literal["distance", "angle"]
+_PARTS: tuple[tuple[Part, slice], ...] = (
+    ("distance", slice(0, len(ORDER_OF) // 2)),
+    ("angle", slice(len(ORDER_OF) // 2, len(ORDER_OF))),
+)
+"""The entries of a circle that belong to the mean of its gauges, and to their difference."""
 
 
 def bands_above_noise(blocks: Sequence[Block], residual: Array) -> tuple[ResidualBand, ...]:
     """Return the bands that exceed their noise, those with the largest energy in mm² first, given the `residual`
     (N,) in standard deviations of the noise."""
-    clear = [band for band in _bands(blocks, residual) if band.is_clear]
-    clear.sort(key=lambda band: -band.energy_mm2)
-    parity = _parity(blocks, residual)
-    return tuple(_described(band, parity) for band in clear[:_REPORTED])
-
-
-def _bands(blocks: Sequence[Block], residual: Array) -> Iterator[_Band]:
-    begin = 0
+    clear: list[tuple[float, ResidualBand]] = []
+    parity, begin = _parity(blocks, residual), 0
     for block in blocks:
-        of_block = residual[begin : begin + len(block.y_mm)]
+        of_block, table = residual[begin : begin + len(block.y_mm)], block.table
         begin += len(of_block)
-        if not block.sampling:
-            yield _band(block, "targets", None, of_block, np.arange(len(of_block)))
-            continue
-        half = len(ORDER_OF) // 2
-        for part, entries in (("distance", np.arange(half)), ("angle", np.arange(half, 2 * half))):
-            for low, high in pairwise(BAND_EDGES):
-                of_orders = entries[(ORDER_OF[entries] >= low) & (ORDER_OF[entries] < high)]
-                yield _band(block, part, (low, high - 1), of_block, of_orders)
-
-
-def _band(block: Block, part: str, orders: tuple[int, int] | None, of_block: Array, indices: Integers) -> _Band:
-    energy = float(((of_block[indices] * block.sd_mm[indices]) ** 2).sum())
-    return _Band(block, part, orders, len(indices), energy, float(np.mean(of_block[indices] ** 2)))
+        bands: list[tuple[Part | Literal["targets"], tuple[int, int] | None, Integers]]
+        bands = [("targets", None, np.arange(len(of_block)))]
+        if block.sampling:
+            entries = [(part, np.arange(len(ORDER_OF))[of_part]) for part, of_part in _PARTS]
+            bands = [
+                (part, (low, high - 1), of_part[(ORDER_OF[of_part] >= low) & (ORDER_OF[of_part] < high)])
+                for part, of_part in entries
+                for low, high in pairwise(BAND_EDGES)
+            ]
+        for part, orders, rows in bands:
+            ratio = float(np.mean(of_block[rows] ** 2))
+            if ratio <= max(_LEAST, 1 + _CLEAR * np.sqrt(2 / len(rows))):
+                continue  # chance explains it
+            words = f"{np.sqrt(ratio):.1f} times the noise"
+            words = f"{orders[0]} to {orders[1]} cycles a lap, {words}" if orders else f"targets scatter by {words}"
+            correlation = parity.get((table.test, part), 0.0)
+            if abs(correlation) > 0.5:
+                words += (
+                    ", alike in both directions" if correlation > 0 else ", of opposite sign in the other direction"
+                )
+            energy_mm2 = float(((of_block[rows] * block.sd_mm[rows]) ** 2).sum())
+            clear.append(
+                (energy_mm2, ResidualBand(table.test, table.kind.direction(table), part, orders, ratio, words))
+            )
+    clear.sort(key=lambda band: -band[0])
+    return tuple(band for _, band in clear[:_REPORTED])
 
 
 def _parity(blocks: Sequence[Block], residual: Array) -> dict[tuple[TestName, str], float]:
     """Return the correlation of the residual cw and acw at the same circle angles, by test and part."""
-    parts: dict[tuple[TestName, Direction], Array] = {}
+    ways: dict[tuple[TestName, Direction], Array] = {}
     begin = 0
     for block in blocks:
-        table = block.one.table
+        table = block.table
         if direction := table.kind.direction(table):
-            parts[table.test, direction] = residual[begin : begin + len(ORDER_OF)]
+            ways[table.test, direction] = residual[begin : begin + len(ORDER_OF)]
         begin += len(block.y_mm)
-    half, correlations = len(ORDER_OF) // 2, {}
-    for test in {test for test, _ in parts}:
-        both = [parts.get((test, way)) for way in ("cw", "acw")]
-        if both[0] is None or both[1] is None:
-            continue
-        for part, entries in (("distance", slice(0, half)), ("angle", slice(half, 2 * half))):
-            a, b = both[0][entries], both[1][entries]
-            slow = ORDER_OF[entries] < _SLOW
-            correlations[test, part] = float(np.corrcoef(a[slow], b[slow])[0, 1])
+    correlations: dict[tuple[TestName, str], float] = {}
+    for test in {test for test, _ in ways}:
+        cw, acw = ways.get((test, "cw")), ways.get((test, "acw"))
+        if cw is not None and acw is not None:
+            for part, entries in _PARTS:
+                slow = ORDER_OF[entries] < _SLOW
+                correlations[test, part] = float(np.corrcoef(cw[entries][slow], acw[entries][slow])[0, 1])
     return correlations
-
-
-def _described(band: _Band, parity: dict[tuple[TestName, str], float]) -> ResidualBand:
-    table, times = band.block.one.table, f"{np.sqrt(band.ratio):.1f} times the noise"
-    direction = table.kind.direction(table)
-    if direction is None:
-        return ResidualBand(table.test, None, "targets", None, band.ratio, f"targets scatter by {times}")
-    assert band.orders is not None  # noqa: S101 - bands of circles have orders
-    words = f"{band.orders[0]} to {band.orders[1]} cycles a lap, {times}"
-    correlation = parity.get((table.test, band.part))
-    if correlation is not None and abs(correlation) > 0.5:
-        words += ", alike in both directions" if correlation > 0 else ", of opposite sign in the other direction"
-    return ResidualBand(table.test, direction, band.part, band.orders, band.ratio, words)  # type: ignore[arg-type]
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -145,7 +130,7 @@ def places(blocks: Sequence[Block], left_mm: Sequence[Array]) -> tuple[Place, ..
 
 def reversals_of(block: Block) -> tuple[tuple[float, int], ...]:
     """Return the circle angles in degrees at which joints reverse, each with its joint."""
-    table = block.one.table
+    table = block.table
     if not isinstance(table, CircleTable):
         return ()
     lap = laps_of(table, block.model.rig, block.name)
@@ -153,55 +138,39 @@ def reversals_of(block: Block) -> tuple[tuple[float, int], ...]:
 
 
 def _on_circle(block: Block, residual: Array) -> list[Place]:
-    table = block.one.table
+    table = block.table
     direction = table.kind.direction(table)
-    half = len(ORDER_OF) // 2
-    smooth = np.where(ORDER_OF <= _SMOOTH, residual[: 2 * half], 0.0)
-    readings = curve(smooth)
-    stamps = [curve(np.where(ORDER_OF <= _SMOOTH, column, 0.0)) for column in block.stamps_mm[: 2 * half].T]
+    count = len(ORDER_OF)
+    readings = curve(np.where(ORDER_OF <= _SMOOTH, residual[:count], 0.0))
+    stamps = [curve(np.where(ORDER_OF <= _SMOOTH, column, 0.0)) for column in block.stamps_mm[:count].T]
     offsets = np.array([gauge.offset_mm for _, gauge in block.model.rig.gauges])
     where = reversals_of(block)
     places_there = []
-    for part, of, entries in (("distance", _distance, slice(0, half)), ("angle", _angle, slice(half, 2 * half))):
-        values = of(readings)
+    for part, entries in _PARTS:
+        values, *of_stamps = (
+            gauges.mean(axis=1) if part == "distance" else gauges[:, 1] - gauges[:, 0] for gauges in (readings, *stamps)
+        )
         # Sum and difference are unitary: the mean of the gauges has 1/sqrt 2 of the sum's noise, their difference
         # sqrt 2 of its own.
         scale = np.sqrt(0.5) if part == "distance" else np.sqrt(2)
         kept = ORDER_OF[entries] <= _SMOOTH
         alike = scale * float(np.sqrt((block.sd_mm[entries][kept] ** 2).sum() / GRID))
-        noise = np.sqrt(alike**2 + sum((of(stamp) ** 2 for stamp in stamps), np.zeros(GRID)))
+        noise = np.sqrt(alike**2 + sum((stamp**2 for stamp in of_stamps), np.zeros(GRID)))
         for begin, end in _stretches(np.abs(values) > _SIGMA * noise):
             rows = np.arange(begin, end) % GRID
             rms = float(np.sqrt(np.mean(values[rows] ** 2)))
             sigma = float((np.abs(values[rows]) / noise[rows]).max())
             a, b = 360 * begin / GRID, 360 * (end - 1) / GRID
-            joint = _turning(where, a, b)
-            why = _why(joint, values, a, b)
+            joint, why = _why(where, values, a, b)
             span = float(np.ptp(offsets)) or 1.0
             if part == "angle" and joint is None and b - a > 300:
                 why += f" (± {np.degrees(np.abs(values).max() / span):.4f}°)"
-            places_there.append(
-                Place(table.test, direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma)  # type: ignore[arg-type]
-            )
+            places_there.append(Place(table.test, direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma))
         for phi, joint, jump, sigma in _jumps(values, where, noise):
             why = f"reversal: jumps by {1e3 * jump:.1f} µm"
             low, high = (phi - _NEAR_DEG) % 360, (phi + _NEAR_DEG) % 360
-            places_there.append(
-                Place(table.test, direction, part, low, high, joint, why, 1e3 * jump / 2, sigma)  # type: ignore[arg-type]
-            )
+            places_there.append(Place(table.test, direction, part, low, high, joint, why, 1e3 * jump / 2, sigma))
     return places_there
-
-
-def _distance(readings: Array) -> Array:
-    """Return the mean (GRID,) of two gauges (GRID, 2)."""
-    mean: Array = readings.mean(axis=1)
-    return mean
-
-
-def _angle(readings: Array) -> Array:
-    """Return the difference (GRID,) of two gauges (GRID, 2)."""
-    difference: Array = readings[:, 1] - readings[:, 0]
-    return difference
 
 
 def _jumps(values: Array, where: Sequence[tuple[float, int]], noise: Array) -> list[tuple[float, int, float, float]]:
@@ -237,51 +206,37 @@ def _stretches(over: Array) -> list[tuple[int, int]]:
     return [(begin + start, end + start) for begin, end in runs if end - begin > 1]
 
 
-def _turning(where: Sequence[tuple[float, int]], begin_deg: float, end_deg: float) -> int | None:
-    """Return the joint that reverses in a stretch, if the stretch is short enough to belong to one reversal."""
-    if end_deg - begin_deg > 90:
-        return None
-    middle, reach = (begin_deg + end_deg) / 2, (end_deg - begin_deg) / 2 + _NEAR_DEG
-    near = [(abs((phi - middle + 180) % 360 - 180), joint) for phi, joint in where]
-    best = min(near, default=(np.inf, 0))
-    return best[1] if best[0] <= reach else None
-
-
-def _why(joint: int | None, values: Array, begin_deg: float, end_deg: float) -> str:
-    if joint is not None:
-        return "reversal"
+def _why(where: Sequence[tuple[float, int]], values: Array, begin_deg: float, end_deg: float) -> tuple[int | None, str]:
+    """Return the joint that reverses in a stretch, if the stretch is short enough to belong to one reversal, and what
+    the residual (GRID,) looks like there."""
+    if end_deg - begin_deg <= 90:
+        middle, reach = (begin_deg + end_deg) / 2, (end_deg - begin_deg) / 2 + _NEAR_DEG
+        near = [(abs((phi - middle + 180) % 360 - 180), joint) for phi, joint in where]
+        distance, joint = min(near, default=(np.inf, 0))
+        if distance <= reach:
+            return joint, "reversal"
     power = np.abs(np.fft.rfft(values)) ** 2
     order = int(np.argmax(power))
     if power[order] > 0.5 * power.sum():
-        return "all along, constant" if order == 0 else f"wave of {order} cycle{'s' * (order > 1)} a lap"
-    return "all along the circle" if end_deg - begin_deg > 300 else "stretch"
+        return None, "all along, constant" if order == 0 else f"wave of {order} cycle{'s' * (order > 1)} a lap"
+    return None, "all along the circle" if end_deg - begin_deg > 300 else "stretch"
 
 
 def _at_targets(block: Block, residual: Array) -> list[Place]:
-    table = block.one.table
+    table = block.table
     if table.kind.of_places:
         size = np.sqrt((residual.reshape(-1, 3) ** 2).sum(axis=1))
         noise = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3)
     else:
         size, noise = np.abs(residual), block.sd_mm
-    number = table.kind.numbers_of(table)[block.one.rows]
+    number = table.kind.numbers_of(table)[block.rows]
     over = size > _SIGMA * noise
     if not over.any():
         return []
     why = f"{over.sum()} of {len(size)} {table.kind.rows_called}, worst {number[int(np.argmax(size))]}"
-    return [
-        Place(
-            table.test,
-            None,
-            "distance",
-            float(number[over].min()),
-            float(number[over].max()),
-            None,
-            why,
-            1e3 * float(np.sqrt(np.mean(size[over] ** 2))),
-            float((size / noise).max()),
-        )
-    ]
+    low, high = float(number[over].min()), float(number[over].max())
+    rms_um, sigma = 1e3 * float(np.sqrt(np.mean(size[over] ** 2))), float((size / noise).max())
+    return [Place(table.test, None, "distance", low, high, None, why, rms_um, sigma)]
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -290,26 +245,22 @@ def _at_targets(block: Block, residual: Array) -> list[Place]:
 
 def curves_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[Array]) -> tuple[Curve, ...]:
     """Return the curves of the blocks of circles, given the residual (N,) mm of each block before and after."""
-    parts = zip(blocks, before, after, strict=True)
-    return tuple(_curve(block, b, a) for block, b, a in parts if block.sampling)
+    curves, phi = [], np.arange(GRID) * 360 / GRID
+    for block, was, now in zip(blocks, before, after, strict=True):
+        table = block.table
+        if block.sampling and (direction := table.kind.direction(table)):
+            gauges = 1e3 * curve(was), 1e3 * curve(now)
+            curves.append(Curve(table.test, direction, phi, *gauges, reversals_of(block)))
+    return tuple(curves)
 
 
 def maps_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[Array]) -> tuple[Map, ...]:
     """Return the maps of the blocks of targets and poses, given the residual (N,) mm of each block before and after."""
-    parts = zip(blocks, before, after, strict=True)
-    return tuple(_map(block, b, a) for block, b, a in parts if not block.sampling)
-
-
-def _curve(block: Block, before: Array, after: Array) -> Curve:
-    table = block.one.table
-    direction = table.kind.direction(table)
-    assert direction is not None  # noqa: S101 - blocks with a sampling are circles
-    phi = np.arange(GRID) * 360 / GRID
-    return Curve(table.test, direction, phi, 1e3 * curve(before), 1e3 * curve(after), reversals_of(block))
-
-
-def _map(block: Block, before: Array, after: Array) -> Map:
-    table, rows = block.one.table, block.one.rows
-    sizes = [1e3 * np.linalg.norm(values.reshape(len(rows), -1), axis=1) for values in (before, after)]
-    polar, azimuth = (np.degrees(angles)[rows] for angles in table.kind.angles_of(table, block.model.rig))
-    return Map(table.test, table.kind.numbers_of(table)[rows].astype(float), polar, azimuth, *sizes)
+    maps = []
+    for block, *values in zip(blocks, before, after, strict=True):
+        table, rows = block.table, block.rows
+        if not block.sampling:
+            sizes = [1e3 * np.linalg.norm(value.reshape(len(rows), -1), axis=1) for value in values]
+            polar, azimuth = (np.degrees(angles)[rows] for angles in table.kind.angles_of(table, block.model.rig))
+            maps.append(Map(table.test, table.kind.numbers_of(table)[rows].astype(float), polar, azimuth, *sizes))
+    return tuple(maps)

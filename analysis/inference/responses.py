@@ -51,7 +51,7 @@ class NearResponses:
         """Return the response of one kind of the latest effect whose parameters differ by at most `steps`, in their
         units, or compute its whitened columns (N, k). Parameters without a step do not differ."""
         kept = self._kept.setdefault((kind, name_of(effect)), [])
-        near = next((kept_one for kept_one in kept if _is_near(kept_one[0], effect, steps)), None)
+        near = next((response for response in kept if _is_near(response[0], effect, steps)), None)
         if near is None:
             near = (effect, Response(compute()))
         else:
@@ -62,19 +62,18 @@ class NearResponses:
 
 
 def _is_near(first: Effect, second: Effect, steps: Mapping[str, float]) -> bool:
-    """Return whether two effects of one name differ by at most `steps` in each parameter."""
-    before, after = (dict[str, Any](effect) for effect in (first, second))
-    return all(
-        value == after[name] or (name in steps and _apart(name, value, after[name]) <= steps[name])
-        for name, value in before.items()
-        if name != "found"
-    )
-
-
-def _apart(name: str, value: float, other_value: float) -> float:
-    """Return the difference of two values of a parameter, of phases the smaller way round."""
-    apart = abs(value - other_value)
-    return min(apart % 360, -apart % 360) if name == PHASE else apart
+    """Return whether two effects of one name differ by at most `steps` in each parameter, phases the smaller way
+    round."""
+    after = dict[str, Any](second)
+    for name, value in dict[str, Any](first).items():
+        if name == "found" or value == after[name]:
+            continue
+        if name not in steps:
+            return False
+        apart = abs(value - after[name])
+        if (min(apart % 360, -apart % 360) if name == PHASE else apart) > steps[name]:
+            return False
+    return True
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -102,19 +101,29 @@ _FAR_MM = 1.0
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Blocks, and the same blocks simulated about a model and its set-ups; N counts the entries of all blocks and then
-    the known distances of sockets, in standard deviations of the noise. `near` keeps what fits have computed of
-    effects."""
+    """Blocks simulated about a model and its set-ups, and the residual `y_mm` (n,) of each; N counts the entries of all
+    blocks and then the known distances of sockets, in standard deviations of the noise. `near` keeps what fits have
+    computed of effects."""
 
-    blocks: tuple[Block, ...]
-    setups: dict[str, SetUp]
     simulated: tuple[SimulatedBlock, ...]
+    y_mm: tuple[Array, ...]
     near: NearResponses = field(default_factory=NearResponses, init=False, repr=False)
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """The blocks."""
+        return tuple(simulated.block for simulated in self.simulated)
+
+    @cached_property
+    def setups(self) -> dict[str, SetUp]:
+        """The set-ups by their names."""
+        return {simulated.block.setup: simulated.setup for simulated in self.simulated}
 
     @cached_property
     def y(self) -> Array:
         """The residual (N,) with the known effects."""
-        return self.at_entries([block.white(block.y_mm) for block in self.blocks], self.distances.residual(self.setups))
+        white = [block.white(y_mm) for block, y_mm in zip(self.blocks, self.y_mm, strict=True)]
+        return self.at_entries(white, self.distances.residual(self.setups))
 
     @property
     def axes(self) -> int:
@@ -164,14 +173,14 @@ class Linearisation:
     @cached_property
     def terms(self) -> dict[str, list[int]]:
         """The columns of U that belong to each set-up."""
-        return columns_of({block.one.setup: block.one.table for block in self.blocks})
+        return columns_of({block.setup: block.table for block in self.blocks})
 
     @cached_property
     def U(self) -> Array:  # noqa: N802 - a matrix
         """The change (N, s) for a mm of each set-up term."""
         columns = np.zeros((len(self.y), 1 + max(map(max, self.terms.values()))))
         for simulated, rows in zip(self.simulated, self.rows, strict=True):
-            columns[rows, self.terms[simulated.block.one.setup]] = simulated.by_setup
+            columns[rows, self.terms[simulated.block.setup]] = simulated.by_setup
         columns[self.of_distances] = self.distances.by_setup(self.setups, self.terms, columns.shape[1])
         return columns
 
@@ -213,7 +222,7 @@ class Linearisation:
     @cached_property
     def terms_of_poses(self) -> set[int]:
         """The columns of U that belong to placements of poses."""
-        poses = [block.one.setup for block in self.blocks if block.one.table.kind.of_places]
+        poses = [block.setup for block in self.blocks if block.table.kind.of_places]
         return {term for name in poses for term in self.terms[name]}
 
     def is_straight(self, moves: Array) -> bool:
@@ -233,7 +242,7 @@ class Linearisation:
         moved, unmoved = (
             self._left((), scenes, self.setups_moved_by(terms)) for terms in (of_poses, np.zeros_like(of_poses))
         )
-        entries = sum(len(block.y_mm) for block in self.blocks if block.one.table.kind.of_places)
+        entries = sum(len(block.y_mm) for block in self.blocks if block.table.kind.of_places)
         return bool(np.linalg.norm(moved - unmoved + self.U @ of_poses) <= _BENT * np.sqrt(entries))
 
     @cached_property
@@ -257,6 +266,11 @@ class Linearisation:
         residual, moves = self._fitted(effects)
         return residual + self.U @ moves
 
+    def contributions(self, effects: Sequence[Effect], residual: Array) -> list[Array]:
+        """Return what each of some effects adds to the whitened readings beside the others, (N,) each, given the
+        residual (N,) with all of them."""
+        return [self.residual([*effects[:k], *effects[k + 1 :]]) - residual for k in range(len(effects))]
+
     def moves_with(self, effects: Sequence[Effect]) -> Array:
         """Return the terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the known ones.
         Combinations of terms that hardly show go where the tool goes."""
@@ -269,21 +283,20 @@ class Linearisation:
         if np.abs(starts[0]).max() > _FAR_MM:
             # After a collision, and where runs are simulated, the ball stands where it stood.
             starts.append(np.zeros_like(starts[0]))
-        fits = [self._fitted_from(start, effects, scenes) for start in starts]
+        fits = []
+        for start in starts:
+            moves = start
+            residual = self._left(effects, scenes, self.setups_moved_by(moves))
+            for _ in range(_STEPS):
+                step = self._best_moves @ residual
+                if np.abs(step).max() < _NEAR_MM:
+                    break
+                nearer = self._left(effects, scenes, self.setups_moved_by(moves + step))
+                if nearer @ nearer >= residual @ residual:
+                    break
+                moves, residual = moves + step, nearer
+            fits.append((residual, moves))
         return min(fits, key=lambda fit: float(np.sum(self.without_set_up(fit[0]) ** 2)))
-
-    def _fitted_from(self, moves: Array, effects: Sequence[Effect], scenes: Sequence[Scene]) -> tuple[Array, Array]:
-        """Return the same, fitted in steps from given terms (s,) mm as long as the residual falls."""
-        residual = self._left(effects, scenes, self.setups_moved_by(moves))
-        for _ in range(_STEPS):
-            step = self._best_moves @ residual
-            if np.abs(step).max() < _NEAR_MM:
-                break
-            nearer = self._left(effects, scenes, self.setups_moved_by(moves + step))
-            if nearer @ nearer >= residual @ residual:
-                break
-            moves, residual = moves + step, nearer
-        return residual, moves
 
     def _scenes(self, effects: Sequence[Effect]) -> list[Scene]:
         """Return the scene of each block up to the tool with `effects` in place of the known ones."""
@@ -291,9 +304,9 @@ class Linearisation:
 
     def _moves_with_tool(self, scenes: Sequence[Scene]) -> Array:
         """Return the terms of the set-ups (s,) mm with each ball moved as far as the tool is moved in new scenes."""
-        moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.one.setup for simulated in self.simulated)
+        moves, count = np.zeros(self.U.shape[1]), Counter(simulated.block.setup for simulated in self.simulated)
         for simulated, scene in zip(self.simulated, scenes, strict=True):
-            seen = simulated.block.one
+            seen = simulated.block
             if not seen.table.kind.of_places:
                 moves[self.terms[seen.setup][:3]] += tool_shift(seen, simulated.scene, scene) / count[seen.setup]
         return moves
@@ -310,7 +323,7 @@ class Linearisation:
         """Return what `effects` add to the entries (N,) mm of each block, given the scenes with them."""
         both = zip(self.simulated, scenes, strict=True)
         return [
-            simulated.entries(simulated.read(effects, scene, setups[simulated.block.one.setup]) - simulated.base)
+            simulated.block.entries(simulated.read(effects, scene, setups[simulated.block.setup]) - simulated.base)
             for simulated, scene in both
         ]
 
@@ -318,23 +331,20 @@ class Linearisation:
         """Return the whitened residual (N,) with `effects` in given set-ups."""
         added = zip(self.blocks, self._responses(effects, scenes, setups), strict=True)
         apart = self.distances.residual(self.setups) - self.distances.residual(setups)
-        residual: Array = self.y - self.at_entries([block.white(entries) for block, entries in added], apart)
-        return residual
+        return self.y - self.at_entries([block.white(entries) for block, entries in added], apart)
 
     def simulated_with(self, effects: Sequence[Effect]) -> Linearisation:
         """Return the linearisation of the same runs with readings simulated with `effects` in place of the known ones
         and without noise; y is (N,)."""
-        blocks = [replace(block, y_mm=added) for block, added in zip(self.blocks, self.responses(effects), strict=True)]
-        return replace(self, blocks=tuple(blocks))
+        return replace(self, y_mm=tuple(self.responses(effects)))
 
     def without_set_up(self, values: Array) -> Array:
         """Return whitened values (N, …) with the part removed that set-ups could absorb."""
-        fitted: Array = values - self._basis @ (self._basis.T @ values)
-        return fitted
+        return values - self._basis @ (self._basis.T @ values)
 
     def setups_moved_by(self, change: Array) -> dict[str, SetUp]:
         """Return the set-ups with their terms moved by (s,) mm."""
-        tables = {block.one.setup: block.one.table for block in self.blocks}
+        tables = {block.setup: block.table for block in self.blocks}
         return {name: moved_setup(self.setups[name], table, change[self.terms[name]]) for name, table in tables.items()}
 
     def in_mm(self, residual: Array) -> list[Array]:
@@ -360,15 +370,15 @@ class Linearisation:
         """Return the change (N, c) of the whitened readings for errors of the gauges: `shares` (2,) times (n, c) mm at
         the samples of each circle's path, and zero for other tests."""
         parts = []
-        for simulated in self.simulated:
-            each = np.array(shares) if simulated.block.sampling else np.zeros(simulated.base.shape[1])
-            parts.append(simulated.whitened(each[:, None] * simulated.at_readings(off(simulated.block))[:, None]))
+        for block in self.blocks:
+            each = np.array(shares) if block.sampling else np.zeros(block.values.shape[1])
+            parts.append(block.whitened(each[:, None] * off(block)[block.samples, None]))
         return self.at_entries(parts)
 
     def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:
         """Return the change (N,) of the whitened readings for an error of one joint (1 … 6) at a single sample of one
         block's path."""
-        off = np.zeros((len(self.blocks[k].one.path.q), 1))
+        off = np.zeros((len(self.blocks[k].path.q), 1))
         off[sample] = np.radians(angle_deg)
         whole = np.zeros(len(self.y))
         whole[self.rows[k]] = self.simulated[k].by_joint(axis, off)[:, 0]
@@ -378,16 +388,15 @@ class Linearisation:
 def linearise(blocks: Sequence[Block], setups: Mapping[str, SetUp], effects: Sequence[Effect] = ()) -> Linearisation:
     """Return the linearisation of blocks about set-ups. `effects` are those found so far, which the model
     contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them."""
-    simulated = [SimulatedBlock(block, tuple(effects), setups[block.one.setup]) for block in blocks]
-    return Linearisation(tuple(blocks), dict(setups), tuple(simulated))
+    simulated = tuple(SimulatedBlock(block, tuple(effects), setups[block.setup]) for block in blocks)
+    return Linearisation(simulated, tuple(block.y_mm for block in blocks))
 
 
 def beside(shared: Sequence[SharedBlock], blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Linearisation:
     """Return the linearisation of blocks that other linearisations share, and of more blocks after them, N entries in
     all, about set-ups."""
-    simulated = (*shared, *(SimulatedBlock(block, (), setups[block.one.setup]) for block in blocks))
-    placed = {simulated_block.block.one.setup: simulated_block.setup for simulated_block in simulated}
-    return Linearisation(tuple(simulated_block.block for simulated_block in simulated), placed, simulated)
+    simulated = (*shared, *(SimulatedBlock(block, (), setups[block.setup]) for block in blocks))
+    return Linearisation(simulated, tuple(each.block.y_mm for each in simulated))
 
 
 def basis_of(columns: Array) -> Array:
@@ -429,19 +438,15 @@ def plain_worth(linear: Linearisation, change: Array) -> Worth:
     return Worth(np.array([rms_um(*both) for both in zip(linear.blocks, linear.in_mm(change), strict=True)]))
 
 
-def limits_um(
-    linear: Linearisation, tolerance_um: float | None, own_um: Mapping[str, float] = MappingProxyType({})
-) -> Array:
-    """Return the changes (b,) µm from which a name is material: the tolerance if given, or else the scatter of one run
-    without `own_um`, the part that the name makes in each set-up.
+def limits_um(linear: Linearisation, own_um: Mapping[str, float] = MappingProxyType({})) -> Array:
+    """Return the changes (b,) µm from which a name is material: the scatter of one run without `own_um`, the part that
+    the name makes in each set-up.
 
     Few repeats show the scatter of one run within a fifth or worse, so the limit is computed from its mean square less
     the standard uncertainty of that. A single difference of two runs shows no uncertainty.
     """
-    if tolerance_um is not None:
-        return np.full(len(linear.blocks), tolerance_um)
-    of_name = np.array([own_um.get(block.one.setup, 0.0) for block in linear.blocks])
-    squares, relative = _scatter_squares(linear, _steady)
+    of_name = np.array([own_um.get(block.setup, 0.0) for block in linear.blocks])
+    squares, relative = _scatter_squares(linear, [block.steady_mm for block in linear.blocks])
     least = np.maximum((squares - of_name**2) * (1 - relative), LEAST_MATERIAL_UM**2)
     return np.asarray(np.sqrt(least), dtype=float)
 
@@ -452,49 +457,36 @@ def scatter_um(linear: Linearisation) -> Array:
 
     Repeated circles show it themselves, together in all directions of a set-up; elsewhere it is that of the noise.
     """
-    return np.asarray(np.sqrt(_scatter_squares(linear, _steady)[0]), dtype=float)
+    return np.asarray(np.sqrt(_scatter_squares(linear, [block.steady_mm for block in linear.blocks])[0]), dtype=float)
 
 
 def noise_um(linear: Linearisation) -> Array:
     """Return the same rms difference (b,) µm with what stamps added to repeated circles."""
-    return np.asarray(np.sqrt(_scatter_squares(linear, lambda block: block.apart_mm)[0]), dtype=float)
+    return np.asarray(np.sqrt(_scatter_squares(linear, [block.apart_mm for block in linear.blocks])[0]), dtype=float)
 
 
-def _steady(block: Block) -> Array:
-    """Return the deviations (n, N) mm of repeated runs without those that stamps make."""
-    return block.steady_mm
-
-
-def _scatter_squares(linear: Linearisation, deviations: Callable[[Block], Array]) -> tuple[Array, Array]:
+def _scatter_squares(linear: Linearisation, deviations: Sequence[Array]) -> tuple[Array, Array]:
     """Return the mean square (b,) µm² of the difference of one run from the mean of many, and its relative standard
-    uncertainty (b,), which is zero where repeats do not show it."""
-    squares, relative = _expected_scatter_um(linear) ** 2, np.zeros(len(linear.blocks))
-    repeated = [k for k, block in enumerate(linear.blocks) if block.sampling and deviations(block).any()]
-    for setup in {linear.blocks[k].one.setup for k in repeated}:
-        members = [k for k in repeated if linear.blocks[k].one.setup == setup]
-        shown = np.concatenate([_shown_squares(linear.blocks[k], deviations(linear.blocks[k])) for k in members])
-        squares[members] = shown.mean()
+    uncertainty (b,), which is zero where repeats do not show it. `deviations` (n, N) mm of repeated runs are those of
+    each block."""
+    # What noise and scatter make, with the set-up fitted to it.
+    whole = linear.in_mm(np.sqrt(1 + (linear.without_set_up(linear.Z) ** 2).sum(axis=1)))
+    squares, relative = np.empty(len(linear.blocks)), np.zeros(len(linear.blocks))
+    for k, (block, entries) in enumerate(zip(linear.blocks, whole, strict=True)):
+        usual = entries if block.sampling else np.full(len(entries), np.median(entries))
+        squares[k] = rms_um(block, np.sqrt(block.count) * usual)
+    squares **= 2
+    repeated = [k for k, block in enumerate(linear.blocks) if block.sampling and deviations[k].any()]
+    for setup in {linear.blocks[k].setup for k in repeated}:
+        members, shown = [k for k in repeated if linear.blocks[k].setup == setup], list[float]()
+        for k in members:
+            # The independent differences of the runs, one fewer than these.
+            contrasts = np.linalg.svd(np.ones((1, len(deviations[k]))))[2][1:]
+            shown += [rms_um(linear.blocks[k], contrast) ** 2 for contrast in contrasts @ deviations[k]]
+        squares[members] = np.mean(shown)
         if len(shown) > 1:
-            relative[members] = min(1.0, float(shown.std(ddof=1)) / np.sqrt(len(shown)) / float(shown.mean()))
+            relative[members] = min(1.0, float(np.std(shown, ddof=1)) / np.sqrt(len(shown)) / float(np.mean(shown)))
     return squares, relative
-
-
-def _shown_squares(block: Block, apart_mm: Array) -> Array:
-    """Return the mean squares (n - 1,) µm² of the independent differences of n repeated runs, given their deviations
-    (n, N) mm from their mean."""
-    contrasts = np.linalg.svd(np.ones((1, len(apart_mm))))[2][1:]
-    return np.array([rms_um(block, contrast) ** 2 for contrast in contrasts @ apart_mm])
-
-
-def _expected_scatter_um(linear: Linearisation) -> Array:
-    """Return the rms difference (b,) µm of a run from the mean of many that noise and scatter make, with the set-up
-    fitted to it."""
-    moved = linear.without_set_up(linear.Z)
-    whole = linear.in_mm(np.sqrt(1 + (moved**2).sum(axis=1)))
-    return np.array([
-        rms_um(block, np.sqrt(block.count) * (entries if block.sampling else np.full(len(entries), np.median(entries))))
-        for block, entries in zip(linear.blocks, whole, strict=True)
-    ])  # fmt: skip
 
 
 def rms_um(block: Block, entries_mm: Array) -> float:
@@ -504,5 +496,5 @@ def rms_um(block: Block, entries_mm: Array) -> float:
         energy, count = float((entries_mm[: len(ORDER_OF)] ** 2).sum()), 2 * GRID
     else:
         energy = float((entries_mm**2).sum())
-        count = len(entries_mm) // (3 if block.one.table.kind.of_places else 1)
+        count = len(entries_mm) // (3 if block.table.kind.of_places else 1)
     return 1e3 * float(np.sqrt(energy / count))

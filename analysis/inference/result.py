@@ -339,10 +339,7 @@ class Gap:
             "calibrated": self.calibrated_um,
             "noise_floor": self.noise_floor_um,
             "set_up": "kept" if self.keeps_setup else "fitted",
-            "tests": {
-                tested.test: {key: value for key, value in asdict(tested).items() if key != "test"}
-                for tested in self.tests
-            },
+            "tests": {tested.test: tested.to_dict() for tested in self.tests},
             "runs": self.runs,
         }
 
@@ -533,7 +530,12 @@ class Diagnosis(Tabular):
                 "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
                 "left": [asdict(band) for band in self.left],
                 **({"remains": asdict(self.remains)} if self.remains else {}),
-                "setup": {name: _of_setup(name, setup) for name, setup in self.setups.items()},
+                "setup": {
+                    name: {"T_instrument_world": setup.T_instrument_world, "T_tool_target": setup.T_tool_target}
+                    if name.startswith(WITHOUT_GAUGES)
+                    else {"ball_mm": setup.ball, "zeros_mm": setup.zeros_mm}
+                    for name, setup in self.setups.items()
+                },
                 "groups": self.groups,
                 "not_testable": self.not_testable,
                 "next_test": asdict(self.next_test) if self.next_test else None,
@@ -571,9 +573,3 @@ def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
 def of_place(place: Place) -> dict[str, Any]:
     """A place in plain types."""
     return {"channel": place.test, **{key: value for key, value in asdict(place).items() if key != "test"}}
-
-
-def _of_setup(name: str, setup: SetUp) -> dict[str, Array]:
-    poses = name.startswith(WITHOUT_GAUGES)
-    fields = ("T_instrument_world", "T_tool_target") if poses else ("ball", "zeros_mm")
-    return {"ball_mm" if field == "ball" else field: getattr(setup, field) for field in fields}

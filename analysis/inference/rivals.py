@@ -52,8 +52,8 @@ def compare_with_rivals(
     compared: list[RivalOdds] = []
     for swaps_left in reversed(range(_SWAPS + 1)):
         compared = []
-        for place in range(len(state.refined.effects)):
-            effect = state.refined.effects[place]
+        for place in range(len(state.effects)):
+            effect = state.effects[place]
             moves = abs(size_of(effect)) >= FAULT or _worth(selection, state, place).is_material(limits)
             is_reported = state.is_fault(place) and moves
             odds = rival_odds(selection, state, place) if is_reported else RivalOdds(1.0)
@@ -79,8 +79,8 @@ def without_needless_names(selection: Selection, state: SelectionState, limits: 
     state = selection.settled(state)
     tried: set[str] = set()
     while True:
-        of = {k: _worth(selection, state, k) for k in range(len(state.refined.effects)) if state.is_fault(k)}
-        names = {k: label_of(state.refined.effects[k]) for k in sorted(of, key=lambda k: of[k].um.max())[:-1]}
+        of = {k: _worth(selection, state, k) for k in range(len(state.effects)) if state.is_fault(k)}
+        names = {k: label_of(state.effects[k]) for k in sorted(of, key=lambda k: of[k].um.max())[:-1]}
         place = next((k for k, name in names.items() if name not in tried and of[k].is_material(limits)), None)
         if place is None:
             return state
@@ -88,7 +88,7 @@ def without_needless_names(selection: Selection, state: SelectionState, limits: 
         whole = selection.evidence(state)
         without = selection.settled(selection.without(state, place), least=whole)
         if selection.evidence(without) > whole:
-            state = selection.refusing(without, state.refined.effects[place], state.origins[place])
+            state = selection.refusing(without, state.effects[place], state.origins[place])
 
 
 def _worth(selection: Selection, state: SelectionState, place: int) -> Worth:
@@ -99,7 +99,7 @@ def _worth(selection: Selection, state: SelectionState, place: int) -> Worth:
 
 def rival_odds(selection: Selection, state: SelectionState, place: int) -> RivalOdds:
     """Return the odds of a name and of its rivals: effects that explain as much without it and nothing beside it."""
-    forms, effect = selection.columns.forms, state.refined.effects[place]
+    forms, effect = selection.columns.forms, state.effects[place]
     without = selection.without(state, place)
     bare, whole = selection.evidence(without), selection.evidence(state)
     gain = whole - bare
@@ -119,9 +119,9 @@ def rival_odds(selection: Selection, state: SelectionState, place: int) -> Rival
         if forms[k].name in seen or forms[k].name == name_of(effect):
             continue
         tried = selection.with_form(without, without_name, k)
-        if name_of(tried.refined.effects[-1]) == name_of(effect):
+        if name_of(tried.effects[-1]) == name_of(effect):
             continue
-        seen.add(name_of(tried.refined.effects[-1]))
+        seen.add(name_of(tried.effects[-1]))
         instead = selection.evidence(tried) - bare
         gain_over = instead - max(float(gains[k]), 0.0)
         # A wave may be beside the name already, and have another order only without it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -10,8 +10,9 @@ import numpy as np
 
 from analysis.inference.background import Posterior
 from analysis.inference.blocks import Block, blocks_of
-from analysis.inference.candidates import candidates_for, columns_for
+from analysis.inference.candidates import Columns, candidates_for, columns_for
 from analysis.inference.observation import ObservedRun
+from analysis.inference.refine import Refined
 from analysis.inference.responses import LEAST_MATERIAL_UM, Linearisation, basis_of, limits_um, linearise, plain_worth
 from analysis.inference.rivals import RivalOdds, compare_with_rivals
 from analysis.inference.selection import Selection
@@ -45,14 +46,47 @@ change the columns of those found before, and of three complete selections the s
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The result of a search: runs about set-ups and known effects, the selection and its state, the posterior, and
-    each name with its rivals. N counts the whitened entries of all blocks."""
+    """The result of a search: the selection among runs about set-ups and known effects, its state, and each name with
+    its rivals. N counts the whitened entries of all blocks."""
 
-    linear: Linearisation
     selection: Selection
     state: SelectionState
-    posterior: Posterior
     rival_odds: tuple[RivalOdds, ...]
+
+    @property
+    def linear(self) -> Linearisation:
+        """The runs about set-ups and known effects."""
+        return self.selection.linear
+
+    @property
+    def columns(self) -> Columns:
+        """The columns (N, p) of everything else that may change the readings."""
+        return self.selection.columns
+
+    @property
+    def fit(self) -> Refined:
+        """The names as they were fitted, with their parameters and residual (N,)."""
+        return self.state.refined
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The names."""
+        return self.state.effects
+
+    @cached_property
+    def posterior(self) -> Posterior:
+        """The posterior of all coefficients beside the names."""
+        return self.selection.posterior(self.state)
+
+    @property
+    def strength(self) -> Array:
+        """The variance (N,) of the residual of each entry over that of the noise."""
+        return np.asarray(self.state.strength[self.columns.band], dtype=float)
+
+    @property
+    def beyond_noise(self) -> Array:
+        """The share (N,) of the residual of each entry that is beyond the noise, root mean square."""
+        return np.sqrt(np.clip(1 - 1 / np.maximum(self.strength, 1.0), 0.0, 1.0))
 
     @property
     def built(self) -> Build:
@@ -62,8 +96,7 @@ class SearchResult:
     @cached_property
     def contributions(self) -> list[Array]:
         """What each name adds to the whitened readings beside the others, (N,) each."""
-        effects, residual = self.state.refined.effects, self.state.refined.residual
-        return [self.linear.residual([*effects[:k], *effects[k + 1 :]]) - residual for k in range(len(effects))]
+        return self.linear.contributions(self.effects, self.fit.residual)
 
     @cached_property
     def initial_residual(self) -> Array:
@@ -73,19 +106,18 @@ class SearchResult:
     @cached_property
     def scatter_limits_um(self) -> Array:
         """The changes (b,) µm from which a name is material beside the scatter of one run."""
-        return limits_um(self.linear, None)
+        return limits_um(self.linear)
 
     @cached_property
     def moves(self) -> Array:
         """The terms of the set-ups (s,) mm that fit the readings best with the names."""
-        return self.linear.moves_with(self.state.refined.effects)
+        return self.linear.moves_with(self.effects)
 
     @property
     def free_share(self) -> Array:
         """What free forms add to the whitened readings (N,)."""
-        free = self.state.refined.free.columns
-        share: Array = free @ self.posterior.known[len(self.posterior.known) - free.shape[1] :]
-        return share
+        free = self.fit.free.columns
+        return free @ self.posterior.known[len(self.posterior.known) - free.shape[1] :]
 
     @cached_property
     def calibrated_posterior(self) -> Posterior:
@@ -98,34 +130,31 @@ class SearchResult:
     @property
     def residual(self) -> Array:
         """The whitened residual (N,) of the model with the names, with set-ups fitted."""
-        return self.linear.without_set_up(self.state.refined.residual)
+        return self.linear.without_set_up(self.fit.residual)
 
 
-def search(
-    runs: Sequence[ObservedRun], progress: Callable[[str], None], tolerance_um: float | None = None
-) -> SearchResult:
+def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> SearchResult:
     """Return the names found in runs, about set-ups fitted with them; the readings of a run are (m, k) mm. Names that
-    change readings by no more than the tolerance in µm, or else the scatter of one run, have no rivals."""
+    change readings by no more than the scatter of one run have no rivals."""
     before: tuple[Effect, ...] = ()
     so_far: tuple[Effect, ...] = ()
     setups, begun = _starting_setups(runs, progress)
     for turn in range(_ITERATIONS):
-        linear = linearise(blocks_of(runs, setups, so_far), setups, so_far)
         progress("computing the response to each effect" + " again" * (turn > 0))
-        selection = Selection(linear, columns_for(linear, candidates_for(linear)))
+        selection = _selection(runs, setups, so_far)
         progress("selecting effects")
         begun = selection.fitted_again(selection.initial_state(so_far, begun), before)
-        before = begun.faults_among(begun.refined.effects)
+        before = begun.faults_among(begun.effects)
         state = selection.select(begun, stops=turn < _STOPS)
         is_last = turn + 1 == _ITERATIONS
         if is_last or selection.holds_for(state):
             progress("comparing names with their rivals")
-            state, odds = compare_with_rivals(selection, state, limits_um(linear, tolerance_um))
+            state, odds = compare_with_rivals(selection, state, limits_um(selection.linear))
             if is_last or selection.holds_for(state):
                 break
-        so_far = state.refined.effects
-        setups = linear.setups_moved_by(selection.moves(state))
-    return SearchResult(linear, selection, state, selection.posterior(state), odds)
+        so_far = state.effects
+        setups = selection.linear.setups_moved_by(selection.moves(state))
+    return SearchResult(selection, state, odds)
 
 
 def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: Callable[[str], None]) -> SearchResult:
@@ -135,18 +164,23 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
     setups, before = _starting_setups(runs, progress)
     for turn in range(_GIVEN_TURNS):
         progress(f"fitting {len(effects)} effects" + " again" * (turn > 0))
-        linear = linearise(blocks_of(runs, setups, so_far), setups, so_far)
-        selection = Selection(linear, columns_for(linear, candidates_for(linear)))
+        selection = _selection(runs, setups, so_far)
         begun = (selection.initial_state if turn else selection.state_with)(effects, before)
         # A fit with the strengths of the noise alone leaves much of a large effect to the background.
         state = before = selection.settled(*beginnings(begun))
-        effects = state.refined.effects
+        effects = state.effects
         if selection.holds_for(state):
             break
-        so_far = state.refined.effects
-        setups = linear.setups_moved_by(selection.moves(state))
+        so_far = state.effects
+        setups = selection.linear.setups_moved_by(selection.moves(state))
     odds = tuple(RivalOdds(1.0) for _ in effects)
-    return SearchResult(linear, selection, state, selection.posterior(state), odds)
+    return SearchResult(selection, state, odds)
+
+
+def _selection(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: tuple[Effect, ...] = ()) -> Selection:
+    """Return a selection among all that may explain runs, about set-ups and beside effects that are in the model."""
+    linear = linearise(blocks_of(runs, setups, effects), setups, effects)
+    return Selection(linear, columns_for(linear, candidates_for(linear)))
 
 
 def _starting_setups(
@@ -158,24 +192,19 @@ def _starting_setups(
     A target moves along with what the arm's constants do to the last link. Beside the nominal arm that of a UR10 was
     fitted 73 mm from where it is beside the calibrated one, too far for columns that are computed once.
     """
-    setups = fit_run_setups(_first_of_each(runs))[0]
-    poses, begun = [run for run in runs if run.one.table.kind.of_places], None
+    # The first run of each kind is sufficient as a starting point.
+    setups = fit_run_setups(list({run.name: run for run in reversed(runs)}.values()))[0]
+    poses, begun = [run for run in runs if run.table.kind.of_places], None
     for _ in range(_PLACINGS if poses else 0):
         progress("placing instrument and target")
-        of_poses = {run.one.setup: setups[run.one.setup] for run in poses}
-        linear = linearise(blocks_of(poses, of_poses), of_poses)
-        selection = Selection(linear, columns_for(linear, candidates_for(linear)))
+        of_poses = {run.setup: setups[run.setup] for run in poses}
+        selection = _selection(poses, of_poses)
         begun = selection.initial_state(before=begun)
         moves = selection.moves(begun)
-        setups |= linear.setups_moved_by(moves)
-        if linear.is_straight(moves):
+        setups |= selection.linear.setups_moved_by(moves)
+        if selection.linear.is_straight(moves):
             break
     return setups, begun
-
-
-def _first_of_each(runs: Sequence[ObservedRun]) -> list[ObservedRun]:
-    """Return the first run of each kind, which is sufficient as a starting point."""
-    return list({run.name: run for run in reversed(runs)}.values())
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -204,7 +233,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     """Return a message with the remedy if the joints of poses were read too early, and an empty tuple otherwise. The N
     entries of the search result are whitened; the fitted joint errors are (axes,) rad."""
     linear = result.linear
-    rows = linear.at_entries([np.full(len(block.y_mm), block.one.table.kind.of_tracker) for block in linear.blocks])
+    rows = linear.at_entries([np.full(len(block.y_mm), block.table.kind.of_tracker) for block in linear.blocks])
     if not rows.any():
         return ()
     taken = basis_of(np.concatenate([linear.U, *_by_angle(linear)], axis=1))
@@ -214,10 +243,13 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         return ()
 
     def free(values: Array) -> Array:
-        freed: Array = values - taken @ (taken.T @ values)
-        return freed
+        return values - taken @ (taken.T @ values)
 
-    kinds = [(_way, "by {:.4f} ± {:.4f}°", 1.0), (_move, "by {:.3f} ± {:.3f} % of each move", 100.0)]
+    # One degree in the direction in which a joint came, or the way that it came itself, in rad.
+    kinds = [
+        (lambda came: np.radians(np.sign(came)), "by {:.4f} ± {:.4f}°", 1.0),
+        (lambda came: came, "by {:.3f} ± {:.3f} % of each move", 100.0),
+    ]
     fits = []
     for off, words, unit in kinds:
         whole = np.concatenate([linear.by_joint(axis, _of_joint(off, axis - 1)) for axis in joints], axis=1)
@@ -232,9 +264,9 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         share = 1 - energy / max(float(np.sum(y[rows] ** 2)), 1e-300)
         fits.append((share, ahead, sd, A, words, unit))
     share, ahead, sd, A, words, unit = max(fits, key=lambda fit: fit[0])
-    early = (ahead > _SURE * sd) & np.array(
-        [_um(result, A[:, [k]] @ ahead[[k]]) > LEAST_MATERIAL_UM for k in range(len(joints))]
-    )
+    poses = [block.table.kind.of_tracker for block in linear.blocks]
+    um = np.array([plain_worth(linear, A[:, [k]] @ ahead[[k]]).um[poses].max() for k in range(len(joints))])
+    early = (ahead > _SURE * sd) & (um > LEAST_MATERIAL_UM)
     if share < _LEAST_SHARE or not early.any():
         return ()
     axes = ", ".join(f"axis {k + 1} {words.format(unit * ahead[k], unit * sd[k])}" for k in np.flatnonzero(early))
@@ -246,10 +278,9 @@ def _by_angle(linear: Linearisation) -> list[Array]:
     """Return what errors that vary with each joint's angle change in pose readings, a list of (N, 1 + 2 o) arrays."""
 
     def waves(joint: int, block: Block) -> Array:
-        turned = block.one.path.q[:, [joint]] * np.array(_ORDERS)
+        turned = block.path.q[:, [joint]] * np.array(_ORDERS)
         parts = np.concatenate([np.ones((len(turned), 1)), np.sin(turned), np.cos(turned)], axis=1)
-        poses: Array = np.radians(parts) * block.one.table.kind.of_tracker
-        return poses
+        return np.asarray(np.radians(parts) * block.table.kind.of_tracker, dtype=float)
 
     return [linear.by_joint(axis, partial(waves, axis - 1)) for axis in range(1, linear.axes + 1)]
 
@@ -268,8 +299,7 @@ def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) 
     alike &= energy > _OWN * (taken**2).sum(axis=0)
     # The sum of many waves takes what goes with the way a joint came, and no single one of them resembles it.
     alike[columns.curves.columns] = True
-    whole: Array = posterior.residual + taken[:, alike].sum(axis=1)
-    return whole
+    return np.asarray(posterior.residual + taken[:, alike].sum(axis=1), dtype=float)
 
 
 def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Array]:
@@ -277,29 +307,11 @@ def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Ar
     path, and zero for other tests."""
 
     def samples(block: Block) -> Array:
-        path = block.one.path
+        path = block.path
         columns = np.zeros((len(path.q), 1))
-        if block.one.table.kind.of_tracker:
+        if block.table.kind.of_tracker:
             came = np.diff(path.q[path.rows, joint], prepend=path.q[path.rows[0], joint])
             columns[path.rows, 0] = off(came)
         return columns
 
     return samples
-
-
-def _way(came: Array) -> Array:
-    """Return one degree (n,) rad in the direction of the joint motion `came` (n,) rad."""
-    ahead: Array = np.radians(np.sign(came))
-    return ahead
-
-
-def _move(came: Array) -> Array:
-    """Return the joint motion itself, (n,) rad."""
-    return came
-
-
-def _um(result: SearchResult, change: Array) -> float:
-    """Return the largest root mean square in µm that a change (N,) of the whitened readings has in any block
-    of poses."""
-    poses = [block.one.table.kind.of_tracker for block in result.linear.blocks]
-    return float(plain_worth(result.linear, change).um[poses].max())

@@ -1,4 +1,9 @@
-"""The selection of effects that explain the readings, by evidence, and the rivals of each fault."""
+"""The selection of the effects that explain the readings.
+
+A state (`state.py`) has the effects that are named so far, as they were fitted. `Selection.select` changes it round by
+round: it adds the form of a candidate whose fit gains most log evidence, drops an effect that no longer pays its price,
+and estimates the noise again, until neither pays. All that is not named stays possible as the background of columns.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,6 @@ from numpy.typing import NDArray
 
 from analysis.inference.background import (
     FREE_PRICE,
-    Background,
     FreeForm,
     Posterior,
     best_free_form,
@@ -33,7 +37,6 @@ from analysis.inference.state import (
     beginnings,
     is_alike,
     is_one,
-    is_same,
     is_twice,
     series_among,
     settled,
@@ -118,7 +121,8 @@ class Selection:
         return Hyperparameters(self.linear, self.columns)
 
     @cached_property
-    def _backgrounds(self) -> Backgrounds:
+    def backgrounds(self) -> Backgrounds:
+        """The backgrounds of states: everything that is not fitted as an effect."""
         return Backgrounds(self.columns, self.linear.blocks[0].model.rig.robot.built)
 
     @cached_property
@@ -138,7 +142,7 @@ class Selection:
                 strength, robust = before.strength, before.robust
         none, first = replace(no_effects(self.linear), effects=tuple(effects)), curves if self._of_tracker else None
         bare = SelectionState(none, (-1,) * len(effects), 1.0, strength, robust, curves=first)
-        state = replace(bare, refined=refine(self.linear, self.background(bare), effects))
+        state = replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), effects))
         if first is not None:
             return self._with_curves(state)
         state = self._renewed(self._renewed(state))
@@ -151,7 +155,7 @@ class Selection:
     @property
     def _of_tracker(self) -> bool:
         """Whether all readings are poses of a tracker."""
-        return all(block.one.table.kind.of_tracker for block in self.linear.blocks)
+        return all(block.table.kind.of_tracker for block in self.linear.blocks)
 
     def _with_curves(self, state: SelectionState) -> SelectionState:
         """Return the state with the likeliest curves and noise, and then the weights of wild readings beside them, in
@@ -170,23 +174,22 @@ class Selection:
         An effect whose readings are not in proportion to it, such as a play, begins where it explains most beside those
         before it, the one that explains most first. Fitted from a small width, a play of 0.03° ended at 0.
         """
+        forms = self.columns.forms
         waiting = [effect for effect in effects if effect.FREE or (effect.STRETCHED and not is_wave(effect))]
         state = self.initial_state([effect for effect in effects if effect not in waiting], before)
         while waiting:
             posterior = self.posterior(state)
             gain = np.maximum(*self.gains(state, posterior))
-            best = {effect: self._best_form(effect, gain) for effect in waiting}
+            best: dict[Effect, int | None] = {}
+            for effect in waiting:
+                alike = [k for k, form in enumerate(forms) if is_alike(form.effect, effect) and np.isfinite(gain[k])]
+                best[effect] = max(alike, key=lambda k: gain[k], default=None)
             effect = max(waiting, key=lambda candidate: -np.inf if best[candidate] is None else gain[best[candidate]])
             waiting.remove(effect)
             k = best[effect]
             added = self._with_effect(state, effect, -1) if k is None else self.with_form(state, posterior, k)
             state = self.settled(*beginnings(added)) if added.is_fault(-1) else self._renewed(added)
         return state
-
-    def _best_form(self, effect: Effect, gain: Array) -> int | None:
-        """Return the form of an effect's name with the largest gain, of (n,), or None where it has none."""
-        forms_of_it = [k for k, form in enumerate(self.columns.forms) if is_same(form, effect) and np.isfinite(gain[k])]
-        return max(forms_of_it, key=lambda k: gain[k], default=None)
 
     def _with_likeliest_curves(self, state: SelectionState, limits: Array) -> SelectionState:
         """Return the state with the likeliest sizes of the curves of joints, and the likeliest strengths of the noise
@@ -195,7 +198,7 @@ class Selection:
         of_curves, terms, noise = self.columns.curves.columns, state.refined.known, self._hyperparameters
 
         def likelihood(curves: JointCurves, strength: Array) -> tuple[float, Array, Array]:
-            background = self.background(replace(state, curves=curves, strength=strength))
+            background = self.backgrounds.of(replace(state, curves=curves, strength=strength))
             posterior, prior = background.posterior(terms), background.variance[of_curves]
             shown = (posterior.mean - background.mean)[of_curves] ** 2 + posterior.variance[of_curves]
             ratio = np.divide(shown, prior, out=np.ones_like(prior), where=prior > 0)
@@ -212,24 +215,21 @@ class Selection:
         most of which took four times as long.
         """
         place = 0
-        for effect in state.refined.effects:
-            was = any(is_one(earlier, effect) for earlier in before)
-            tried = self._begun_again(state, place) if state.is_fault(place) and not was else None
-            if tried is not None and self.evidence(tried) > self.evidence(state):
+        for effect in state.effects:
+            tried = None
+            if state.is_fault(place) and not any(is_one(earlier, effect) for earlier in before):
+                without = self.without(state, place)
+                posterior = self.posterior(without)
+                gain = np.maximum(*self.gains(without, posterior))
+                of_name = [k for k, form in enumerate(self.columns.forms) if form.name == name_of(effect)]
+                best = max((k for k in of_name if np.isfinite(gain[k])), key=lambda k: gain[k], default=None)
+                tried = None if best is None else self.with_form(without, posterior, best)
+            is_other_wave = tried is not None and is_twice(tried.effects)
+            if tried is not None and not is_other_wave and self.evidence(tried) > self.evidence(state):
                 state = tried  # it is the last now, and the next one is in its place
             else:
                 place += 1
         return state
-
-    def _begun_again(self, state: SelectionState, place: int) -> SelectionState | None:
-        """Return the state with one effect fitted again from the best form of its name, if it has one and the fit does
-        not become another wave of that name."""
-        without = self.without(state, place)
-        posterior, name = self.posterior(without), name_of(state.refined.effects[place])
-        gain = np.maximum(*self.gains(without, posterior))
-        of_name = [k for k, form in enumerate(self.columns.forms) if form.name == name and np.isfinite(gain[k])]
-        tried = self.with_form(without, posterior, max(of_name, key=lambda k: gain[k])) if of_name else None
-        return None if tried is None or is_twice(tried.refined.effects) else tried
 
     def select(self, state: SelectionState, *, stops: bool = False) -> SelectionState:
         """Return the state with all effects that cover their price and without those that do not. Where a free form
@@ -247,7 +247,7 @@ class Selection:
         linear = self.linear
         if not linear.is_straight(self.moves(state)):
             return False
-        before, now = state.faults_among(linear.known), state.faults_among(state.refined.effects)
+        before, now = state.faults_among(linear.known), state.faults_among(state.effects)
         if not (before or now):
             return True
         with_before, with_now, without = (linear.residual(effects) for effects in (before, now, ()))
@@ -260,7 +260,7 @@ class Selection:
 
         A target moves along with what the arm's constants do to the last link, so it is placed beside all of them.
         """
-        moves, poses = self.linear.moves_with(state.refined.effects), sorted(self.linear.terms_of_poses)
+        moves, poses = self.linear.moves_with(state.effects), sorted(self.linear.terms_of_poses)
         if poses:
             moves[poses] = self.posterior(state).mean[self.columns.set_ups][poses]
         return moves
@@ -278,23 +278,6 @@ class Selection:
         """Return whether an effect is a wave of a joint's curve, unless it is a fault."""
         return self._shows_curves and is_of_curve(effect)
 
-    def _waves_driven(self, effect: Effect) -> float:
-        """Return how many of its waves an effect's joint was driven over; infinite for what is no wave of a joint."""
-        if not is_of_curve(effect):
-            return np.inf
-        return order_of(effect) * float(self._turned[getattr(effect, "axis", 1) - 1])
-
-    @cached_property
-    def _turned(self) -> Array:
-        """The range (6,) of each joint in turns, of the runs in which it turns furthest."""
-        ranges = [np.ptp(block.one.table.q, axis=0) for block in self.linear.blocks]
-        turned: Array = np.max(ranges, axis=0) / (2 * np.pi)
-        return turned
-
-    def _is_new(self, effect: Effect) -> bool:
-        """Return whether an effect is not among those beside which the columns were computed."""
-        return not any(is_alike(known_effect, effect) for known_effect in self.linear.known)
-
     def _stepwise(
         self, state: SelectionState, *, accept_free_forms: bool, stops: bool = False
     ) -> tuple[SelectionState, SelectionState | None]:
@@ -308,7 +291,7 @@ class Selection:
             if most > 1.0 and state.level == level:
                 break
             for _ in range(_ROUNDS):
-                if series_among(state.refined.effects):
+                if series_among(state.effects):
                     break  # further names would stand for what a series leaves of an error of another form
                 posterior = self.posterior(state)
                 changed = self._backward_step(state, posterior, 0.0)
@@ -319,8 +302,9 @@ class Selection:
                     if accept_free_forms and unnamed:
                         changed = unnamed
                     elif changed is not None and changed.is_fault(-1):
-                        may_stop = stops and with_free_form is None and self._is_new(changed.refined.effects[-1])
-                        if may_stop and not self.holds_for(changed):
+                        newest = changed.effects[-1]
+                        is_new = not any(is_alike(before, newest) for before in self.linear.known)
+                        if stops and with_free_form is None and is_new and not self.holds_for(changed):
                             return changed, None
                         changed = self.settled(*beginnings(changed))
                 changed = changed or self._backward_step(state, posterior, _SURE) or self._without_free_form(state)
@@ -331,7 +315,7 @@ class Selection:
 
     def posterior(self, state: SelectionState) -> Posterior:
         """Return the posterior of all coefficients in a state."""
-        return self.background(state).posterior(state.refined.known)
+        return self.backgrounds.of(state).posterior(state.refined.known)
 
     def without_free_forms(self, state: SelectionState) -> SelectionState:
         """Return the state without its free forms, with the same effects and the noise that it shows then."""
@@ -342,7 +326,7 @@ class Selection:
         """Return the names that these tests would not show at the size of a large fault, beside everything else that
         may be present."""
         _, _, sigma, _ = posterior.gains(self.columns.forms, state.level)
-        named = {name_of(effect) for effect in state.refined.effects}
+        named = {name_of(effect) for effect in state.effects}
         seen = {
             form.name
             for form, sigma_of_form in zip(self.columns.forms, sigma, strict=True)
@@ -351,10 +335,6 @@ class Selection:
         hidden = dict.fromkeys([*self.columns.not_seen, *(form.name for form in self.columns.forms)])
         return tuple(name for name in hidden if name not in seen | named)
 
-    def background(self, state: SelectionState) -> Background:
-        """Return the background of everything that is not fitted as an effect."""
-        return self._backgrounds.of(state)
-
     def _renewed(self, state: SelectionState) -> SelectionState:
         """Return the state with the strengths, robust weights and level that it shows."""
         return self._hyperparameters.update(state, self.posterior(state), self.evidence, self.posterior)
@@ -362,7 +342,7 @@ class Selection:
     def _backward_step(self, state: SelectionState, posterior: Posterior, sure: float) -> SelectionState | None:
         """Return the state without the effect of least evidence, if it does not cover its price, and None otherwise.
         Only effects whose cavity gains less than `sure` are tested."""
-        doubtful = [k for k in range(len(state.refined.effects)) if self.gain_of(state, posterior, k) < sure]
+        doubtful = [k for k in range(len(state.effects)) if self.gain_of(state, posterior, k) < sure]
         if not doubtful:
             return None
         whole = self.evidence(state)
@@ -371,11 +351,11 @@ class Selection:
         without = self.without(state, place)
         if whole >= self.evidence(without):
             return None
-        return self.refusing(without, state.refined.effects[place], state.origins[place])
+        return self.refusing(without, state.effects[place], state.origins[place])
 
     def refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
         """Return the state in which all forms of an effect, and the one it came from, are refused."""
-        of_effect = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {origin}
+        of_effect = {k for k, form in enumerate(self.columns.forms) if is_alike(form.effect, effect)} | {origin}
         return replace(state, refused=state.refused | of_effect)
 
     def _without_free_form(self, state: SelectionState) -> SelectionState | None:
@@ -389,7 +369,7 @@ class Selection:
             best = int(np.argmax(np.maximum(*self.gains(without_it, posterior))))
             for tried in (without_it, self._refitted(self.with_form(without_it, posterior, best))):
                 if self.evidence(tried) > whole:
-                    return replace(tried, replaced_forms=state.replaced_forms | {state.free_forms[k].form.words})
+                    return replace(tried, replaced_forms=state.replaced_forms | {state.free_forms[k].words})
         return None
 
     def gain_of(self, state: SelectionState, posterior: Posterior, place: int) -> float:
@@ -402,24 +382,20 @@ class Selection:
         values = np.array([max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * healthy**2])
         seen = np.array([((refined.values[row] + posterior.known[row]) / variance * healthy) ** 2])
         among = self.columns.among[name_of(effect)] or 1
-        share = cavity_evidence(values, seen, self._share(state, effect))
+        # The variance that an arm of this state has in the form nearest to the effect.
+        forms, usual = self.columns.forms, state.level**2
+        if of_name := [k for k, form in enumerate(forms) if form.name == name_of(effect)]:
+            apart = np.nan_to_num([abs(order_of(forms[k].effect) - order_of(effect)) for k in of_name])
+            nearest = of_name[int(np.argmin(apart))]
+            usual *= self.columns.likelihoods[nearest]
+            if state.curves is not None and self._is_of_curve(effect):
+                usual = self.columns.variance(1.0, state.curves)[list(forms[nearest].columns)].sum()
+        share = cavity_evidence(values, seen, float(usual))
         fault = fault_evidence(values, seen, state.level) - share + self._fault_price
         healthy_one = cavity_evidence(values, seen, state.level**2) - share - _HEALTHY_PRICE
         if self._is_of_curve(effect):
             return float(fault) - float(np.log(among))
         return float(max(fault, healthy_one)) - float(np.log(among))
-
-    def _share(self, state: SelectionState, effect: Effect) -> float:
-        """Return the variance, in healthy sizes squared, that an arm of this state has in the form nearest to an
-        effect."""
-        of_name = [k for k, form in enumerate(self.columns.forms) if form.name == name_of(effect)]
-        if not of_name:
-            return state.level**2
-        apart = np.nan_to_num([abs(order_of(self.columns.forms[k].effects[0]) - order_of(effect)) for k in of_name])
-        nearest = of_name[int(np.argmin(apart))]
-        if state.curves is not None and self._is_of_curve(effect):
-            return float(self.columns.variance(1.0, state.curves)[list(self.columns.forms[nearest].columns)].sum())
-        return float(state.level**2 * self.columns.likelihoods[nearest])
 
     def price(self, effect: Effect, level: float) -> float:
         """Return the prior log odds of an effect of its size and form over those of the wide prior of the fit."""
@@ -441,16 +417,16 @@ class Selection:
 
     def evidence(self, state: SelectionState) -> float:
         """Return the log evidence of a state, up to a constant."""
-        evidence = self.background(state).evidence(state.refined.known)
-        prices = sum(self.price(effect, state.level) for effect in state.refined.effects)
-        if stands_softly(state.refined.effects):
+        evidence = self.backgrounds.of(state).evidence(state.refined.known)
+        prices = sum(self.price(effect, state.level) for effect in state.effects)
+        if stands_softly(state.effects):
             prices -= _HEALTHY_PRICE  # the shoulder's softness is free beside it, as if it were fitted
         return evidence + prices - FREE_PRICE * len(state.free_forms)
 
     def without(self, state: SelectionState, place: int) -> SelectionState:
         """Return the state without one effect, with the others fitted again along their tangents."""
         bare = self._without_refit(state, place)
-        return replace(bare, refined=refine(self.linear, self.background(bare), bare.refined.effects, bare.refined))
+        return replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), bare.effects, bare.refined))
 
     def _without_refit(self, state: SelectionState, place: int) -> SelectionState:
         """Return the state without one effect, with the others unchanged; the posterior moves them linearly."""
@@ -462,13 +438,24 @@ class Selection:
         """Return the log odds (n,) of each form as a fault, and as the healthy effect of its name, over an
         equal share."""
         fault, single, _, size = posterior.gains(self.columns.forms, state.level)
-        curves = np.array([self._is_of_curve(form.effects[0]) for form in self.columns.forms], dtype=bool)
-        pieces = np.array([self._waves_driven(form.effects[0]) < DRIVEN_WAVES for form in self.columns.forms])
+        curves, pieces = self._waves_of_curves
         fault[curves & (pieces | (size < FAULT * max(state.level, 1.0)))] = single[curves] = -np.inf
-        against = np.array([self._against_stated(form.effects[0]) for form in self.columns.forms])
+        against = np.array([self._against_stated(form.effect) for form in self.columns.forms])
         fault, single = fault - against, single - against
         fault[self._are_set_up] = single[self._are_set_up] = -np.inf
         return fault + self._fault_price - self._among, single - _HEALTHY_PRICE - self._among
+
+    @cached_property
+    def _waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which forms (n,) are waves of a joint's curve, and which of so low an order that the joint was driven over
+        few of them in any run."""
+        effects = [form.effect for form in self.columns.forms]
+        turned = np.max([np.ptp(block.table.q, axis=0) for block in self.linear.blocks], axis=0) / (2 * np.pi)
+        driven = [
+            order_of(effect) * float(turned[getattr(effect, "axis", 1) - 1]) if is_of_curve(effect) else np.inf
+            for effect in effects
+        ]
+        return np.array([self._is_of_curve(effect) for effect in effects], dtype=bool), np.array(driven) < DRIVEN_WAVES
 
     @cached_property
     def _are_set_up(self) -> NDArray[np.bool_]:
@@ -488,38 +475,33 @@ class Selection:
         instead, if those are tried and one explains much more."""
         gain = np.maximum(*self.gains(state, posterior))
         gain[[k for k in state.refused if k >= 0]] = -np.inf
-        best = self._best_names(gain) if len(state.refined.effects) < _DEPTH else []
-        most, changed = 0.0, None
+        # The best form of each of the few names that gain most, the best first.
+        best_of: dict[str, int] = {}
+        for k in np.argsort(-gain).tolist() if len(state.effects) < _DEPTH else ():
+            if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best_of) == _TRIED:
+                break
+            best_of.setdefault(self.columns.forms[k].name, k)
+        most, changed, best = 0.0, None, list(best_of.values())
         if best:
             # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
             tried = {k: self.with_form(state, posterior, k) for k in best}
-            if twice := frozenset(k for k, tried_state in tried.items() if is_twice(tried_state.refined.effects)):
+            if twice := frozenset(k for k, tried_state in tried.items() if is_twice(tried_state.effects)):
                 state = replace(state, refused=state.refused | twice)
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
             rise, changed = self._likeliest(list(tried.values()))
             rise -= self.evidence(state)
             if gain[best[0]] < _MUCH and rise <= 0:
                 for k in best:
-                    state = self.refusing(state, self.columns.forms[k].effects[0])
+                    state = self.refusing(state, self.columns.forms[k].effect)
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
             most = max(float(gain[best[0]]), rise)
-        taken = state.replaced_forms | {fitted.form.words for fitted in state.free_forms}
+        taken = state.replaced_forms | {form.words for form in state.free_forms}
         forms = [form for form in self._free if form.words not in taken] if try_free_forms else []
         free_form = best_free_form(forms, posterior) if forms else None
         # A fit may be worse than its linear prediction where it moves the set-up far; the next turn corrects that.
         if free_form is None or free_form.gain < max(_MUCH, _MARGIN * most):
             return changed, None
         return changed, self._refitted(replace(state, free_forms=(*state.free_forms, free_form)))
-
-    def _best_names(self, gain: Array) -> list[int]:
-        """Return the best form of each of the few names that gain most, the best first, given the gain (n,) of each
-        form."""
-        best: dict[str, int] = {}
-        for k in np.argsort(-gain).tolist():
-            if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best) == _TRIED:
-                break
-            best.setdefault(self.columns.forms[k].name, k)
-        return list(best.values())
 
     def with_form(self, state: SelectionState, posterior: Posterior, k: int) -> SelectionState:
         """Return the state with form k added as an effect and fitted; the other effects move along their earlier
@@ -536,9 +518,9 @@ class Selection:
 
     def _with_effect(self, state: SelectionState, effect: Effect, k: int, *, begins: bool = False) -> SelectionState:
         """Return the state with one more effect, which comes from form k, fitted, in few rounds if it only `begins`."""
-        effects, rounds = (*state.refined.effects, effect), _FEW if begins else ROUNDS
+        effects, rounds = (*state.effects, effect), _FEW if begins else ROUNDS
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
-        background = self.background(bare)
+        background = self.backgrounds.of(bare)
         refined = refine(self.linear, background, effects, state.refined, rounds=rounds, begins=begins)
         return replace(bare, refined=refined)
 
@@ -549,8 +531,6 @@ class Selection:
 
     def _refitted(self, state: SelectionState, rounds: int = ROUNDS) -> SelectionState:
         """Return the state with all effects fitted together in at most so many rounds."""
-        free = np.concatenate(
-            [np.empty((len(self.linear.y), 0)), *(fitted.form.columns for fitted in state.free_forms)], axis=1
-        )
-        refined = refine(self.linear, self.background(state), state.refined.effects, free=free, rounds=rounds)
+        free = np.concatenate([np.empty((len(self.linear.y), 0)), *(form.columns for form in state.free_forms)], axis=1)
+        refined = refine(self.linear, self.backgrounds.of(state), state.effects, free=free, rounds=rounds)
         return replace(state, refined=refined)

@@ -9,22 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.geometry.pose_setup import best_rigid, moved_by
-from analysis.inference.observation import (
-    Observation,
-    ObservedRun,
-    predicted,
-    predicted_in_scene,
-    residuals_of,
-    rms,
-)
+from analysis.inference.observation import ObservedRun, part, predicted, predicted_in_scene, residual_of, rms
 from analysis.kinematics.arm import Array, Integers
-from analysis.model.predict import Model, SetUp, moved, nominal_setup
+from analysis.model.predict import SetUp, moved, nominal_setup
 from analysis.model.scene import Scene
 from analysis.traces.kind import kinds
 from analysis.traces.tables import Table
@@ -57,9 +48,6 @@ BALL_PRIOR_MM = 5.0
 such as the height above the plane of a circle, where a wrong model would move it far."""
 _STRAIGHT_MM = 0.2
 """Step above which the derivatives are computed again. Chosen: a change of 0.2 mm turns the link by 0.2° at most."""
-
-
-Parts = Sequence[tuple[Model, Observation]]
 
 
 _TARGET = "; target "
@@ -114,45 +102,43 @@ def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
     return columns
 
 
-def tool_shift(observation: Observation, before: Scene, after: Scene) -> Array:
-    """Return how far (3,) mm the tool moves at the readings of an observation, on the mean, from one scene to another.
+def tool_shift(run: ObservedRun, before: Scene, after: Scene) -> Array:
+    """Return how far (3,) mm the tool moves at the readings of a run, on the mean, from one scene to another.
 
     The ball of a circle or hemisphere moves with it, because people set a ball up where the tool really goes round it.
     """
-    rows = observation.rows if observation.path.alone else observation.samples
-    shift: Array = (after.T[rows, :3, 3] - before.T[rows, :3, 3]).mean(axis=0)
-    return shift
+    rows = run.rows if run.path.alone else run.samples
+    return np.asarray((after.T[rows, :3, 3] - before.T[rows, :3, 3]).mean(axis=0), dtype=float)
 
 
-def _starting_setups(parts: Parts) -> list[SetUp]:
+def _starting_setups(run: ObservedRun) -> list[SetUp]:
     """Return where the ball of a circle or hemisphere may have been set up: moved as far as the model's effects move
     the tool, or at its nominal place, where it still is after a collision and in simulated runs.
 
     A fit could not find this by itself: a ball along the normal of its circle hardly shows, but where it stands decides
     how steep the link is. A zero that is wrong by 1.6° moved the circle by 18 mm.
     """
-    model, observation = parts[0]
-    nominal = nominal_setup(model.rig, observation.table)
+    model, nominal = run.model, nominal_setup(run.model.rig, run.table)
     if not model.effects:
         return [nominal]
-    shift = tool_shift(observation, moved(replace(model, effects=()), observation.path), moved(model, observation.path))
+    shift = tool_shift(run, moved(replace(model, effects=()), run.path), moved(model, run.path))
     with_tool = replace(nominal, ball=nominal.ball + shift)
     return [with_tool, nominal] if np.abs(shift).max() > _FURTHEST_MM else [with_tool]
 
 
-def fit_setups(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[str, SetUp]:
-    """Return set-ups fitted to observations of (m, k) mm, each with its model unchanged, starting from `setups` where
+def fit_setups(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp] | None = None) -> dict[str, SetUp]:
+    """Return set-ups fitted to runs of (m, k) mm, each with its model unchanged, starting from `setups` where
     given.
 
     The method is Gauss-Newton in short steps, since readings are nearly linear over a millimetre. Placements of poses
     are fitted together, with one tool.
     """
-    named: dict[str, list[tuple[Model, Observation]]] = {}
-    for model, observation in parts:
-        named.setdefault(observation.setup, []).append((model, observation))
+    named: dict[str, list[ObservedRun]] = {}
+    for run in runs:
+        named.setdefault(run.setup, []).append(run)
     starting = {name: setups[name] for name in named if setups and name in setups}
     places = {
-        kind: [name for name, members in named.items() if members[0][1].table.kind is kind]
+        kind: [name for name, members in named.items() if members[0].table.kind is kind]
         for kind in kinds()
         if kind.of_places
     }
@@ -162,26 +148,25 @@ def fit_setups(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[
     fitted: dict[str, SetUp] = {}
     for name, members in named.items():
         if name not in poses:
-            starts = [starting[name]] if name in starting else _starting_setups(members)
+            starts = [starting[name]] if name in starting else _starting_setups(members[0])
             fits = [_placed(members, {name: start})[name] for start in starts]
-            fitted[name] = min(fits, key=partial(_energy, members)) if len(fits) > 1 else fits[0]
+            energies = [
+                sum(float(np.sum(residual_of(run, {name: setup}) ** 2)) for run in members)
+                for setup in (fits if len(fits) > 1 else ())
+            ]
+            fitted[name] = fits[int(np.argmin(energies))] if energies else fits[0]
     if poses:
-        together = [part for name in poses for part in named[name]]
+        together = [run for name in poses for run in named[name]]
         fitted |= _placed(together, {name: starting[name] for name in poses})
     return {name: fitted[name] for name in named}
 
 
-def _energy(parts: Parts, setup: SetUp) -> float:
-    """Return the sum of squares in mm² of what a set-up leaves of its observations."""
-    return sum(
-        float(np.sum((observation.values - predicted(model, observation, setup)) ** 2)) for model, observation in parts
-    )
-
-
-def _starting_pose_setups(named: Mapping[str, Parts], starting: Mapping[str, SetUp]) -> dict[str, SetUp]:
+def _starting_pose_setups(
+    named: Mapping[str, Sequence[ObservedRun]], starting: Mapping[str, SetUp]
+) -> dict[str, SetUp]:
     """Return starting set-ups for placements of poses without one: with the target of a placement that has one, or else
     of that with most poses, and instruments where their readings place them."""
-    by_size = sorted(named, key=lambda name: -sum(observation.values.size for _, observation in named[name]))
+    by_size = sorted(named, key=lambda name: -sum(run.values.size for run in named[name]))
     placed = {name: starting[name] for name in named if name in starting}
     for name in by_size:
         if name in placed:
@@ -192,7 +177,7 @@ def _starting_pose_setups(named: Mapping[str, Parts], starting: Mapping[str, Set
         same_place = next(
             (setup for other_name, setup in placed.items() if placement_of(other_name) == placement_of(name)), None
         )
-        model, observation = named[name][0]
+        run = named[name][0]
         if same_tool and same_place:
             placed[name] = replace(same_tool, T_instrument_world=same_place.T_instrument_world)
         elif same_tool:
@@ -200,21 +185,18 @@ def _starting_pose_setups(named: Mapping[str, Parts], starting: Mapping[str, Set
         elif same_place:
             placed[name] = _at_target(same_place, named[name])
         else:
-            start = at_instrument(nominal_setup(model.rig, observation.table), named[name])
+            start = at_instrument(nominal_setup(run.model.rig, run.table), named[name])
             placed[name] = _placed(named[name], {name: start})[name] if len(named) > 1 else start
     return {name: setup for name, setup in placed.items() if name not in starting}
 
 
-def _at_target(setup: SetUp, parts: Parts) -> SetUp:
+def _at_target(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
     """Return a set-up with its target where the poses, of (m, 3) mm, show it on the tool, with the instrument as it
     is; a place depends on it linearly."""
     bare = replace(setup, T_tool_target=np.eye(4))
     steps = [replace(bare, T_tool_target=_at(step)) for step in np.eye(3)]
-    zero, *moved_by_step = (
-        np.concatenate([predicted(model, observation, place).ravel() for model, observation in parts])
-        for place in (bare, *steps)
-    )
-    seen_there = np.concatenate([observation.values.ravel() for _, observation in parts])
+    zero, *moved_by_step = (np.concatenate([predicted(run, place).ravel() for run in runs]) for place in (bare, *steps))
+    seen_there = np.concatenate([run.values.ravel() for run in runs])
     slopes = np.stack([column - zero for column in moved_by_step], axis=1)
     return replace(setup, T_tool_target=_at(np.linalg.lstsq(slopes, seen_there - zero, rcond=None)[0]))
 
@@ -226,23 +208,23 @@ def _at(place: Array) -> Array:
     return frame
 
 
-def at_instrument(setup: SetUp, parts: Parts) -> SetUp:
+def at_instrument(setup: SetUp, runs: Sequence[ObservedRun]) -> SetUp:
     """Return a set-up with its instrument at the place from which the poses, of (m, 3) mm, were measured: the best
     rigid motion, with the tool as it is."""
     bare = replace(setup, T_instrument_world=np.eye(4))
-    places = np.concatenate([predicted(model, observation, bare) for model, observation in parts])
-    seen_there = np.concatenate([observation.values for _, observation in parts])
-    if parts[0][1].table.kind.frame_terms == 3:  # a socket has a place and no turn
+    places = np.concatenate([predicted(run, bare) for run in runs])
+    seen_there = np.concatenate([run.values for run in runs])
+    if runs[0].table.kind.frame_terms == 3:  # a socket has a place and no turn
         return replace(bare, T_instrument_world=_at((seen_there - places).mean(axis=0)))
     return replace(bare, T_instrument_world=best_rigid(places, seen_there))
 
 
-def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
+def _placed(runs: Sequence[ObservedRun], starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
     """Return set-ups that share terms, fitted together from their starting values."""
-    tables = {observation.setup: observation.table for _, observation in parts}
+    tables = {run.setup: run.table for run in runs}
     columns = columns_of(tables)
-    poses, count = parts[0][1].table.kind.of_places, 1 + max(map(max, columns.values()))
-    scenes = [moved(model, observation.path) for model, observation in parts]
+    poses, count = runs[0].table.kind.of_places, 1 + max(map(max, columns.values()))
+    scenes = [moved(run.model, run.path) for run in runs]
 
     def at(change: Array) -> dict[str, SetUp]:
         return {name: moved_setup(starts[name], table, change[columns[name]]) for name, table in tables.items()}
@@ -250,8 +232,8 @@ def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
     def left(change: Array) -> Array:
         placed = at(change)
         return np.concatenate([
-            (observation.values - predicted_in_scene(model, observation, scene, placed[observation.setup])).ravel()
-            for (model, observation), scene in zip(parts, scenes, strict=True)
+            (run.values - predicted_in_scene(run.model, run, scene, placed[run.setup])).ravel()
+            for run, scene in zip(runs, scenes, strict=True)
         ])  # fmt: skip
 
     ball = np.arange(count) < (0 if poses else 3)
@@ -287,8 +269,9 @@ def fit_run_setups(
 ) -> tuple[dict[str, SetUp], list[Array]]:
     """Return the fitted set-ups of runs, starting from `setups` where given, and the residuals (m, k) mm of
     each run, of a circle on its lap."""
-    placed = fit_setups([(run.model, run.on_lap) for run in runs], setups)
-    return placed, [residuals_of(run.model, [run.on_lap], placed)[0] for run in runs]
+    on_laps = [run.on_lap for run in runs]
+    placed = fit_setups(on_laps, setups)
+    return placed, [residual_of(run, placed) for run in on_laps]
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,19 +315,13 @@ FEWEST_PLACES = 3 * GROUPS
 centre."""
 
 
-def constants_apart(observations: Sequence[Observation]) -> bool:
+def constants_apart(runs: Sequence[ObservedRun]) -> bool:
     """Return whether an arm's constants have widths of their own beside readings of (m, k) mm: where touches alone show
     them, and where places are too few to name those that are larger than usual. Of 30 poses of a UR10 constants of
     usual size leave a tenth more."""
-    of_touches = all(observation.table.kind.constants_apart for observation in observations)
-    of_poses = all(observation.table.kind.of_places for observation in observations)
-    return of_touches or (of_poses and sum(len(observation.rows) for observation in observations) < FEWEST_PLACES)
-
-
-def part(observation: Observation, keep: NDArray[np.bool_]) -> Observation:
-    """Return an observation with the readings (m, k) of the mask `keep` (m,); the path, and with it the approach to
-    each pose, stays complete."""
-    return replace(observation, rows=observation.rows[keep], values=observation.values[keep])
+    of_touches = all(run.table.kind.constants_apart for run in runs)
+    of_poses = all(run.table.kind.of_places for run in runs)
+    return of_touches or (of_poses and sum(len(run.rows) for run in runs) < FEWEST_PLACES)
 
 
 def neighbourhoods(q: Array, rng: np.random.Generator) -> Integers:
@@ -382,13 +359,13 @@ def without_a_fold(
     few poses, or of few that are visited often as a cube's, stay whole."""
     used, left_out = [], []
     for run in runs:
-        q = run.one.table.q[run.one.rows]
+        q = run.table.q[run.rows]
         # Poses that were left out as wild make no run of sixty one of few.
-        few = len(run.one.table.q) < FEWEST_PLACES or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
-        if not run.one.table.kind.of_places or few:
+        few = len(run.table.q) < FEWEST_PLACES or len(_places(q)[0]) < folds * _FEWEST_OF_A_GROUP
+        if not run.table.kind.of_places or few:
             used.append(run)
             continue
         out = folds_of(q, folds) == fold
-        used.append(replace(run, one=part(run.one, ~out)))
-        left_out.append(replace(run, one=part(run.one, out)))
+        used.append(part(run, ~out))
+        left_out.append(part(run, out))
     return used, left_out

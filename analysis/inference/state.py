@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.inference.background import Background, FittedFreeForm, Posterior
+from analysis.inference.background import Background, FreeForm, Posterior
 from analysis.inference.blocks import recent
 from analysis.inference.candidates import LARGEST_FAULT, Columns, Form, column_shares_beside, order_of
 from analysis.inference.joint_curves import JointCurves
@@ -61,8 +61,13 @@ class SelectionState:
     refused: frozenset[int] = frozenset()
     most: float = 1.0
     curves: JointCurves | None = None
-    free_forms: tuple[FittedFreeForm, ...] = ()
+    free_forms: tuple[FreeForm, ...] = ()
     replaced_forms: frozenset[str] = frozenset()
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The fitted effects."""
+        return self.refined.effects
 
     def is_fault(self, place: int) -> bool:
         """Whether an effect is larger than healthy arms, and arms of this level, show."""
@@ -82,11 +87,6 @@ def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:
         phase = float(np.degrees(np.arctan2(size[1], size[0])))
         return effect.model_copy(update={field_name: float(np.hypot(*size)) * healthy, PHASE: phase})
     return effect.model_copy(update={field_name: float(size[0]) * healthy})
-
-
-def is_same(form: Form, effect: Effect) -> bool:
-    """Return whether a form is another form of the effect's name; waves of other orders are not."""
-    return is_alike(form.effects[0], effect)
 
 
 def is_alike(effect: Effect, other_effect: Effect) -> bool:
@@ -156,11 +156,13 @@ class Backgrounds:
         """Return the background of everything that is not fitted as an effect in a state."""
         columns = self.columns
         variance, mean = columns.variance(state.level, state.curves), columns.mean(state.level)
-        if stands_softly(state.refined.effects):
+        if stands_softly(state.effects):
             variance, mean = self._usual_load**2 * variance, self._usual_load * mean
-        for effect in state.refined.effects:
-            share = self._shares_beside(effect)
-            variance, mean = share * variance, share * mean
+        for effect in state.effects:
+            name = (name_of(effect), str(order_of(effect)))
+            if name not in self._shares:
+                self._shares[name] = column_shares_beside(columns.forms, effect, len(columns.healthy))
+            variance, mean = self._shares[name] * variance, self._shares[name] * mean
         weight = state.robust / state.strength[columns.band]
         seen = weight.tobytes()
         gram = partial(recent, self._grams, seen, partial(columns.weighted_gram, weight), _GRAMS)
@@ -177,16 +179,9 @@ class Backgrounds:
         """
         usual = np.ones(len(self.columns.healthy))
         for form in self.columns.forms:
-            if _is_soft_shoulder(form.effects[0]):
-                usual[list(form.columns)] = form.effects[0].usual_times(self.build)
+            if _is_soft_shoulder(form.effect):
+                usual[list(form.columns)] = form.effect.usual_times(self.build)
         return usual
-
-    def _shares_beside(self, effect: Effect) -> Array:
-        """Return the share of its healthy variance that each column (p,) keeps beside a named effect."""
-        key = (name_of(effect), str(order_of(effect)))
-        if key not in self._shares:
-            self._shares[key] = column_shares_beside(self.columns.forms, effect, len(self.columns.healthy))
-        return self._shares[key]
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -260,7 +255,7 @@ class Hyperparameters:
         squares = np.asarray(np.bincount(names, shown**2, count), dtype=float)
         seen = np.asarray(np.bincount(names, expected, count), dtype=float)
         for k, name in enumerate(columns.among):
-            if sizes := [size_of(effect) for effect in state.refined.effects if name_of(effect) == name]:
+            if sizes := [size_of(effect) for effect in state.effects if name_of(effect) == name]:
                 squares[k] += np.sum(np.square(sizes))
                 seen[k] = 1.0
         weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)
@@ -297,15 +292,13 @@ class Hyperparameters:
     def by_strength(self, posterior: Posterior) -> Array:
         """Return the derivatives (b,) of the log evidence by the logarithms of the strengths."""
         energy = np.bincount(self.columns.band, posterior.background.weight * posterior.residual**2)
-        slope: Array = 0.5 * (energy + posterior.weighted_spent - self.columns.count)
-        return slope
+        return 0.5 * (energy + posterior.weighted_spent - self.columns.count)
 
     def nearer_strength(self, state: SelectionState, posterior: Posterior) -> Array:
         """Return the strength (b,) after a shorter step, which never makes the readings less likely (expectation
         maximisation: Dempster, Laird and Rubin 1977)."""
         energy, spent = self._energy(state, posterior)
-        nearer: Array = np.clip((energy + spent) / self.columns.count, *self.strength_limits)
-        return nearer
+        return np.clip((energy + spent) / self.columns.count, *self.strength_limits)
 
     def update(
         self,
@@ -438,14 +431,11 @@ def starting_effects(linear: Linearisation, columns: Columns, posterior: Posteri
     A wave has the order between its neighbours that explains most, and that of all orders where it is large; every
     other effect but a play has the size that it would have as a fault.
     """
-    effect = form.effects[0]
+    effect = form.effect
     if is_play(effect):
         return _plays(columns, linear, posterior, effect)
     if hasattr(effect, "order"):
-        near = _wave(linear, columns, posterior, form)
-        if np.linalg.norm(posterior.size(form)) <= FAULT:
-            return [near]
-        return [near, _large_wave(linear, columns, posterior, form)]
+        return _waves(columns, linear, posterior, form)
     return [combined_effect(form.effects, posterior.size(form))]
 
 
@@ -461,11 +451,13 @@ def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect
     tried = [expected.model_copy(update={free.field: free.tried}) for free in effect.FREE if free.tried is not None]
     shapes = [healthy(shape) for shape in (expected, *tried)]
     # The background expects some of this play, which the tried one replaces.
-    indices = [k for form in columns.forms if is_same(form, effect) for k in form.columns]
+    indices = [k for form in columns.forms if is_alike(form.effect, effect) for k in form.columns]
     at_mean = columns.X[:, indices] @ posterior.background.mean[indices]
     cost, energy = np.empty((len(shapes), len(_WIDTHS))), np.empty(0)
     for k, shape in reversed(list(enumerate(shapes))):
-        added = _in_each_width(linear, shape) - at_mean[:, None]
+        widths = [scaled(shape, float(width)) for width in _WIDTHS]
+        each = linear.near.of("every width", shape, {}, partial(linear.columns, widths))
+        added = each.columns - at_mean[:, None]
         remaining = posterior.residual[:, None] - posterior.left_of(added)
         cost[k] = columns.count @ np.log([np.sum(remaining[rows] ** 2, axis=0) for rows in columns.rows])
         energy = np.sum(linear.without_set_up(posterior.unexplained[:, None] - added) ** 2, axis=0)
@@ -479,36 +471,28 @@ def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect
     ]
 
 
-def _in_each_width(linear: Linearisation, shape: Effect) -> Array:
-    """Return what a play of one shape adds in each of the widths (N, w), the same however often it is tried."""
-    every = [scaled(shape, float(width)) for width in _WIDTHS]
-    return linear.near.of("every width", shape, {}, lambda: linear.columns(every)).columns
+def _waves(columns: Columns, linear: Linearisation, posterior: Posterior, form: Form) -> list[Effect]:
+    """Return the wave of an order between the neighbours of the form's that explains most and, where that is large, the
+    one that leaves least (N,) with the set-ups alone, of any order between those of the forms.
 
-
-def _wave(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> Effect:
-    effect: Any = form.effects[0]
-    near = [
-        abs(order_of(neighbour.effects[0]) - effect.order) for neighbour in columns.forms if neighbour.name == form.name
-    ]
-    tried = effect.order + (sorted(near)[1] if len(near) > 1 else 0.0) * _BETWEEN
+    A joint is mostly near the ends of its range, so that a large wave looks most like those whose phases agree at both
+    ends, and least like its neighbours among the forms.
+    """
+    effect: Any = form.effect
+    orders = [order_of(neighbour.effect) for neighbour in columns.forms if neighbour.name == form.name]
+    near = sorted(abs(order - effect.order) for order in orders)
+    tried = effect.order + (near[1] if len(near) > 1 else 0.0) * _BETWEEN
     tried = tried[tried >= min(effect.order, max(shape.low for shape in effect.STRETCHED))]
     effects = [part.model_copy(update={"order": float(order)}) for order in tried for part in form.effects]
-    precision, eta = posterior.cavity(linear.columns(effects) / form.size)
-    return _best_of_pairs(effects, precision, eta)
-
-
-def _large_wave(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> Effect:
-    """Return the wave that leaves least (N,) with the set-ups alone, of any order between those of the forms.
-
-    A joint is mostly near the ends of its range, so that a wave looks most like those whose phases agree at both ends,
-    and least like its neighbours among the forms.
-    """
-    orders = sorted({order_of(neighbour.effects[0]) for neighbour in columns.forms if neighbour.name == form.name})
-    places = np.arange(_PARTS * (len(orders) - 1) + 1) / _PARTS
-    tried = np.interp(places, np.arange(len(orders)), orders)
-    effects = [part.model_copy(update={"order": float(order)}) for order in tried for part in form.effects]
-    added = linear.without_set_up(linear.columns(effects) / form.size)
-    return _best_of_pairs(effects, added.T @ added, added.T @ posterior.unexplained)
+    waves = [_best_of_pairs(effects, *posterior.cavity(linear.columns(effects) / form.size))]
+    if np.linalg.norm(posterior.size(form)) > FAULT:
+        whole = sorted(set(orders))
+        places = np.arange(_PARTS * (len(whole) - 1) + 1) / _PARTS
+        tried = np.interp(places, np.arange(len(whole)), whole)
+        effects = [part.model_copy(update={"order": float(order)}) for order in tried for part in form.effects]
+        added = linear.without_set_up(linear.columns(effects) / form.size)
+        waves.append(_best_of_pairs(effects, added.T @ added, added.T @ posterior.unexplained))
+    return waves
 
 
 def _best_of_pairs(effects: Sequence[Effect], precision: Array, eta: Array) -> Effect:

@@ -8,7 +8,6 @@ circle, which takes a thirtieth of the time.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from analysis.inference.budget import Measure, group_of
 from analysis.inference.observation import ObservedRun, rms, thinned
 from analysis.inference.residuals import curves_of, maps_of
 from analysis.inference.responses import Linearisation
-from analysis.inference.result import BudgetPart, Diagnosis, Gap
+from analysis.inference.result import BudgetPart, Diagnosis
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups, with_effects
 from analysis.inference.staircase import Left, Staircase, Step
@@ -37,14 +36,6 @@ _ROWS = 256
 to some percent."""
 
 
-@dataclass(frozen=True)
-class _Rung:
-    """A step before it is judged: the places in the budget of what it adds, and all effects of its model."""
-
-    parts: tuple[int, ...]
-    effects: tuple[Effect, ...]
-
-
 def staircase_of(
     diagnosis: Diagnosis, result: SearchResult, stages: Stages, *places: Sequence[ObservedRun]
 ) -> Staircase | None:
@@ -55,63 +46,52 @@ def staircase_of(
         return None
     gaps = (diagnosis.train, diagnosis.held_out, diagnosis.unseen)
     left_um = [[gap.before_um if gap else None for gap in gaps]]
-    left_um += left_um_of([rung.effects for rung in rungs[1:-1]], [list(map(_thinned, runs)) for runs in places])
+    thin = [[thinned(run.on_lap, _ROWS) if run.table.kind.swept else run for run in runs] for runs in places]
+    left_um += left_um_of([effects for _, effects in rungs[1:-1]], thin)
     left_um.append([gap.calibrated_um if gap else None for gap in gaps])
-    steps = [Step(rung.parts, *_lefts(gaps, row)) for rung, row in zip(rungs, left_um, strict=True)]
-    return Staircase(tuple(steps), *drawn(result.linear, [rung.effects for rung in rungs]))
+    steps = []
+    for (parts, _), row in zip(rungs, left_um, strict=True):
+        # The uncertainty is that of the acts.
+        used, held_out, unseen = (
+            Left(um, gap.left_u_um) if gap is not None and um is not None else None
+            for gap, um in zip(gaps, row, strict=True)
+        )
+        assert used is not None  # noqa: S101 - a diagnosis has runs that it used
+        steps.append(Step(parts, used, held_out, unseen))
+    return Staircase(tuple(steps), *drawn(result.linear, [effects for _, effects in rungs]))
 
 
-def _lefts(gaps: Sequence[Gap | None], left_um: Sequence[float | None]) -> tuple[Left, Left | None, Left | None]:
-    """Return what is left at each place with its uncertainty, which is that of the acts."""
-    used, held_out, unseen = (
-        Left(um, gap.left_u_um) if gap is not None and um is not None else None
-        for gap, um in zip(gaps, left_um, strict=True)
-    )
-    assert used is not None  # noqa: S101 - a diagnosis has runs that it used
-    return used, held_out, unseen
-
-
-def _rungs(diagnosis: Diagnosis, result: SearchResult, stages: Stages) -> Iterator[_Rung]:
-    """Yield the models: the one begun with, with each large part, the largest first, and the calibrated one, with all
-    others. What no model removes, as scatter, has no step."""
+def _rungs(
+    diagnosis: Diagnosis, result: SearchResult, stages: Stages
+) -> Iterator[tuple[tuple[int, ...], tuple[Effect, ...]]]:
+    """Yield the models, each with the places in the budget of what it adds and with all of its effects: the one begun
+    with, with each large part, the largest first, and the calibrated one, with all others. What no model removes, as
+    scatter, has no step."""
     effects, budget = stages.effects[-1], diagnosis.budget
-    pieces = _pieces(diagnosis, result, stages)
-    added = [k for k, part in enumerate(budget) if part.label in pieces]
+    # What each part adds, by its label: effects as they were fitted, or so many times of those that are of its kind and
+    # joint in the calibrated background.
+    names = {label_of(effect): effect for effect in effects if effect in result.effects}
+    terms: dict[str, list[tuple[Effect, float]]] = {}
+    for term in background_terms(result.calibrated_posterior) if stages.has_background else ():
+        kind, axis = group_of(term.effect)
+        terms.setdefault(BudgetPart(kind, 0.0, 0.0, 0.0, axis=axis).label, []).append((term.effect, term.times))
+    added = [k for k, part in enumerate(budget) if part.label in names or part.label in terms]
     added.sort(key=lambda k: -budget[k].um)
     least_um = _LEAST * diagnosis.train.before_um
     large = [k for k in added if budget[k].um >= least_um][:_MOST_STEPS]
-    yield _Rung((), ())
-    names: list[Effect] = []
-    shown: list[tuple[Effect, float]] = []
+    yield (), ()
+    fitted, shown = list[Effect](), list[tuple[Effect, float]]()
     for k in large:
         # What cancels a part is on its line of the budget, and comes with it.
         for label in (budget[k].label, *budget[k].cancelled):
-            own_names, own_terms = pieces.get(label, ((), ()))
-            names += own_names
-            shown += own_terms
-        yield _Rung((k,), (*names, *effects_of(shown)))
+            if label in names:
+                fitted.append(names[label])
+            else:
+                shown += terms.get(label, [])
+        yield (k,), (*fitted, *effects_of(shown))
     small = tuple(k for k in added if k not in large)
     if small:
-        yield _Rung(small, effects)
-
-
-_Piece = tuple[tuple[Effect, ...], tuple[tuple[Effect, float], ...]]
-"""What a part adds to the model: effects as they were fitted, and effects of which it has so many times."""
-
-
-def _pieces(diagnosis: Diagnosis, result: SearchResult, stages: Stages) -> dict[str, _Piece]:
-    """Return what each part of the budget adds to the model, by its label: a fitted effect, or the terms of the
-    calibrated background that are of its kind and joint."""
-    pieces: dict[str, _Piece] = {}
-    if stages.has_background:
-        for term in background_terms(result.calibrated_posterior):
-            kind, axis = group_of(term.effect)
-            label = BudgetPart(kind, 0.0, 0.0, 0.0, axis=axis).label
-            _, terms = pieces.get(label, ((), ()))
-            pieces[label] = (), (*terms, (term.effect, term.times))
-    return pieces | {
-        label_of(effect): ((effect,), ()) for effect in stages.effects[-1] if effect in result.state.refined.effects
-    }
+        yield small, effects
 
 
 def left_um_of(
@@ -127,12 +107,6 @@ def left_um_of(
     each = [steps.left(runs) if runs else [None] * len(models) for runs in places]
     for row in zip(*each, strict=True):
         yield [None if residual is None else 1e3 * rms(residual) for residual in row]
-
-
-def _thinned(run: ObservedRun) -> ObservedRun:
-    if not run.one.table.kind.swept:
-        return run
-    return replace(run, one=thinned(run.on_lap, _ROWS), sampling=None)
 
 
 def drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:

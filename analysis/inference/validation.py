@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from analysis.inference.background import Posterior
-from analysis.inference.blocks import Block, blocks_of, entries, targets_key
-from analysis.inference.observation import Observation, ObservedRun, residuals_of, rms, without_socket
+from analysis.inference.blocks import Block, blocks_of
+from analysis.inference.observation import ObservedRun, residual_of, rms, without_socket
 from analysis.inference.placements import reach_mm
 from analysis.inference.refine import Unknown, slopes_of
 from analysis.inference.responses import basis_of, limits_um, linearise, noise_um, rms_um
@@ -22,20 +22,10 @@ from analysis.inference.state import background_effects, background_terms
 from analysis.kinematics.arm import Array, Integers, rail_mm
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
-from rigs.calibration import (
-    TIMES,
-    CalibratedModel,
-    CalibratedRun,
-    Judged,
-    Parameter,
-    PlacedSetUp,
-    Term,
-    packed_factor,
-)
+from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Parameter, PlacedSetUp, Term, packed_factor
 from rigs.distribution import version
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.vocabulary import TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Validation: what a frozen model leaves of the runs used, of held-out runs, and of runs at another place.
@@ -74,19 +64,19 @@ def _left_with(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> list
     """Return the residuals (m, k) mm of each run with the set-ups that were placed, and with its own where it is in
     none of them."""
     every = _with_new(runs, placed)
-    return [residuals_of(run.model, [run.on_lap], every)[0] for run in runs]
+    return [residual_of(run.on_lap, every) for run in runs]
 
 
 def _with_new(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> dict[str, SetUp]:
     """Return set-ups that were placed, and those of runs, of (m, k) mm, that are in none of them."""
-    new = [run for run in runs if run.one.setup not in placed]
+    new = [run for run in runs if run.setup not in placed]
     return {**placed, **(fit_run_setups(new)[0] if new else {})}
 
 
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
     """Return the models of a search, with set-ups fitted to the runs used, of (m, k) mm. Where what was found beside
     the names explains these runs worse than the names alone, the calibrated model has the names alone."""
-    names = result.state.refined.effects
+    names = result.effects
     effects = ((), names, (*names, *background_effects(result.calibrated_posterior)))
     fits = [fitted.beside(added) for added in effects]
     if rms(fits[2][1]) > rms(fits[1][1]):
@@ -95,30 +85,30 @@ def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
 
 
 def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names: Sequence[str]) -> Gap:
-    """Return the gap of runs without what was found, with the names, and calibrated; residuals are (m, k) mm."""
+    """Return the gap of runs without what was found, with the names, and calibrated; residuals are (m, k) mm.
+
+    The noise and scatter of one of the runs come from repeats, or else from the assumed noise; that of touches, and of
+    many poses, as far as the readings show it. Runs of another place have that of their test.
+    """
     residuals = stages.left(runs)
     before, after, calibrated = (1e3 * rms(of_stage) for of_stage in residuals)
-    tests = tuple(
-        _of_test(test, runs, residuals[0], residuals[-1]) for test in dict.fromkeys(r.one.table.test for r in runs)
-    )
-    keeps = all(run.one.setup in stages.calibrated for run in runs)
-    floor = _floor(result, runs)
-    return Gap(tuple(names), before, after, floor, calibrated, tests, keeps)
-
-
-def _of_test(
-    test: TestName, runs: Sequence[ObservedRun], before: Sequence[Array], calibrated: Sequence[Array]
-) -> TestGap:
-    indices = [k for k, run in enumerate(runs) if run.one.table.test == test]
-    both = [[of_stage[k] for k in indices] for of_stage in (before, calibrated)]
-    (was, is_now) = ((1e3 * rms(of_stage), 1e3 * max(map(_largest, of_stage))) for of_stage in both)
-    return TestGap(test, *was, *is_now)
-
-
-def _largest(residual: Array) -> float:
-    """Return the largest residual in mm of (m, k) mm: of a gauge, or the distance of a position."""
-    size = np.linalg.norm(residual, axis=1) if residual.shape[1] == 3 else np.abs(residual)
-    return float(size.max())
+    tests = []
+    for test in dict.fromkeys(run.table.test for run in runs):
+        um = []
+        for of_stage in (residuals[0], residuals[-1]):
+            of_test = [mm for run, mm in zip(runs, of_stage, strict=True) if run.table.test == test]
+            sizes = [np.linalg.norm(mm, axis=1) if mm.shape[1] == 3 else np.abs(mm) for mm in of_test]
+            um += [1e3 * rms(of_test), 1e3 * max(float(size.max()) for size in sizes)]
+        tests.append(TestGap(test, *um))
+    keeps = all(run.setup in stages.calibrated for run in runs)
+    blocks, same_names = result.linear.blocks, {run.name for run in runs}
+    alike = [block.name in same_names for block in blocks]
+    if not any(alike):
+        same_tests = {run.table.test for run in runs}
+        alike = [block.table.test in same_tests for block in blocks]
+    size = np.array([len(block.rows) * block.count for block in blocks]) * (alike if any(alike) else 1)
+    floor = float(np.sqrt(size @ (_noise_shown(result) * noise_um(result.linear) ** 2) / size.sum()))
+    return Gap(tuple(names), before, after, floor, calibrated, tuple(tests), keeps)
 
 
 @dataclass(frozen=True)
@@ -203,12 +193,12 @@ def widening(
     sets = [_missed_of(left_out.sums) if len(left_out.rows) else None, _missed_by_placement(result)]
     setups = dict(stages.calibrated)
     for runs in (judges, elsewhere):
-        places = [run for run in runs if run.one.table.kind.of_places]
+        places = [run for run in runs if run.table.kind.of_places]
         setups |= _with_new(with_effects(places, stages.effects[-1]), stages.calibrated)
         sets.append(_missed_by(places, setups, stages, result) if places else None)
     judging = [missed for missed in sets if missed is not None and missed.stated.any()]
     wider = max(judging, key=lambda missed: missed.ratio).widening() if judging else Widening()
-    tables = [block.one.table for block in result.linear.blocks] + [run.one.table for run in (*judges, *elsewhere)]
+    tables = [run.table for run in (*result.linear.blocks, *judges, *elsewhere)]
     of_sockets = all(table.kind.frame_terms == 3 for table in tables)
     return replace(wider, reach_mm=reach_mm(setups, stages.calibrated) if of_sockets else None)
 
@@ -238,8 +228,8 @@ def places_left_out(result: SearchResult) -> LeftOut:
     """Return each neighbourhood of the poses used as all others predict it; empty where there are no poses."""
     linear, parts, first = result.linear, list[LeftOut](), 0
     for block, of_block in zip(linear.blocks, linear.rows, strict=True):
-        if block.one.table.kind.of_places:
-            group = _neighbourhoods(block.one)
+        if block.table.kind.of_places:
+            group = _neighbourhoods(block)
             for number in np.unique(group).tolist():
                 rows = of_block.start + np.flatnonzero(group == number)
                 parts.append(_left_out(result, rows, np.full(len(rows), first + number)))
@@ -257,14 +247,14 @@ def _missed_by_placement(result: SearchResult) -> _Missed | None:
     """Return by how much the model of all others misses each placement of the poses used, its set-up fitted to it, by
     neighbourhood; None where there are not two. Long series are not left out, only the others predicted by them."""
     linear, left_out, first = result.linear, list[LeftOut](), 0
-    blocks = [k for k, block in enumerate(linear.blocks) if block.one.table.kind.of_places]
-    placement = {k: without_socket(linear.blocks[k].one.setup) for k in blocks}
+    blocks = [k for k, block in enumerate(linear.blocks) if block.table.kind.of_places]
+    placement = {k: without_socket(linear.blocks[k].setup) for k in blocks}
     names = sorted(set(placement.values()))
     for name in names if len(names) > 1 else ():
         parts = [k for k in blocks if placement[k] == name]
         rows = np.concatenate([np.arange(linear.rows[k].start, linear.rows[k].stop) for k in parts])
-        group = np.concatenate([_neighbourhoods(linear.blocks[k].one) for k in parts])
-        terms = sorted({term for k in parts for term in linear.terms[linear.blocks[k].one.setup]})
+        group = np.concatenate([_neighbourhoods(linear.blocks[k]) for k in parts])
+        terms = sorted({term for k in parts for term in linear.terms[linear.blocks[k].setup]})
         if len(terms) < len(rows) < _LONGEST:
             left_out.append(_left_out(result, rows, first + group, basis_of(linear.U[rows][:, terms])))
             first += int(group.max()) + 1
@@ -279,7 +269,7 @@ def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Arr
     """Return whitened rows (n,), left out together: without what `placed`, orthonormal columns (n, s) of a set-up,
     takes up."""
     posterior = result.calibrated_posterior
-    noise = np.minimum(result.state.strength, 1.0)[posterior.background.columns.band[rows]]
+    noise = np.minimum(result.strength[rows], 1.0)
     variance_mm2 = np.concatenate([block.sd_mm for block in result.linear.blocks])[rows] ** 2
     missed, covariance = posterior.left_out(rows)
     if placed is not None:
@@ -290,9 +280,9 @@ def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Arr
     return LeftOut(rows, group, missed, missed**2 * variance_mm2, noise * variance_mm2, stated, robust)
 
 
-def _neighbourhoods(observation: Observation) -> Integers:
+def _neighbourhoods(run: ObservedRun) -> Integers:
     """Return the neighbourhood of each entry (n,) of places."""
-    return np.repeat(neighbourhoods(observation.table.q[observation.rows], np.random.default_rng(0)), 3)
+    return np.repeat(neighbourhoods(run.table.q[run.rows], np.random.default_rng(0)), 3)
 
 
 def _missed_by(
@@ -302,12 +292,12 @@ def _missed_by(
     set-ups of the runs used, or in their own."""
     groups, shown = [], _noise_shown(result)
     for run, calibrated in zip(runs, with_effects(runs, stages.effects[-1]), strict=True):
-        (residual,) = residuals_of(calibrated.model, [run.one], setups)
+        residual = residual_of(calibrated, setups)
         noise, variance = _stated_variances(run, setups, result)
-        alike = [block.one.table.test == run.one.table.test for block in result.linear.blocks]
+        alike = [block.table.test == run.table.test for block in result.linear.blocks]
         noise = noise * (shown[alike].mean() if any(alike) else 1.0)
-        group = _neighbourhoods(run.one)
-        entry = np.stack([entries(residual, None) ** 2, noise, variance, np.ones_like(noise)])
+        group = _neighbourhoods(run)
+        entry = np.stack([run.entries(residual) ** 2, noise, variance, np.ones_like(noise)])
         groups += [entry[:, group == number].sum(axis=1) for number in np.unique(group).tolist()]
     return _missed_of(np.array(groups))
 
@@ -322,23 +312,20 @@ def _missed_of(sums: Array) -> _Missed:
 def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: SearchResult) -> tuple[Array, Array]:
     """Return the variances (N,) mm² of the noise of a run of poses, and of what the calibrated model predicts for its
     entries: in the set-up of the runs used, or in one of its own, which takes up what it can."""
-    refined, posterior = result.state.refined, result.calibrated_posterior
-    of_run = linearise(blocks_of([run], setups, refined.effects), setups, refined.effects)
-    columns = posterior.background.columns
-    sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])
-    share = of_run.columns([effect for form in columns.forms for effect in form.effects]) / sizes
-    of_effect = [[unknown for unknown in refined.unknowns if unknown.effect == k] for k in range(len(refined.effects))]
-    slopes = [slopes_of(of_run, *both) for both in zip(refined.effects, of_effect, strict=True)]
-    change = np.concatenate([*slopes, share], axis=1)
+    effects, columns, unknowns = result.effects, result.columns, result.fit.unknowns
+    of_run = linearise(blocks_of([run], setups, effects), setups, effects)
+    of_effect = [[unknown for unknown in unknowns if unknown.effect == k] for k in range(len(effects))]
+    slopes = [slopes_of(of_run, *both) for both in zip(effects, of_effect, strict=True)]
+    change = np.concatenate([*slopes, columns.forms_in(of_run)], axis=1)
     count = columns.set_ups.start
-    if run.one.setup in result.linear.terms:
+    if run.setup in result.linear.terms:
         placed = np.zeros((len(of_run.y), columns.set_ups.stop - columns.set_ups.start))
-        placed[:, result.linear.terms[run.one.setup]] = of_run.U[:, of_run.terms[run.one.setup]]
+        placed[:, result.linear.terms[run.setup]] = of_run.U[:, of_run.terms[run.setup]]
         change, count = np.concatenate([change, placed], axis=1), columns.set_ups.stop
     else:
         basis = basis_of(of_run.U)
         change -= basis @ (basis.T @ change)
-    covariance = posterior.joint_covariance(count, len(refined.unknowns))
+    covariance = result.calibrated_posterior.joint_covariance(count, len(unknowns))
     variance = np.einsum("np,np->n", change @ covariance, change)
     noise: Array = of_run.blocks[0].sd_mm ** 2
     return noise, np.maximum(variance, 0.0) * noise
@@ -384,8 +371,7 @@ class _JudgedRun:
 
     def without_set_up(self, values: Array) -> Array:
         """Return whitened values (N,) with the part removed that the set-up could absorb."""
-        fitted: Array = values - self.basis @ (self.basis.T @ values)
-        return fitted
+        return values - self.basis @ (self.basis.T @ values)
 
     def energy(self, values: Array) -> float:
         """Return the energy in mm² of values (N,), with the set-up fitted."""
@@ -402,7 +388,7 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
     standing differ from theirs."""
     linear = result.linear
     kinds = [(block.name, block.targets_key) for block in linear.blocks]
-    kind = (run.name, targets_key(run))
+    kind = (run.name, run.targets_key)
     if kind not in kinds or run.model.rig != linear.blocks[kinds.index(kind)].model.rig:
         return None
     k = kinds.index(kind)
@@ -413,14 +399,14 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
             sampling if block.sampling.stands else sampling.without_stands(), bridged=block.sampling.bridged
         )
         sampling = sampling if len(block.sampling.trend) else sampling.without_trend()
-    (with_names,) = with_effects([run], result.state.refined.effects)
+    (with_names,) = with_effects([run], result.effects)
     # Where the set-ups fit the names, and back along their slopes, as the names were fitted.
-    (residual,) = residuals_of(with_names.model, [with_names.one], linear.setups_moved_by(result.moves))
-    run_entries = entries(residual, sampling)
+    residual = residual_of(with_names, linear.setups_moved_by(result.moves))
+    run_entries = replace(run, sampling=sampling).entries(residual)
     if len(run_entries) != len(block.y_mm):
         return None
     whitened = block.white(run_entries) + linear.U[rows] @ result.moves
-    before = whitened + (linear.residual(()) - result.state.refined.residual)[rows]
+    before = whitened + (linear.residual(()) - result.fit.residual)[rows]
     changes = [change[rows] for change in result.contributions]
     residual_with_share = whitened - result.posterior.healthy_share[rows]
     free, limit = result.free_share[rows], float(result.scatter_limits_um[k])
@@ -429,15 +415,13 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
 
 def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
     """Return a run at places, or in a way, that no run used has: other poses, another radius, another speed."""
-    effects, forms = result.state.refined.effects, result.posterior.background.columns.forms
-    placed = setups if run.one.setup in setups else fit_run_setups(with_effects([run], effects))[0]
+    effects = result.effects
+    placed = setups if run.setup in setups else fit_run_setups(with_effects([run], effects))[0]
     of_run = linearise(blocks_of([run], placed, effects), placed, effects)
-    sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
-    share = of_run.columns([effect for form in forms for effect in form.effects]) / sizes
-    residual = of_run.residual(effects)
-    changes = [of_run.residual([*effects[:k], *effects[k + 1 :]]) - residual for k in range(len(effects))]
+    share, residual = result.columns.forms_in(of_run), of_run.residual(effects)
+    changes = of_run.contributions(effects, residual)
     with_share = residual - share @ result.posterior.mean[: share.shape[1]]
-    (block,), none, limit = of_run.blocks, np.zeros_like(with_share), float(limits_um(of_run, None)[0])
+    (block,), none, limit = of_run.blocks, np.zeros_like(with_share), float(limits_um(of_run)[0])
     return _JudgedRun(block, of_run.residual(()), with_share, none, changes, basis_of(of_run.U), limit)
 
 
@@ -448,26 +432,16 @@ def left_um(runs: Sequence[ObservedRun], used: FittedRuns, effects: Sequence[Eff
     return 1e3 * rms(_left_with(with_effects(runs, effects), placed))
 
 
-def _floor(result: SearchResult, runs: Sequence[ObservedRun]) -> float:
-    """Return the root mean square in µm of the noise and scatter of one of some runs: from repeats, or else from the
-    assumed noise; that of touches, and of many poses, as far as the readings show it. Runs of another place have that
-    of their test."""
-    linear, names, tests = result.linear, {run.name for run in runs}, {run.one.table.test for run in runs}
-    alike = [block.name in names for block in linear.blocks]
-    if not any(alike):
-        alike = [block.one.table.test in tests for block in linear.blocks]
-    size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
-    return float(np.sqrt(size @ (_noise_shown(result) * noise_um(linear) ** 2) / size.sum()))
-
-
 def _noise_shown(result: SearchResult) -> Array:
-    """Return which share of the variance of its noise the readings of each block (b,) show, at the most all."""
-    linear, strength = result.linear, result.state.strength[result.selection.columns.band]
-    shares = [float(strength[rows].mean()) for rows in linear.rows]
-    # Readings that were not repeated show their own noise where they are touches, and poses where there are many.
-    kinds = [(block.one.table.kind, len(block.one.rows)) for block in linear.blocks]
-    shows = [kind.of_places and (kind.constants_apart or count >= FEWEST_PLACES) for kind, count in kinds]
-    return np.array([min(share, 1.0) if shown else 1.0 for share, shown in zip(shares, shows, strict=True)])
+    """Return which share of the variance of its noise the readings of each block (b,) show, at the most all; readings
+    that were not repeated show their own if they are touches, or many poses."""
+    linear, strength = result.linear, result.strength
+    shares = np.ones(len(linear.blocks))
+    for k, (block, rows) in enumerate(zip(linear.blocks, linear.rows, strict=True)):
+        kind = block.table.kind
+        if kind.of_places and (kind.constants_apart or len(block.rows) >= FEWEST_PLACES):
+            shares[k] = min(float(strength[rows].mean()), 1.0)
+    return shares
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -487,9 +461,8 @@ def covariance_of(posterior: Posterior, unknowns: Sequence[Unknown]) -> Array:
     times that forms show."""
     columns = posterior.background.columns
     forms, fitted = columns.set_ups.start, len(unknowns)
-    sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])
     covariance = posterior.joint_covariance(forms, fitted)
-    unit = np.concatenate([np.ones(fitted), 1 / sizes])
+    unit = np.concatenate([np.ones(fitted), 1 / columns.sizes])
     return np.asarray(unit[:, None] * covariance * unit, dtype=float)
 
 
@@ -508,7 +481,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     """Return the calibrated model of a search about a rig: its posterior, with the effects `standing` marked as those
     that the rig file names, the range of each joint in the `runs`, the set-ups of the last of the `stages`, what is
     left of them and `elsewhere`, and its uncertainty `wider` than its covariance."""
-    effects, unknowns = result.state.refined.effects, result.state.refined.unknowns
+    effects, unknowns = result.effects, result.fit.unknowns
     terms = [Term.model_construct(effect=effect, times=1.0, named=effect in standing) for effect in effects]
     background = background_terms(result.calibrated_posterior)
     if not stages.has_background:
@@ -516,20 +489,18 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
     parameters = [Parameter.model_construct(term=unknown.effect, field=unknown.field) for unknown in unknowns]
     parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(background))]
     root = wider.factor * _root(covariance_of(result.calibrated_posterior, unknowns))
-    arm, q = runs[0].model.arm, np.concatenate([run.one.table.q[run.one.rows] for run in runs])
+    arm, q = runs[0].model.arm, np.concatenate([run.table.q[run.rows] for run in runs])
     angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
-    poses = {run.one.setup for run in runs if run.one.table.kind.of_places}
+    of_poses = {run.setup for run in runs if run.table.kind.of_places}
     calibrated = CalibratedModel.model_construct(
         format=1,
         rig=rig.name,
         date=dt.datetime.now(dt.UTC).date(),
         version=version(),
-        runs=tuple(
-            CalibratedRun(name=measured.run.manifest.name, sha256=measured.run.readings_sha256) for measured in used
-        ),
+        runs=tuple(CalibratedRun(name=run.run.manifest.name, sha256=run.run.readings_sha256) for run in used),
         joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
         rail_mm=(float(rail.min()), float(rail.max())) if arm.rail is not None else None,
-        setups={name: _placed(setup, poses=name in poses) for name, setup in stages.calibrated.items()},
+        setups={name: _placed(setup, poses=name in of_poses) for name, setup in stages.calibrated.items()},
         before_um=train.before_um,
         calibrated_um=train.calibrated_um,
         held_out_um=elsewhere.calibrated_um if elsewhere else None,

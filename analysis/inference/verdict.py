@@ -29,7 +29,6 @@ from analysis.inference.result import (
     Remainder,
     Rival,
 )
-from analysis.inference.rivals import RivalOdds
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import FittedRuns
 from analysis.inference.state import DRIVEN_WAVES, FAULT, series_among
@@ -41,7 +40,6 @@ from analysis.measures.results import Result, borrowers, by_test, evaluated_agai
 from analysis.traces.kind import kind_named
 from analysis.traces.loading import Measured
 from rigs.calibration import Judged
-from rigs.effects import Effect
 from rigs.errors import RigError
 from rigs.rig import Rig
 from rigs.schema.effect import is_wave, label_of, name_of, size_of
@@ -102,25 +100,20 @@ def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Li
     """Return the worst standing of the figures of runs that have a limit, and where that comes from; None and None
     where none of them has one. Runs that cannot be evaluated have no figures, and limits are of the arm as it drives,
     not of what a calibrated model leaves of it."""
-    limited = [run for run in runs if rig.limits.judge(run.run.manifest.test)]
-    judged = judged_figures(_evaluable(limited), rig.limits)
+    results = []
+    for run in runs:
+        if rig.limits.judge(run.run.manifest.test):
+            try:
+                results.append(result_of(run))
+            except RigError:
+                continue
+    for borrower in borrowers(results):  # a single lap has the noise of another run of its test
+        place, result = evaluated_again(borrower)
+        results[place] = result
+    judged = judged_figures(results, rig.limits)
     if not judged:
         return None, None
     return judged[0].standing, "data_sheet" if judged[0].of_data_sheet else "rig_file"
-
-
-def _evaluable(runs: Sequence[Measured]) -> list[Result]:
-    """Return the results of the runs that have any, one of a single lap with the noise of another run of its test."""
-    results = []
-    for run in runs:
-        try:
-            results.append(result_of(run))
-        except RigError:
-            continue
-    for borrower in borrowers(results):
-        place, result = evaluated_again(borrower)
-        results[place] = result
-    return results
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -182,6 +175,27 @@ class Gaps:
         gap."""
         return self.judged is not self.train and self.judged.after_um < _NO_WORSE * self.judged.calibrated_um
 
+    @property
+    def gains_elsewhere(self) -> bool:
+        """Whether the calibrated model was shown to remove much of the gap where it had no part in it."""
+        judged = self.judged
+        if judged is self.train or judged.before_um <= _FAR * judged.noise_floor_um:
+            return False
+        return (judged.calibrated_um / judged.before_um) ** 2 < 1 - _LEAST_GAIN
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether another place contradicts the model: with everything that was found it is no better there than with
+        the names alone, or hardly better than without them, where the runs used were explained."""
+        unseen = self.unseen
+        if unseen is None or unseen.before_um <= _FAR * unseen.noise_floor_um:
+            return False
+        floor = unseen.noise_floor_um**2
+        gained = 1 - max(unseen.calibrated_um**2 - floor, 0.0) / max(unseen.before_um**2 - floor, 1e-12)
+        explained = 1 - (self.train.calibrated_um / max(self.train.before_um, 1e-12)) ** 2
+        least_um = max(_WORSE * unseen.after_um, _FAR * unseen.noise_floor_um)
+        return unseen.calibrated_um > least_um or (gained < _LEAST_GAIN and explained > 1 - _LEAST_GAIN)
+
 
 def ambiguous_names(named: Sequence[Named]) -> list[Named]:
     """Return the names that stand and whose rivals cannot be dismissed."""
@@ -193,7 +207,7 @@ def named_effects(
 ) -> list[Named]:
     """Return the fitted effects of a search result, each with what it does to the readings (N,) and why the diagnosis
     does not stand by it, if it does not. `gains` has the gain of each on held-out runs."""
-    effects = result.state.refined.effects
+    effects = result.effects
     named = [
         _named(result, k, gain, change, fitted.left_um([*effects[:k], *effects[k + 1 :]]))
         for k, (gain, change) in enumerate(zip(gains, changes, strict=True))
@@ -215,19 +229,30 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
 
 def _named(result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float) -> Named:
     """Return one effect with what it does, and why the diagnosis does not stand by it, if it does not."""
-    effects, own_odds = result.state.refined.effects, result.rival_odds[k]
+    effect, own_odds = result.effects[k], result.rival_odds[k]
+    axis = int(getattr(effect, "axis", 1))
+    # A wave of which the joint did not drive two is no gear, and its cause was not shown.
+    turned = max(float(np.ptp(block.table.q[:, axis - 1])) for block in result.linear.blocks) / (2 * np.pi)
+    shown = not is_wave(effect) or effect.STAGE != "joint" or order_of(effect) * turned >= DRIVEN_WAVES
+    model = f"use the calibrated model, which holds the angle error of axis {axis} over its angle"
     sizes = sizes_by_setup(result, k, result.scatter_limits_um)
     ratio = sizes.birge_ratio()
-    sd = {field: ratio * sigma for field, sigma in result.state.refined.sd(k).items()}
-    twins, rivals = _rivals(result, k, own_odds)
+    sd = {field: ratio * sigma for field, sigma in result.fit.sd(k).items()}
+    twins: list[Rival] = []  # what changes the readings in the same way
+    rivals: list[Rival] = []
+    for tried, likely in own_odds.rivals:
+        if likely > _NEGLIGIBLE:
+            rival = Rival(tried.effects[-1], tried.refined.sd(len(tried.effects) - 1), likely)
+            apart = result.linear.without_set_up(tried.refined.residual - result.fit.residual)
+            (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append(rival)
     odds = own_odds.odds + sum(twin.posterior for twin in twins)
     doubt = _doubt(result, k, change, odds, gain)
     # Effects that depend on more than the posture may differ from run to run, or from day to day.
-    by_posture = effects[k].compensation().use != "none"
+    by_posture = effect.compensation().use != "none"
     named = Named(
-        effects[k], sd, odds, rivals, gap_without_um, _remedy(result, effects[k]), change.um, gain, doubt,
+        effect, sd, odds, tuple(rivals), gap_without_um, effect.remedy() if shown else model, change.um, gain, doubt,
         sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
-        twins=tuple(twin.effect for twin in twins), shown=_is_shown(result, effects[k]),
+        twins=tuple(twin.effect for twin in twins), shown=shown,
     )  # fmt: skip
     return replace(named, doubt="contradicted") if named.contradicted else named
 
@@ -238,7 +263,7 @@ def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain
     What is certain and larger than arms of its build show is never too small to say.
     """
     state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
-    effect = state.refined.effects[k]
+    effect = state.effects[k]
     reasons: tuple[tuple[bool, Doubt], ...] = (
         (abs(size_of(effect)) <= FAULT * effect.usual_times(result.built), "usual"),
         (effect.NEEDS_REPEATS and not shows_time(result.linear.blocks), "one_lap"),
@@ -254,39 +279,6 @@ def shows_time(blocks: Sequence[Block]) -> bool:
     """Return whether runs show what changes with time: repeats of a run, laps of a circle, visits of a target."""
     laps = any(block.sampling is not None and len(block.sampling.trend) > 0 for block in blocks)
     return laps or any(block.count > 1 or (block.sampling is None and block.measured) for block in blocks)
-
-
-def _is_shown(result: SearchResult, effect: Effect) -> bool:
-    """Return whether the cause of an effect was shown. A wave of which the joint did not drive two is no gear."""
-    if not is_wave(effect) or effect.STAGE != "joint":
-        return True
-    turned = max(float(np.ptp(b.one.table.q[:, _axis(effect) - 1])) for b in result.linear.blocks) / (2 * np.pi)
-    return order_of(effect) * turned >= DRIVEN_WAVES
-
-
-def _remedy(result: SearchResult, effect: Effect) -> str:
-    """Return what to do about an effect."""
-    if not _is_shown(result, effect):
-        return f"use the calibrated model, which holds the angle error of axis {_axis(effect)} over its angle"
-    return effect.remedy()
-
-
-def _axis(effect: Effect) -> int:
-    return int(getattr(effect, "axis", 1))
-
-
-def _rivals(result: SearchResult, k: int, own_odds: RivalOdds) -> tuple[tuple[Rival, ...], tuple[Rival, ...]]:
-    """Return the twins of an effect, which change the readings in the same way, and its other rivals."""
-    twins: list[Rival] = []
-    others: list[Rival] = []
-    for tried, odds in own_odds.rivals:
-        effects = tried.refined.effects
-        rival = Rival(effects[-1], tried.refined.sd(len(effects) - 1), odds)
-        if rival.posterior <= _NEGLIGIBLE:
-            continue
-        apart = result.linear.without_set_up(tried.refined.residual - result.state.refined.residual)
-        (twins if np.linalg.norm(apart) < _SAME_SIGMA else others).append(rival)
-    return tuple(twins), tuple(others)
 
 
 def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
@@ -307,19 +299,20 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, tr
     beyond the noise: an error that goes with nothing that repeats looks like scatter beside the mean of the runs.
     """
     imitating = [name for name in named if name.contradicted]
-    effects = result.state.refined.effects
+    effects = result.effects
     imitated = sum(
         (result.contributions[effects.index(name.effect)] for name in imitating), np.zeros_like(result.linear.y)
     )
     linear, posterior = result.linear, result.posterior
-    strength = result.state.strength[result.selection.columns.band]
-    beyond = np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
-    remainder = plain_worth(linear, beyond * posterior.residual + result.free_share + linear.without_set_up(imitated))
+    beyond = result.beyond_noise * posterior.residual + result.free_share
+    remainder = plain_worth(linear, beyond + linear.without_set_up(imitated))
     gap_um = worth(linear, result.initial_residual).whole_um
     share = min(1.0, (remainder.whole_um / gap_um) ** 2) if gap_um else 0.0
     healthy = worth(linear, posterior.healthy_share)
     is_material = remainder.is_material(np.maximum(limits, LEAST_MATERIAL_UM))
-    um, single_um = min(remainder.whole_um, train.before_um), _left_of_runs_um(train)
+    um, single_um = min(remainder.whole_um, train.before_um), 0.0
+    if train.calibrated_um > _FAR * train.noise_floor_um:  # the scatter between runs is known roughly
+        single_um = float(np.sqrt(min(train.calibrated_um, train.before_um) ** 2 - train.noise_floor_um**2))
     if single_um > max(um, LEAST_MATERIAL_UM):
         um, share, is_material = single_um, (single_um / train.before_um) ** 2, True
     words = (
@@ -328,32 +321,19 @@ def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, tr
     return Remainder(um, share, words, healthy.whole_um), is_material
 
 
-def _left_of_runs_um(train: Gap) -> float:
-    """Return what the calibrated model leaves of single runs beyond the noise, in µm; nothing where that is no more
-    than a few times the noise, of which the scatter between runs is known roughly."""
-    if train.calibrated_um <= _FAR * train.noise_floor_um:
-        return 0.0
-    return float(np.sqrt(min(train.calibrated_um, train.before_um) ** 2 - train.noise_floor_um**2))
-
-
 def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     first = bands_above_noise(result.linear.blocks, result.posterior.residual)[:1]
     where = [f"{band.test}{f' {band.direction}' * bool(band.direction)}, {band.part}: {band.words}" for band in first]
     forms = [*result.state.free_forms, best_free_form(tuple(free_forms_of(result.linear)), result.posterior)]
-    seen = [f"it looks like {fitted.form.words}" for fitted in forms if fitted.gain > 0]
-    alike = [
-        f"{label_of(named.effect)} resembles it, but {_shares_in_words(named)}"
-        for named in imitating
-        if not named.is_term
-    ]
+    seen = [f"it looks like {form.words}" for form in forms if form.gain > 0]
+    alike = []
+    for named in imitating:
+        if not named.is_term:
+            shown = " and ".join(f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares)
+            alike.append(f"{label_of(named.effect)} resembles it, but the readings show {shown}")
     series = Counter(name_of(named.effect) for named in imitating if named.is_term)
     alike += [f"{count} waves of {name} together resemble it, as they do any error" for name, count in series.items()]
     return "; ".join([*where, seen[0] if seen else "it has no simple form", *alike])
-
-
-def _shares_in_words(named: Named) -> str:
-    shown = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares]
-    return f"the readings show {' and '.join(shown)}"
 
 
 def condition_of(
@@ -363,48 +343,37 @@ def condition_of(
     `early` whether poses were read before the joints came to rest."""
     if not _is_testable(result, early=early):
         return "not_testable_here"
-    if (is_material and _is_much(result, remainder, gaps)) or _is_foreign(gaps):
+    outside = gaps.is_foreign
+    if is_material:  # more than crumbs of an arm's error, to which what an earlier calibration explains belongs
+        calibrated = result.linear.blocks[0].model.rig.calibrated
+        whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0, 1e-12)
+        outside |= remainder.share * (gaps.train.before_um / whole_um) ** 2 > _CRUMBS
+    if outside:
         return "outside_library"
     if any(name.stands for name in named):
         open_ones = ambiguous_names(named)
         sure = [name for name in named if name.stands and name not in open_ones]
         # The condition is that of most of what stands: a small name with a rival labels no others.
-        return "named" if _energy(sure) > _energy(open_ones) else "ambiguous"
+        sure_um2, open_um2 = (sum(name.worth_um**2 for name in names) for names in (sure, open_ones))
+        return "named" if sure_um2 > open_um2 else "ambiguous"
     if is_undecided(named):
         return "undecided"
-    return "uncalibrated" if _gains_elsewhere(gaps) else "nothing_unusual"
-
-
-def _energy(names: Sequence[Named]) -> float:
-    """Return the mean square in µm² that names make."""
-    return sum(name.worth_um**2 for name in names)
-
-
-def _is_much(result: SearchResult, remainder: Remainder, gaps: Gaps) -> bool:
-    """Return whether what remains is more than crumbs of the arm's error, to which what an earlier calibration in the
-    rig file explains belongs."""
-    calibrated = result.linear.blocks[0].model.rig.calibrated
-    whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0)
-    return remainder.share * (gaps.train.before_um / max(whole_um, 1e-12)) ** 2 > _CRUMBS
+    return "uncalibrated" if gaps.gains_elsewhere else "nothing_unusual"
 
 
 def _is_testable(result: SearchResult, *, early: bool) -> bool:
-    """Return whether the runs can show effects at all: they have readings enough, and joints that had come to rest."""
-    if _readings_apart(result) < _ENOUGH * result.linear.U.shape[1] or not result.selection.columns.forms:
+    """Return whether the runs can show effects at all: they have readings enough, and joints that had come to rest. A
+    posture of poses counts three, also where it was visited again: the cube of ISO 9283 has 450 numbers, of which 15
+    differ."""
+    readings = sum(
+        3 * int(groups(block.table.q, SAME_RAD).max() + 1) if block.table.kind.of_places else len(block.y_mm)
+        for block in result.linear.blocks
+    )
+    if readings < _ENOUGH * result.linear.U.shape[1] or not result.columns.forms:
         return False
-    poses_alone = all(block.one.table.kind.of_places for block in result.linear.blocks)
+    poses_alone = all(block.table.kind.of_places for block in result.linear.blocks)
     shows = worth(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
     return not (early and poses_alone and shows)
-
-
-def _readings_apart(result: SearchResult) -> int:
-    """Return the number of readings of the runs, in which a posture of poses counts three, also where it was visited
-    again: the cube of ISO 9283 has 450 numbers, of which 15 differ."""
-    readings = 0
-    for block in result.linear.blocks:
-        table = block.one.table
-        readings += 3 * int(groups(table.q, SAME_RAD).max() + 1) if table.kind.of_places else len(block.y_mm)
-    return readings
 
 
 def is_undecided(named: Sequence[Named]) -> bool:
@@ -419,30 +388,6 @@ def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
     sigmas = [name.worth_um / name.u_um for name in named if not name.stands and name.u_um > 0 and name.worth_um > 0]
     factor = max((CERTAIN_SIGMA / min(max(sigmas), CERTAIN_SIGMA)) ** 2, 1.0) if sigmas else 1.0
     return int(min(max(2, most + 1, np.ceil(most * factor)), _MOST_RUNS))
-
-
-def _is_foreign(gaps: Gaps) -> bool:
-    """Return whether another place contradicts the model: with everything that was found it is no better there than
-    with the names alone, or hardly better than without them, where the runs used were explained."""
-    elsewhere = gaps.unseen
-    if elsewhere is None or elsewhere.before_um <= _FAR * elsewhere.noise_floor_um:
-        return False
-    floor = elsewhere.noise_floor_um**2
-    gained = 1 - max(elsewhere.calibrated_um**2 - floor, 0.0) / max(elsewhere.before_um**2 - floor, 1e-12)
-    explained = 1 - (gaps.train.calibrated_um / max(gaps.train.before_um, 1e-12)) ** 2
-    worse = (
-        elsewhere.calibrated_um > _WORSE * elsewhere.after_um
-        and elsewhere.calibrated_um > _FAR * elsewhere.noise_floor_um
-    )
-    return bool(worse or (gained < _LEAST_GAIN and explained > 1 - _LEAST_GAIN))
-
-
-def _gains_elsewhere(gaps: Gaps) -> bool:
-    """Return whether the calibrated model was shown to remove much of the gap where it had no part in it."""
-    judged = gaps.unseen or gaps.held_out
-    if judged is None or judged.before_um <= _FAR * judged.noise_floor_um:
-        return False
-    return (judged.calibrated_um / judged.before_um) ** 2 < 1 - _LEAST_GAIN
 
 
 def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> Judged:

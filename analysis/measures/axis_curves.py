@@ -10,7 +10,6 @@ yields under the weight that it carries does. No arm is needed, only which joint
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,7 +51,9 @@ def axis_curves(
     curves, figures, rng = list[AxisCurve](), dict[str, Quantity](), np.random.default_rng(SEED)
     for joint in range(axes):
         rows = _alone(q, sides, joint)
-        number, way = _numbered(q[rows, joint]), sides[rows, joint]
+        # The number of each angle, in increasing order; those that are alike have one.
+        order, number, way = np.argsort(q[rows, joint]), np.zeros(len(rows), dtype=np.int64), sides[rows, joint]
+        number[order[1:]] = np.cumsum(np.diff(q[rows, joint][order]) > _SAME_RAD)
         count = int(number.max(initial=-1)) + 1
         if count < _FEWEST_ANGLES or np.ptp(q[rows, joint]) < _LEAST_RAD:
             continue
@@ -66,9 +67,14 @@ def axis_curves(
         u_deg = np.degrees(np.nanmax([up[1:].std(axis=0), down[1:].std(axis=0)], axis=0))
         at_deg = np.degrees([q[rows, joint][number == k].mean() for k in range(count)])
         curves.append(AxisCurve(joint + 1, radius_mm, at_deg, np.degrees(up[0]), np.degrees(down[0]), u_deg))
-        both = _figures(joint + 1, up, down)
+        # As ISO 230-2:2014 has them: the mean reversal error, here positive where the joint lags behind, as with play;
+        # and the largest less the smallest error of both ways, the bidirectional systematic deviation E.
+        wide, ways = f"axis{joint + 1}_bidirectional_deg", np.concatenate([up, down], axis=-1)
+        both = {
+            f"axis{joint + 1}_reversal_deg": np.degrees(np.nanmean(down - up, axis=-1)),
+            wide: np.degrees(np.nanmax(ways, axis=-1) - np.nanmin(ways, axis=-1)),
+        }
         values, draws = ({name: figure[part] for name, figure in both.items()} for part in (0, slice(1, None)))
-        wide = f"axis{joint + 1}_bidirectional_deg"
         too_wide = {wide: max(float(draws[wide].mean() - values[wide]), 0.0)}
         figures |= figures_of(values, draws, len(rows), too_wide, excess_u=0.5)
     return tuple(curves), figures
@@ -87,16 +93,7 @@ def _alone(q: Array, sides: Integers, joint: int) -> Integers:
         return rows
     others = np.delete(q[rows], joint, axis=1)
     alike = (np.abs(others - stood).max(axis=1) < _SAME_RAD for stood in others)  # of many rows, one at a time
-    most: Integers = rows[max(alike, key=np.count_nonzero)]
-    return most
-
-
-def _numbered(angles: Array) -> Integers:
-    """Return the number (n,) of each of some angles (n,) rad, in increasing order; those that are alike have one."""
-    order = np.argsort(angles)
-    number = np.zeros(len(angles), dtype=np.int64)
-    number[order[1:]] = np.cumsum(np.diff(angles[order]) > _SAME_RAD)
-    return number
+    return np.asarray(rows[max(alike, key=np.count_nonzero)])
 
 
 def _about_circle(angle: Array, xyz_mm: Array) -> tuple[float, Array, Array]:
@@ -122,14 +119,3 @@ def _means(off: Array, number: Integers, kept: Array, count: int) -> Array:
     rows = share.sum(axis=0)
     weight = np.divide(share, rows, out=np.full(share.shape, np.nan), where=rows > 0)
     return np.asarray(off @ weight)
-
-
-def _figures(axis: int, up: Array, down: Array) -> Mapping[str, Array]:
-    """Return the figures (...,) in degrees of curves (..., k) rad by way, as ISO 230-2:2014 has them: the mean reversal
-    error, here positive where the joint lags behind, as with play; and the largest less the smallest error of both
-    ways, the bidirectional systematic deviation E."""
-    both = np.concatenate([up, down], axis=-1)
-    return {
-        f"axis{axis}_reversal_deg": np.degrees(np.nanmean(down - up, axis=-1)),
-        f"axis{axis}_bidirectional_deg": np.degrees(np.nanmax(both, axis=-1) - np.nanmin(both, axis=-1)),
-    }

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.measures.checks import hold_alive, hold_radius
+from analysis.measures.evaluate import hold_alive, hold_radius
 from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.measures.quantity import Quantity
 from analysis.measures.reduction import PHI, Reduced, nodes_of
@@ -55,9 +55,9 @@ def evaluate(
     def drawn(curves: Sequence[Array]) -> list[Array]:
         return [curve.drawn(curves[0], turned, np.ones(DRAWS))]
 
-    found = figures(lambda d: figures_at(d[0], radius), [curve], drawn, run.samples, RANGES)
+    of_distance = figures(lambda d: figures_at(d[0], radius), [curve], drawn, run.samples, RANGES)
     fit = fit_circle(curve.y, radius)
-    return Circularity(at_resolution(curve.y - circle_at(fit, radius)), curve, fit[:2], found)
+    return Circularity(at_resolution(curve.y - circle_at(fit, radius)), curve, fit[:2], of_distance)
 
 
 def plain_figures(phi: Array, distance: Array, radius_mm: float) -> dict[str, float]:
@@ -79,8 +79,7 @@ def figures_at(distance: Array, radius_mm: float) -> dict[str, Array]:
 
 def mean_of_gauges(g_mm: Array) -> Array:
     """The distance (...,) mm, from the gauges' zeros, of readings (..., 2) mm."""
-    mean: Array = (g_mm[..., 0] + g_mm[..., 1]) / 2
-    return mean
+    return np.asarray((g_mm[..., 0] + g_mm[..., 1]) / 2)
 
 
 def fit_circle(distance: Array, radius_mm: float) -> Array:
@@ -109,13 +108,12 @@ _WAVES = np.stack([-np.cos(PHI), -np.sin(PHI), np.ones(NODES)])
 """Slopes (3, NODES) of a distance by e_u, e_v and c, where the ball is near the centre."""
 
 
-def _orders(left: Array) -> Array:
+def _orders(y: Array) -> Array:
     """What curves (..., NODES) have of these waves, (..., 3), by least squares: nodes lie evenly around the circle."""
-    return np.asarray(left @ (_WAVES * np.array([2.0, 2.0, 1.0])[:, None] / NODES).T)
+    return np.asarray(y @ (_WAVES * np.array([2.0, 2.0, 1.0])[:, None] / NODES).T)
 
 
 def circle_at(fit: Array, radius_mm: float) -> Array:
     """|R r(phi) - e| + c (..., NODES) mm over PHI, of fits (..., 3)."""
     x, y = radius_mm * np.cos(PHI) - fit[..., 0, None], radius_mm * np.sin(PHI) - fit[..., 1, None]
-    values: Array = np.hypot(x, y) + fit[..., 2, None]
-    return values
+    return np.asarray(np.hypot(x, y) + fit[..., 2, None])

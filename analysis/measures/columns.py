@@ -39,15 +39,15 @@ def figure_columns(group: Sequence[Result]) -> list[FigureColumn]:
         if title in together:
             columns.append(_column("mean", direction, len(together[title].runs), together[title].figures))
         else:
-            alone = [result for result in group if result.title == title]
-            columns += [FigureColumn("run", direction, 1, run.name, run.figures, {}) for run in alone]
+            runs = [result for result in group if result.title == title]
+            columns += [FigureColumn("run", direction, 1, run.name, run.figures, {}) for run in runs]
     both = pairs_of(group)
     return [*columns, _column("pairs", "", len(both.runs), both.figures)] if both and both.figures else columns
 
 
 def _column(
-    kind: Literal["mean", "pairs"], direction: str, count: int, found: Mapping[str, Quantity | BetweenRuns]
+    kind: Literal["mean", "pairs"], direction: str, count: int, of_runs: Mapping[str, Quantity | BetweenRuns]
 ) -> FigureColumn:
-    figures = {name: one.mean if isinstance(one, BetweenRuns) else one for name, one in found.items()}
-    sd = {name: one.in_sd for name, one in found.items() if isinstance(one, BetweenRuns)}
-    return FigureColumn(kind, direction, count, "", figures, sd)
+    pooled_runs = {name: figure for name, figure in of_runs.items() if isinstance(figure, BetweenRuns)}
+    figures = {name: figure.mean if isinstance(figure, BetweenRuns) else figure for name, figure in of_runs.items()}
+    return FigureColumn(kind, direction, count, "", figures, {name: mean.in_sd for name, mean in pooled_runs.items()})

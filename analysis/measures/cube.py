@@ -15,8 +15,8 @@ import numpy as np
 from analysis.geometry.iso_cube import Cube
 from analysis.kinematics.arm import Array, Integers
 from analysis.kinematics.limits import wrapped
-from analysis.measures.iso_figures import FEWEST_CYCLES
 from analysis.measures.quantity import Quantity, student_factor
+from analysis.measures.scatter_figures import FEWEST_CYCLES
 
 _SAME_RAD = float(np.radians(0.5))
 """A group of poses is one of the cube whose joints it has within this, modulo a turn: what a robot reports lies beside
@@ -35,13 +35,13 @@ def by_pose(pose: Integers, plain: Callable[[Array], dict[str, Array]]) -> Calla
     """Figures of each of the cube's poses beside those of all groups: pose (g,) says which each group is."""
 
     def figures(x: Array) -> dict[str, Array]:
-        found = plain(x)
+        by_name = plain(x)
         for group in np.flatnonzero(pose):
-            own = plain(x[..., [group], :, :])
+            of_group = plain(x[..., [group], :, :])
             for name in ("ap_mm", "rp_mm"):
-                if name in own:
-                    found[name.replace("_mm", f"_p{pose[group]}_mm")] = own[name]
-        return found
+                if name in of_group:
+                    by_name[name.replace("_mm", f"_p{pose[group]}_mm")] = of_group[name]
+        return by_name
 
     return figures
 

@@ -4,6 +4,12 @@ A move is a path whose way and chord it has; of the two ways around the large ci
 program drives it. Where the instrument's frame is not known it is fitted to all paths together: first by the share of
 each path that was driven, then each place to the nearest of its path. Deviations are taken across the path, as ISO 9283
 has it, and averaged between stations, which lie closer than anything a robot does.
+
+What a tracker wrote while a tool drove paths, divided into moves: the pieces between two stands of the tool.
+
+Places are averaged over short spans, so that the tracker's noise, which is read off the second differences of its
+places, is no motion. A stand is a rest of more than half a second: a corner, at which some controllers all but stop,
+takes less. What lies before the first and after the last stand is cut off: how much of it is missing is unknown.
 """
 
 from __future__ import annotations
@@ -17,9 +23,64 @@ from analysis.conventions.path_places import measured_places
 from analysis.geometry.iso_cube import CommandPath, Cube, PathName, paths_of
 from analysis.geometry.pose_setup import best_rigid, in_frame
 from analysis.kinematics.arm import Array
-from analysis.traces.path_moves import Moved, moves_of
 from analysis.traces.tables import PathTable
 from rigs.errors import FileError
+
+_SPAN_S, _SAMPLES = 0.05, 4
+"""Places are averaged over this time, and over so many of them at the least."""
+_STAND_S = 0.6
+_SLOW = 0.02
+"""A tool is at rest below this share of the speed that nine tenths of all spans stay below …"""
+_NOISES = 6.0
+"""… or where noise alone looks as fast, so many times its standard deviation."""
+_GAP_S = 0.3
+"""A move in which the tracker wrote nothing for longer is not whole: it lost its target."""
+_NORMAL = 1.4826
+"""Standard deviation of a normal law over its median without sign."""
+
+
+@dataclass(frozen=True)
+class Moved:
+    """One move: rows of the table from `first` to before `last`, the way length_mm, by spans, and from its beginning to
+    its end chord_mm; whole: whether the tracker wrote all along it."""
+
+    first: int
+    last: int
+    length_mm: float
+    chord_mm: float
+    whole: bool
+
+
+def moves_of(t_s: Array, xyz_mm: Array) -> list[Moved]:
+    """Return the moves between stands, in order, of places xyz_mm (n, 3) at rising times t_s (n,)."""
+    if len(t_s) < 10 * _SAMPLES:
+        return []
+    step_s = float(np.median(np.diff(t_s)))
+    span_s = max(_SPAN_S, _SAMPLES * step_s)
+    number = ((t_s - t_s[0]) / span_s).astype(np.int64)
+    first = np.flatnonzero(np.diff(number, prepend=-1))
+    count = np.diff(first, append=len(t_s))
+    at = np.add.reduceat(xyz_mm, first, axis=0) / count[:, None]
+    when = np.add.reduceat(t_s, first) / count
+    way = np.linalg.norm(np.diff(at, axis=0), axis=1)
+    speed = way / np.diff(when)
+    bends = np.abs(xyz_mm[2:] - 2 * xyz_mm[1:-1] + xyz_mm[:-2])
+    noise_mm = float(_NORMAL * np.median(bends) / np.sqrt(6))  # the standard deviation of a coordinate
+    noise = noise_mm * np.sqrt(6 / max(float(np.median(count)), 1.0)) / span_s
+    rests = speed < max(_SLOW * float(np.quantile(speed, 0.9)), _NOISES * noise)
+    # The first and the last span (k,) of each stand.
+    edges = np.diff(np.concatenate([[False], rests, [False]]).astype(np.int64))
+    begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    long = when[ends] - when[begins] > _STAND_S
+    begins, ends = begins[long], ends[long]
+    gaps = np.concatenate([[0], np.cumsum(np.diff(t_s) > max(_GAP_S, 3 * span_s))])
+    moves = []
+    for out, back in zip(ends[:-1].tolist(), begins[1:].tolist(), strict=True):
+        rows = int(first[out]), int(first[back])
+        chord = float(np.linalg.norm(at[back] - at[out]))
+        moves.append(Moved(*rows, float(way[out:back].sum()), chord, bool(gaps[rows[1]] == gaps[rows[0]])))
+    return moves
+
 
 _LENGTH, _CHORD = 0.08, 0.05
 """Shares of a path's length by which way and chord of a move may differ from it: a corner that is cut is shorter."""
@@ -66,7 +127,14 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
     whole = {name: [move for move in cycles if move.whole] for name, cycles in every.items()}
     whole = {name: cycles for name, cycles in whole.items() if cycles}
     if not set(whole) - {"back"}:
-        raise FileError(where, _nothing(moves, commands), "check its unit, the cube of the rig file, and the recording")
+        problem = "it has no moves between stands"
+        if moves:
+            problem = (
+                f"none of its {len(moves)} moves between stands is as long as a path of the cube: the longest is "
+                f"{max(move.length_mm for move in moves):.4g} mm, and a line would be "
+                f"{commands['line'].length_mm:.4g} mm"
+            )
+        raise FileError(where, problem, "check its unit, the cube of the rig file, and the recording")
     places = {name: [table.xyz_mm[move.first : move.last] for move in cycles] for name, cycles in whole.items()}
     T = _fitted(places, commands) if T_world_instrument is None else T_world_instrument
     paths: dict[PathName, Driven] = {}
@@ -81,7 +149,11 @@ def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None,
     if not paths:
         problem = "its tracker wrote too few places along each path to judge it"
         raise FileError(where, problem, "record more places a second")
-    _hold_near(paths, cube, where, fitted=T_world_instrument is None)
+    far_mm = max(float(np.median(np.linalg.norm(driven.off_mm, axis=2))) for driven in paths.values())
+    if far_mm > _FAR * cube.side_mm:
+        problem = f"its paths lie {far_mm:.3g} mm from those of the cube in the rig file"
+        or_else = "" if T_world_instrument is None else ", tests.iso9283.instrument and the tool"
+        raise FileError(where, problem, f"give the rig file of its program; check the cube{or_else}")
     torn = sum(not move.whole for cycles in every.values() for move in cycles)
     notes = [f"{torn} paths are left out, where the tracker wrote nothing for a while"] if torn else []
     if coarse:
@@ -95,8 +167,16 @@ def _sorted(
     """The moves of each path, in order of time."""
     cycles: dict[PathName, list[Moved]] = {}
     around: Array | None = None
+    lengths = {name: command.length_mm for name, command in commands.items()}
+    ends = {name: command.at(np.array([0.0, command.length_mm])) for name, command in commands.items()}
+    chords = {name: float(np.linalg.norm(end - start)) for name, (start, end) in ends.items()}
     for move in moves:
-        name = next((name for name, command in commands.items() if _is_of(move, command)), None)
+        fits = (
+            name
+            for name, length in lengths.items()
+            if abs(move.length_mm - length) < _LENGTH * length and abs(move.chord_mm - chords[name]) < _CHORD * length
+        )
+        name = next(fits, None)
         if name == "circle":
             away = table.xyz_mm[move.first : move.last]
             away = away - away.mean(axis=0)
@@ -106,23 +186,6 @@ def _sorted(
         if name is not None:
             cycles.setdefault(name, []).append(move)
     return cycles
-
-
-def _is_of(move: Moved, command: CommandPath) -> bool:
-    length = command.length_mm
-    chord = float(np.linalg.norm(np.diff(command.at(np.array([0.0, length])), axis=0)))
-    return abs(move.length_mm - length) < _LENGTH * length and abs(move.chord_mm - chord) < _CHORD * length
-
-
-def _nothing(moves: list[Moved], commands: Mapping[PathName, CommandPath]) -> str:
-    length = commands["line"].length_mm
-    if not moves:
-        return "it has no moves between stands"
-    longest = max(move.length_mm for move in moves)
-    return (
-        f"none of its {len(moves)} moves between stands is as long as a path of the cube: the longest is {longest:.4g} "
-        f"mm, and a line would be {length:.4g} mm"
-    )
 
 
 def _fitted(places: Mapping[PathName, list[Array]], commands: Mapping[PathName, CommandPath]) -> Array:
@@ -148,31 +211,17 @@ def _driven(command: CommandPath, places: list[Array], times: list[Array]) -> Dr
         return None
     edges = np.linspace(_ENDS, 1 - _ENDS, stations + 1) * command.length_mm
     off, speeds = [], []
+    at = (edges[1:] + edges[:-1]) / 2
     for cycle, t_s in zip(places, times, strict=True):
         s = command.nearest(cycle)
-        off.append(_at_stations(s, cycle - command.at(s), edges))
+        # Mean deviations between the edges; where nothing was written, between the neighbours.
+        number = np.searchsorted(edges, s, side="right") - 1
+        inside = (number >= 0) & (number < stations)
+        count = np.bincount(number[inside], minlength=stations)
+        sums = [np.bincount(number[inside], column, minlength=stations) for column in (cycle - command.at(s))[inside].T]
+        written = count > 0
+        means = [np.interp(at, at[written], total[written] / count[written]) for total in sums]
+        off.append(np.stack(means, axis=1))
         middle = np.flatnonzero((s > 0.25 * command.length_mm) & (s < 0.75 * command.length_mm))
         speeds.append((s[middle[-1]] - s[middle[0]]) / (t_s[middle[-1]] - t_s[middle[0]]))
-    return Driven(command, tuple(places), (edges[1:] + edges[:-1]) / 2, np.array(off), np.array(speeds))
-
-
-def _at_stations(s_mm: Array, off_mm: Array, edges: Array) -> Array:
-    """Mean deviations (m, 3) mm between edges (m + 1,) of deviations (n, 3) at s_mm (n,); where nothing was written,
-    between the neighbours."""
-    number = np.searchsorted(edges, s_mm, side="right") - 1
-    inside = (number >= 0) & (number < len(edges) - 1)
-    count = np.bincount(number[inside], minlength=len(edges) - 1)
-    sums = [np.bincount(number[inside], off_mm[inside, k], minlength=len(edges) - 1) for k in range(3)]
-    written = count > 0
-    middle = (edges[1:] + edges[:-1]) / 2
-    means = [total[written] / count[written] for total in sums]
-    return np.stack([np.interp(middle, middle[written], mean) for mean in means], axis=1)
-
-
-def _hold_near(paths: Mapping[PathName, Driven], cube: Cube, where: str, *, fitted: bool) -> None:
-    """Raises FileError where the paths are elsewhere than the cube."""
-    far = max(float(np.median(np.linalg.norm(driven.off_mm, axis=2))) for driven in paths.values())
-    if far > _FAR * cube.side_mm:
-        problem = f"its paths lie {far:.3g} mm from those of the cube in the rig file"
-        or_else = "" if fitted else ", tests.iso9283.instrument and the tool"
-        raise FileError(where, problem, f"give the rig file of its program; check the cube{or_else}")
+    return Driven(command, tuple(places), at, np.array(off), np.array(speeds))

@@ -38,60 +38,47 @@ class Turn:
 
 def turns(laps: Laps) -> list[Turn]:
     """The turns of all joints of the first lap, by axis and phi."""
-    phi, q, rows = _extended(laps.first)
-    found = [turn for axis in range(q.shape[1]) for turn in _of_joint(axis, phi, q[:, axis], rows)]
-    return sorted(found, key=lambda turn: (turn.axis, turn.phi))
+    lap = laps.first
+    order = np.argsort(lap.phi, kind="stable")
+    phi, q = lap.phi[order], lap.q[order]
+    # A piece of the lap again at both ends: it is closed, and a turn near its start has both its flanks. A joint that
+    # makes full turns goes on by its full turns.
+    whole = 2 * np.pi * np.round((q[-1] - q[0]) / (2 * np.pi))
+    head, tail = phi < phi[0] + _BEYOND, phi > phi[-1] - _BEYOND
+    phi = np.concatenate([phi[tail] - 2 * np.pi, phi, phi[head] + 2 * np.pi])
+    q, rows = np.concatenate([q[tail] - whole, q, q[head] + whole]), np.concatenate([order[tail], order, order[head]])
+    seen: list[Turn] = []
+    start = float(phi[0] + _BEYOND)  # the lap's own
+    for axis, joint in enumerate(q.T, start=1):
+        turned: list[Turn] = []
+        prominence = max(PROMINENCE_RAD, _NOISES * noise_beneath(joint, 0.0))
+        for sign in (1.0, -1.0):
+            for k in peaks(sign * joint, prominence):
+                vertex, u = _vertex(phi, sign * joint, float(phi[k]))
+                if not start - np.radians(1) <= vertex < start + 2 * np.pi + np.radians(1):
+                    continue
+                turn = Turn(axis, vertex % (2 * np.pi), u, sign > 0, int(rows[k]))
+                # A turn at the seam of the lap is seen twice.
+                if all(turn.upper != kept.upper or abs(apart(turn.phi, kept.phi)) > np.radians(2) for kept in turned):
+                    turned.append(turn)
+        seen += turned
+    return sorted(seen, key=lambda turn: (turn.axis, turn.phi))
 
 
-def beside(found: Sequence[Turn], nominal: Sequence[Reversal]) -> list[tuple[Reversal, Turn | None]]:
+def beside(seen: Sequence[Turn], nominal: Sequence[Reversal]) -> list[tuple[Reversal, Turn | None]]:
     """Each nominal reversal with the nearest turn of the same joint and sense within 30°, or None."""
     pairs = []
     for reversal in nominal:
-        same = [turn for turn in found if (turn.axis, turn.upper) == (reversal.axis, reversal.upper)]
-        nearest = min(same, key=lambda turn: abs(apart(turn.phi, reversal.phi)), default=None)
+        alike = [turn for turn in seen if (turn.axis, turn.upper) == (reversal.axis, reversal.upper)]
+        nearest = min(alike, key=lambda turn: abs(apart(turn.phi, reversal.phi)), default=None)
         near = nearest is not None and abs(apart(nearest.phi, reversal.phi)) < np.radians(30)
         pairs.append((reversal, nearest if near else None))
     return pairs
 
 
-def apart(phi: float, other: float) -> float:
-    """phi - other, from -pi to pi."""
-    return float((phi - other + np.pi) % (2 * np.pi) - np.pi)
-
-
-def _extended(lap: Laps) -> tuple[Array, Array, Array]:
-    """phi (m,) growing, q (m, 6) and rows (m,) of the lap, with a piece of it again at both ends: the lap is closed,
-    and a turn near its start has both its flanks. A joint that makes full turns goes on by its full turns."""
-    order = np.argsort(lap.phi, kind="stable")
-    phi, q = lap.phi[order], lap.q[order]
-    whole = 2 * np.pi * np.round((q[-1] - q[0]) / (2 * np.pi))
-    head, tail = phi < phi[0] + _BEYOND, phi > phi[-1] - _BEYOND
-    return (
-        np.concatenate([phi[tail] - 2 * np.pi, phi, phi[head] + 2 * np.pi]),
-        np.concatenate([q[tail] - whole, q, q[head] + whole]),
-        np.concatenate([order[tail], order, order[head]]),
-    )
-
-
-def _of_joint(axis: int, phi: Array, joint: Array, rows: Array) -> list[Turn]:
-    prominence = max(PROMINENCE_RAD, _NOISES * noise_beneath(joint, 0.0))
-    first = float(phi[0] + _BEYOND)  # the lap's own start
-    found = []
-    for sign in (1.0, -1.0):
-        for k in peaks(sign * joint, prominence):
-            vertex, u = _vertex(phi, sign * joint, float(phi[k]))
-            if first - np.radians(1) <= vertex < first + 2 * np.pi + np.radians(1):
-                found.append(Turn(axis + 1, vertex % (2 * np.pi), u, sign > 0, int(rows[k])))
-    return _once(found)
-
-
-def _once(found: list[Turn]) -> list[Turn]:
-    """Without the second sight of a turn at the seam of the lap."""
-    kept: list[Turn] = []
-    for turn in found:
-        if all(turn.upper != k.upper or abs(apart(turn.phi, k.phi)) > np.radians(2) for k in kept):
-            kept.append(turn)
-    return kept
+def apart(phi: float, other_phi: float) -> float:
+    """phi - other_phi, from -pi to pi."""
+    return float((phi - other_phi + np.pi) % (2 * np.pi) - np.pi)
 
 
 def _vertex(phi: Array, joint: Array, about: float) -> tuple[float, float]:
@@ -102,14 +89,14 @@ def _vertex(phi: Array, joint: Array, about: float) -> tuple[float, float]:
     x = (phi[near] - about) / _NEIGHBOURHOOD
     design = np.vander(x, 4)
     c, *_ = np.linalg.lstsq(design, joint[near], rcond=None)
-    left = joint[near] - design @ c
+    residual = joint[near] - design @ c
     tops = np.roots(np.polyder(c))
     tops = np.real(tops[np.isreal(tops)])
     tops = tops[(np.polyval(np.polyder(c, 2), tops) < 0) & (np.abs(tops) <= 1)]
     if len(tops) == 0:
         return about, _NEIGHBOURHOOD / 2
     top = float(tops[np.argmin(np.abs(tops))])
-    covariance = np.linalg.inv(design.T @ design) * float(left @ left) / max(len(x) - 4, 1)
+    covariance = np.linalg.inv(design.T @ design) * float(residual @ residual) / max(len(x) - 4, 1)
     slope = np.array([3 * top**2, 2 * top, 1.0, 0.0])
     u = np.sqrt(slope @ covariance @ slope) / abs(np.polyval(np.polyder(c, 2), top))
     return about + top * _NEIGHBOURHOOD, float(u) * _NEIGHBOURHOOD

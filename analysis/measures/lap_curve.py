@@ -143,8 +143,7 @@ def curve_of(
 
 def at_resolution(y: Array) -> Array:
     """Curves (..., NODES), in any unit, at the stated angular resolution."""
-    filtered: Array = np.fft.irfft(np.fft.rfft(y) * _PASSES, NODES)
-    return filtered
+    return np.asarray(np.fft.irfft(np.fft.rfft(y) * _PASSES, NODES))
 
 
 def figures(
@@ -172,17 +171,16 @@ def figures(
     # Rows whose places are uncertain have blurred the curve: what as much again takes off a range, they took off, too.
     lost = {name: max(float(values[name] - dulled[name]), 0.0) for name in excess}
     source = least_known(curve.noise.source for curve in curves)
-    found = figures_of(values, draws, samples, excess, RANGE_U, source)
+    of_curves = figures_of(values, draws, samples, excess, RANGE_U, source)
     for name, off in lost.items():  # which is known no better than to itself
-        figure = found[name]
-        found[name] = replace(figure, value=figure.value + off, u=float(np.hypot(figure.u, off)))
-    return found
+        figure = of_curves[name]
+        of_curves[name] = replace(figure, value=figure.value + off, u=float(np.hypot(figure.u, off)))
+    return of_curves
 
 
 def blurred(y: Array, blur: float) -> Array:
     """A curve (NODES,) whose rows fell anywhere about their places, with a standard deviation of `blur` rad."""
-    found: Array = np.fft.irfft(np.fft.rfft(y) * np.exp(-0.5 * (blur * ORDERS) ** 2), NODES)
-    return found
+    return np.asarray(np.fft.irfft(np.fft.rfft(y) * np.exp(-0.5 * (blur * ORDERS) ** 2), NODES))
 
 
 def _where_laps_differ(laps: Array, rng: np.random.Generator) -> Array:
@@ -200,16 +198,14 @@ def _where_laps_differ(laps: Array, rng: np.random.Generator) -> Array:
     size = _smeared((apart**2).sum(axis=0), _LOCAL)
     odd = size > _ODD**2 * np.median(size)
     shares = rng.standard_t(count - 1, (DRAWS, count)).clip(-_MOST, _MOST) / np.sqrt(count * (count - 1))
-    errors: Array = shares @ (apart * odd)
-    return errors
+    return np.asarray(shares @ (apart * odd))
 
 
 def _smeared(values: Array, width: int) -> Array:
     """Means (..., NODES) of `width` nodes about each, an odd number, around the lap."""
     half = width // 2
     summed = np.cumsum(np.concatenate([values[..., -half - 1 :], values, values[..., :half]], axis=-1), axis=-1)
-    means: Array = (summed[..., width:] - summed[..., :-width]) / width
-    return means
+    return np.asarray((summed[..., width:] - summed[..., :-width]) / width)
 
 
 def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
@@ -243,8 +239,8 @@ def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
     errors = np.zeros((DRAWS, NODES, mean.shape[1]))
     for k, (step, noise) in enumerate(zip(run.step_mm, run.noise_mm, strict=True)):
         if step:
-            shared, own = rounding_error(mean[:, k], step, noise, rng.uniform(0, step, DRAWS))
-            errors[..., k] = shared + np.sqrt(own * NODES / run.rows) * rng.standard_normal((DRAWS, NODES))
+            shared, single = rounding_error(mean[:, k], step, noise, rng.uniform(0, step, DRAWS))
+            errors[..., k] = shared + np.sqrt(single * NODES / run.rows) * rng.standard_normal((DRAWS, NODES))
     return errors
 
 
@@ -257,5 +253,4 @@ def calmed(y: Array, power: Array) -> Array:
     jumps = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(y, half, mode="wrap"), _WINDOW), axis=1)
     spectrum = np.fft.rfft(y - jumps)
     seen = np.maximum(np.abs(spectrum / NODES) ** 2, 1e-30)
-    calm: Array = jumps + np.fft.irfft(spectrum * np.clip(1 - power / seen, 0.0, 1.0), NODES)
-    return calm
+    return np.asarray(jumps + np.fft.irfft(spectrum * np.clip(1 - power / seen, 0.0, 1.0), NODES))

@@ -21,10 +21,9 @@ from analysis.geometry.ball_link import angle, readings
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_laps, circle_of
 from analysis.kinematics.arm import Array, Integers
-from analysis.measures.checks import hold_alive, hold_numbers, hold_radius
 from analysis.measures.circularity import Circularity
 from analysis.measures.circularity import evaluate as evaluate_distance
-from analysis.measures.evaluate import Instruments
+from analysis.measures.evaluate import Instruments, hold_alive, hold_numbers, hold_radius
 from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.measures.quantity import Quantity
 from analysis.measures.reduction import PHI, Reduced, nodes_of, reduced
@@ -73,19 +72,7 @@ class Sine:
 
     def __call__(self, phi: Array) -> Array:
         """Its value (n,) at phi (n,)."""
-        values: Array = self.A + self.a * np.sin(phi) + self.b * np.cos(phi)
-        return values
-
-    @property
-    def amplitude(self) -> float:
-        """r of eq. (11)."""
-        return float(np.hypot(self.a, self.b))
-
-    @property
-    def shift(self) -> float:
-        """alpha of eq. (11); by atan2, since arctan(b/a) loses the quadrant. (The paper's last formula
-        for it has b11 where b21 belongs.)"""
-        return float(np.arctan2(self.b, self.a))
+        return np.asarray(self.A + self.a * np.sin(phi) + self.b * np.cos(phi))
 
 
 def sine_of(y: Array) -> tuple[Array, Array, Array]:
@@ -154,7 +141,7 @@ class AngleTest:
 
     def figures_at(self, y: Array, radius_mm: float) -> dict[str, Array]:
         """The plain figures (...,) of all measures, from angles y (..., NODES) rad."""
-        return {name: value for one in self.measures for name, value in one.figures_at(y, radius_mm).items()}
+        return {name: value for measure in self.measures for name, value in measure.figures_at(y, radius_mm).items()}
 
     def evaluate(
         self,
@@ -185,14 +172,14 @@ class AngleTest:
         def drawn(curves: Sequence[Array]) -> list[Array]:
             return [curve.drawn(curves[0], turned, scale)]
 
-        ranges = frozenset[str]().union(*(one.ranges for one in self.measures))
-        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, run.samples, ranges)
+        ranges = frozenset[str]().union(*(measure.ranges for measure in self.measures))
+        of_angle = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, run.samples, ranges)
         sine = Sine(*(float(part) for part in sine_of(curve.y)))
         residual = at_resolution(curve.y - sine(PHI))
         distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
         notes = (*laps.notes, *run.notes, *_about_noise(curve))
         count = run.samples
-        result = CircleResult(laps, curve.y, residual, sine, found, count, notes, curve, distance, u_lag_s, u_scale)
+        result = CircleResult(laps, curve.y, residual, sine, of_angle, count, notes, curve, distance, u_lag_s, u_scale)
         return replace(result, notes=(*notes, *self.notes_of(result)))
 
     def plain_figures(self, phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
@@ -205,16 +192,14 @@ def _about_noise(curve: LapCurve) -> tuple[str, ...]:
     """Where the noise is not from laps of this run, and what happened between its laps, in words."""
     if curve.slips:
         sizes = ", ".join(f"{np.degrees(slip):+.4f}°" for slip in curve.slips)
-        return (
-            f"the angle steps by {sizes} between laps, which is more than noise and drift explain: check the clamps",
-        )
+        why = "which is more than noise and drift explain: check the clamps"
+        return (f"the angle steps by {sizes} between laps, {why}",)
     match curve.noise.source:
         case "borrowed":
             return ("the run has one lap: its slow noise is taken from another run of this cell, at an unknown level",)
         case "assumed":
-            return (
-                "the run has one lap, which cannot show slow noise: the noise of real cells is assumed; drive two laps",
-            )
+            why = "the noise of real cells is assumed; drive two laps"
+            return (f"the run has one lap, which cannot show slow noise: {why}",)
     return ()
 
 
@@ -226,7 +211,8 @@ def eccentricities(result: CircleResult) -> tuple[Array, Array]:
 
 
 def sine_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
-    """Band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's section 2.1."""
+    """Band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's section 2.1, r and
+    alpha of eq. (11), whose arctan(b/a) loses the quadrant. (Its last formula has b11 where b21 belongs.)"""
     A, a, b = sine_of(y)
     error = at_resolution(y - _sines(A, a, b))
     return {
@@ -249,19 +235,15 @@ def error_of(y: Array) -> tuple[Array, Array]:
 
 
 def _sines(A: Array, a: Array, b: Array) -> Array:
-    values: Array = A[..., None] + a[..., None] * np.sin(PHI) + b[..., None] * np.cos(PHI)
-    return values
+    return np.asarray(A[..., None] + a[..., None] * np.sin(PHI) + b[..., None] * np.cos(PHI))
 
 
 def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
     if laps.g_mm.ndim != 2 or laps.g_mm.shape[1] != 2:
         raise FileError(where, "does not have two gauges, and an angle needs two", "give g1_mm and g2_mm")
     if baseline_mm == 0:
-        raise FileError(
-            where,
-            "the two gauges have the same offset_mm, which measures no angle",
-            "correct offset_mm of g1 and g2 in the rig file",
-        )
+        problem = "the two gauges have the same offset_mm, which measures no angle"
+        raise FileError(where, problem, "correct offset_mm of g1 and g2 in the rig file")
     hold_radius(where, laps.frame.radius)
     hold_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
     hold_alive(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
@@ -288,10 +270,7 @@ class CircleKind(Kind[CircleTable]):
     part, along = "circle", "phi_deg"
 
     def __init__(
-        self,
-        test: CircleTest,
-        angle: AngleTest,
-        *finders: tuple[str, Callable[[CircleTable, Rig], Iterable[Finding]]],
+        self, test: CircleTest, angle: AngleTest, *finders: tuple[str, Callable[[CircleTable, Rig], Iterable[Finding]]]
     ) -> None:
         super().__init__(test)
         self._test: CircleTest = test

@@ -5,18 +5,27 @@
 
 The laps are cut out of a table of every so many rows, which the run is shown by as well; each stretch of rows beside
 one node then falls into a lap by its time.
+
+The streams of a long run part by part: rows of all of them that came in the same time, in memory of a few chunks.
+
+A part is evaluated like a run of its own. What is seen only from before and after, as whether an instrument waited or a
+computer was held up for a second, is seen of the rows near its ends as well: a part has some seconds more on either
+side, which belong to its neighbours.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from analysis.geometry.circle import SENSE, CircleFrame, frame_of
+from analysis.geometry.circle import SENSE, frame_of
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, Integers, arm_of
 from analysis.measures.reduction import HatSums, LapRows, Reduced, base_of, of_rows, place_of, slopes_of, wild_of
@@ -24,17 +33,116 @@ from analysis.noise.certificate import beyond_certificates, corrected_gauges
 from analysis.noise.readings import Mask, noise_beneath, step_of
 from analysis.noise.spectrum import NODES
 from analysis.traces.align import Joined, NotTogether, Seen, doubts_of, gauges_of, join
+from analysis.traces.clocks import Columns
 from analysis.traces.condition import NOT_SHOWN, condition_of
 from analysis.traces.laps import Laps, laps_of, leaps_of, places_along
 from analysis.traces.loading import Measured, known_doubts, measured_as, rig_of
-from analysis.traces.run_parts import Part, is_long, parts_of, rows_of_gauge
 from analysis.traces.tables import CircleTable
-from daq.store import Manifest, Run, closed_manifest
+from daq.store import Manifest, Run, chunks_of, closed_manifest
 from rigs.errors import FileError
 from rigs.load import calibrated_beside
 from rigs.rig import Rig
 from rigs.schema.condition import MOTORS, PROGRAM, SAFETY, SPEED
 from rigs.schema.vocabulary import CIRCLES
+
+_ROWS = 300_000
+"""Rows of gauge 1 in a part: 75 s at 4 kHz, over which a clock is a straight line (`lower_hull.WINDOW_S`)."""
+_MARGIN_NS = 6e9
+"""What a part has of its neighbours. `steady_pace` sees within four seconds whether lateness stays."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """The rows of some streams that came in [begin_ns, end_ns), and those of a few seconds before and after."""
+
+    streams: dict[str, Columns]
+    begin_ns: float
+    end_ns: float
+
+
+def rows_of_gauge(manifest: Manifest) -> int:
+    """How many rows gauge 1 has in a recorded run; 0 where it has none."""
+    first = _stream_of(manifest, "g1_mm")
+    return sum(chunk.rows for chunk in manifest.chunks_of(first)) if first else 0
+
+
+def parts_of(path: Path, manifest: Manifest) -> Iterator[Part]:
+    """The streams of gauges and robot, part by part, in order of time.
+
+    Raises FileError for a chunk that is missing or damaged, and where stamps go back: such a run is refused as a whole.
+    """
+    read = {
+        name: _Window(path, chunks_of(path, manifest, name))
+        for name, columns in manifest.streams.items()
+        if {"g1_mm", "g2_mm", "q1_deg"} & set(columns)
+    }
+    first, begin_ns = read[_stream_of(manifest, "g1_mm")], -math.inf
+    while begin_ns < math.inf:
+        end_ns = first.time_after(begin_ns, _ROWS)
+        streams = {name: window.between(begin_ns - _MARGIN_NS, end_ns + _MARGIN_NS) for name, window in read.items()}
+        yield Part(streams, begin_ns, end_ns)
+        begin_ns = end_ns
+
+
+def _stream_of(manifest: Manifest, column: str) -> str:
+    return next((name for name, columns in manifest.streams.items() if column in columns), "")
+
+
+class _Window:
+    """The rows of a stream in a stretch of time that moves on."""
+
+    def __init__(self, path: Path, chunks: Iterator[Columns]) -> None:
+        self._path = path
+        self._chunks = chunks
+        self._kept: list[Columns] = []
+
+    def between(self, begin_ns: float, end_ns: float) -> Columns:
+        """The rows that came in [begin_ns, end_ns), and no earlier than those of the call before."""
+        while self._last_ns() < end_ns and self._reads_on():
+            pass
+        self._kept = [chunk for chunk in self._kept[:-1] if chunk["last_byte_ns"][-1] >= begin_ns] + self._kept[-1:]
+        pieces = []
+        for chunk in self._kept:
+            rows = slice(*np.searchsorted(chunk["last_byte_ns"], (begin_ns, end_ns), side="left"))
+            if rows.start < rows.stop:
+                pieces.append({name: column[rows] for name, column in chunk.items()})
+        return {name: _joined([piece[name] for piece in pieces]) for name in (pieces[0] if pieces else ())}
+
+    def time_after(self, begin_ns: float, rows: int) -> float:
+        """When the row came that is so many behind the first from begin_ns on; inf where hardly half as many more are
+        left from there."""
+        most = rows + rows // 2
+        while True:
+            came_ns = [chunk["last_byte_ns"] for chunk in self._kept]
+            first = [int(np.searchsorted(stamps, begin_ns, side="left")) for stamps in came_ns]
+            if sum(len(stamps) for stamps in came_ns) - sum(first) > most:
+                return float(np.concatenate([stamps[k:] for stamps, k in zip(came_ns, first, strict=True)])[rows])
+            if not self._reads_on():
+                return math.inf
+
+    def _last_ns(self) -> float:
+        return float(self._kept[-1]["last_byte_ns"][-1]) if self._kept else -math.inf
+
+    def _reads_on(self) -> bool:
+        """Read the next chunk, if there is any."""
+        chunk = next(self._chunks, None)
+        if chunk is None:
+            return False
+        stamps = chunk["last_byte_ns"]
+        if len(stamps):
+            if stamps[0] < self._last_ns() or not (stamps[1:] >= stamps[:-1]).all():
+                raise FileError(str(self._path), "has stamps that go back", "restore the run from a copy")
+            self._kept.append(chunk)
+        return True
+
+
+def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
+    """The pieces of a column as one; of those that hold one value a view of it, as `daq.store` reads them."""
+    first = pieces[0]
+    if all(piece.strides == (0,) and piece[:1].tobytes() == first[:1].tobytes() for piece in pieces):
+        return np.broadcast_to(first[0], (sum(len(piece) for piece in pieces),))
+    return np.concatenate(pieces)
+
 
 _SHOWN = 100_000
 """Rows of the table that stands for all: 140 at each node of a single lap."""
@@ -91,7 +199,12 @@ def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
     None where it is no long recorded circle, or holds what only the whole run can show; then it is to be read whole.
     """
     manifest = closed_manifest(directory)
-    if manifest.table is not None or manifest.test not in CIRCLES or not manifest.direction or not is_long(manifest):
+    if (
+        manifest.table is not None
+        or manifest.test not in CIRCLES
+        or not manifest.direction
+        or rows_of_gauge(manifest) <= _ROWS
+    ):
         return None
     run = Run(path, manifest, {}, [])
     rig = calibrated_beside(rig_of(run), directory)
@@ -102,7 +215,25 @@ def long_circle(directory: Path, path: Path) -> tuple[Measured, Reduced] | None:
         pieces = list(_pieces(directory, run, rig))
     except (FileError, _AsAWhole):
         return None  # the whole run says what is wrong with it, and in which row
-    return _together(run, rig, beforehand, pieces)
+    parts = [piece.rows for piece in pieces if piece.rows is not None]
+    if not parts:
+        return None
+    first_ns, rows = parts[0].shown.t_s[0], [part.count for part in parts]
+    tables = [part.shown for part in parts]
+    t_s = (np.concatenate([table.t_s for table in tables]) - first_ns) / 1e9
+    q, g_mm = (np.concatenate([getattr(table, name) for table in tables]) for name in ("q", "g_mm"))
+    u_t_s = np.concatenate([table.u_t_s for table in tables if table.u_t_s is not None])
+    table = CircleTable(tables[0].test, tables[0].direction, t_s, q, g_mm, u_t_s)
+    laps = laps_of(table, rig, str(path))
+    seen = {name: reduce(Seen.then, (piece.seen[name] for piece in pieces)) for name in pieces[0].seen}
+    beyond = {name: sum(part.beyond[name] for part in parts) for name in parts[0].beyond}
+    doubts = doubts_of(seen, rows_of_gauge(manifest)) + beyond_certificates(rig, beyond, sum(rows))
+    u_lag_s = float(np.sqrt(np.average([part.u_lag_s**2 for part in parts], weights=rows)))
+    shown = [piece.robot for piece in pieces if piece.robot]
+    robot = {name: np.concatenate([columns[name] for columns in shown]) for name in (shown[0] if shown else ())}
+    condition = condition_of(robot) if robot else NOT_SHOWN
+    measured = measured_as(run, rig, table, u_lag_s, [*beforehand, *doubts], condition)
+    return measured, of_rows(laps, _rows_in(laps, parts, first_ns, np.radians(circle_of(rig).start_deg)))
 
 
 class _AsAWhole(Exception):
@@ -126,35 +257,12 @@ def _pieces(directory: Path, run: Run, rig: Rig) -> Iterator[_Piece]:
         taken += rows.count
 
 
-def _together(
-    run: Run, rig: Rig, beforehand: Sequence[str], pieces: Sequence[_Piece]
-) -> tuple[Measured, Reduced] | None:
-    """The run and its readings. Raises FileError where it holds no laps."""
-    parts = [piece.rows for piece in pieces if piece.rows is not None]
-    if not parts:
-        return None
-    first_ns, rows = parts[0].shown.t_s[0], [part.count for part in parts]
-    tables = [part.shown for part in parts]
-    t_s = (np.concatenate([table.t_s for table in tables]) - first_ns) / 1e9
-    q, g_mm = (np.concatenate([getattr(table, name) for table in tables]) for name in ("q", "g_mm"))
-    u_t_s = np.concatenate([table.u_t_s for table in tables if table.u_t_s is not None])
-    table = CircleTable(tables[0].test, tables[0].direction, t_s, q, g_mm, u_t_s)
-    laps = laps_of(table, rig, str(run.path))
-    seen = {name: reduce(Seen.then, (piece.seen[name] for piece in pieces)) for name in pieces[0].seen}
-    beyond = {name: sum(part.beyond[name] for part in parts) for name in parts[0].beyond}
-    doubts = doubts_of(seen, rows_of_gauge(run.manifest)) + beyond_certificates(rig, beyond, sum(rows))
-    u_lag_s = float(np.sqrt(np.average([part.u_lag_s**2 for part in parts], weights=rows)))
-    shown = [piece.robot for piece in pieces if piece.robot]
-    robot = {name: np.concatenate([columns[name] for columns in shown]) for name in (shown[0] if shown else ())}
-    condition = condition_of(robot) if robot else NOT_SHOWN
-    measured = measured_as(run, rig, table, u_lag_s, [*beforehand, *doubts], condition)
-    return measured, of_rows(laps, _rows_in(laps, parts, first_ns, np.radians(circle_of(rig).start_deg)))
-
-
 def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
     """What the rows of a part come to. taken: rows of the parts before."""
     circle, total, inside = circle_of(rig), rows_of_gauge(manifest), joined.inside
-    phi, g_mm = _angles(joined, frame_of(circle), rig), joined.g_mm
+    q, g_mm = joined.robot.values, joined.g_mm
+    of_robot = frame_of(circle).angle(places_along(arm_of(rig.robot), q, np.arange(len(q))))
+    phi = np.interp(joined.rows_ns, joined.robot.ns, of_robot)  # between those of the robot on a line
     lap = np.floor((phi - phi.min()) / (2 * np.pi)).astype(np.int64)
     wild = wild_of(phi, g_mm - g_mm.mean(axis=0), lap, _ROUNDS)[:, inside]
     is_new = (np.diff(g_mm, axis=0, prepend=np.nan) != 0)[inside]
@@ -175,13 +283,6 @@ def _rows_of(joined: Joined, manifest: Manifest, rig: Rig, taken: int) -> _Rows:
     )
 
 
-def _angles(joined: Joined, frame: CircleFrame, rig: Rig) -> Array:
-    """Circle angles (n,) rad of the rows: between those of the robot on a line."""
-    q = joined.robot.values
-    of_robot = frame.angle(places_along(arm_of(rig.robot), q, np.arange(len(q))))
-    return np.interp(joined.rows_ns, joined.robot.ns, of_robot)
-
-
 def _stretches(phi: Array, g_mm: Array, marks: Mask, slot: Integers, start: float) -> tuple[Integers, Integers, Array]:
     """The first rows (m,) of stretches of rows in one slot of time, their cells (m,) and their sums (m, len(_SUMS)).
 
@@ -196,23 +297,17 @@ def _stretches(phi: Array, g_mm: Array, marks: Mask, slot: Integers, start: floa
         changes = np.append(0, np.flatnonzero(np.diff(key)) + 1)
         firsts.append(begin + changes)
         keys.append(key[changes])
-        sums.append(np.add.reduceat(_summed_rows(share, g_mm[rows], marks[:, rows]), changes, axis=1))
+        summed, back, square = np.empty((len(_SUMS), len(share))), 1 - share, share**2
+        summed[:5] = back**2, share * back, square, square * share, square**2
+        summed[5:7], summed[7:9] = back * g_mm[rows].T, share * g_mm[rows].T
+        if marks[:2, rows].any():
+            summed[: len(_HATS)] *= ~marks[:2, rows].any(axis=0)
+        summed[9], summed[10:] = 1.0, marks[:, rows]
+        sums.append(np.add.reduceat(summed, changes, axis=1))
     key, first, stretch = np.unique(np.concatenate(keys), return_index=True, return_inverse=True)
     columns = np.concatenate(sums, axis=1)
     together = np.stack([np.bincount(stretch, column).astype(np.float64) for column in columns], axis=1)
     return np.concatenate(firsts)[first], key % (2 * NODES), together
-
-
-def _summed_rows(share: Array, g_mm: Array, marks: Mask) -> Array:
-    """What is summed, (len(_SUMS), n), of readings (n, 2) at a share (n,) of the way to the next node; marks (4, n)."""
-    sums = np.empty((len(_SUMS), len(share)))
-    back, square = 1 - share, share**2
-    sums[:5] = back**2, share * back, square, square * share, square**2
-    sums[5:7], sums[7:9] = back * g_mm.T, share * g_mm.T
-    if marks[:2].any():
-        sums[: len(_HATS)] *= ~marks[:2].any(axis=0)
-    sums[9], sums[10:] = 1.0, marks
-    return sums
 
 
 def _shown_of_robot(part: Part, manifest: Manifest) -> dict[str, Array]:

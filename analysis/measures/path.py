@@ -26,10 +26,9 @@ from analysis.geometry.iso_cube import Cube, PathName, Polygon, Ring, cube_of, i
 from analysis.kinematics.arm import Array, transform
 from analysis.measures.driven_paths import Driven, DrivenPaths, driven_paths
 from analysis.measures.evaluate import Instruments
-from analysis.measures.iso_figures import FEWEST_CYCLES, rp
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import PathCurve
-from analysis.measures.scatter_figures import half_width
+from analysis.measures.scatter_figures import FEWEST_CYCLES, half_width, rp
 from analysis.measures.simulated_gauges import Simulation
 from analysis.measures.simulated_iso9283 import simulated_path
 from analysis.traces.csv_tables import Rows
@@ -68,12 +67,12 @@ class PathResult:
         cube, parts = self.cube, list[tuple[Array, ...]]()
         axes = np.stack([cube.level, cube.rising, np.cross(cube.level, cube.rising)])
         names: list[str] = []
-        for name, one in self.driven.paths.items():
-            mean, many = one.off_mm.mean(axis=0), len(one.places) >= FEWEST_CYCLES
-            repeat = rp(np.swapaxes(one.off_mm, 0, 1)) if many else np.full(len(mean), np.nan)
-            place = (one.command.at(one.s_mm) - cube.centre_mm) @ axes.T
-            share = one.s_mm / one.command.length_mm
-            parts.append((one.s_mm, share, place, mean @ axes.T, np.linalg.norm(mean, axis=1), repeat))
+        for name, path in self.driven.paths.items():
+            mean, many = path.off_mm.mean(axis=0), len(path.places) >= FEWEST_CYCLES
+            repeat = rp(np.swapaxes(path.off_mm, 0, 1)) if many else np.full(len(mean), np.nan)
+            place = (path.command.at(path.s_mm) - cube.centre_mm) @ axes.T
+            share = path.s_mm / path.command.length_mm
+            parts.append((path.s_mm, share, place, mean @ axes.T, np.linalg.norm(mean, axis=1), repeat))
             names += [name] * len(mean)
         return PathCurve(np.array(names), *(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
@@ -86,20 +85,29 @@ def evaluate(
     was found, which a note doubts where it is none of those of programs at speed_mm_s. Raises FileError where the
     recording has no path of the cube."""
     driven = driven_paths(table, cube, None if instrument is None else transform(instrument), where)
-    figures: dict[str, Quantity] = {}
+    paths, figures, u_mm = driven.paths, dict[str, Quantity](), 0.0 if instrument is None else instrument.u_mm
     for name in _JUDGED:
-        own = driven.paths.get(name)
-        if own is not None and len(own.places) >= FEWEST_CYCLES:
-            figures |= _redone(own.off_mm, lambda off, name=name: at_and_rt(off, name))  # type: ignore[misc]
-    if instrument is not None:
-        figures = {name: _with_u(one, instrument.u_mm) if "_at_" in name else one for name, one in figures.items()}
-    rectangle = driven.paths.get("rectangle")
-    if rectangle is not None:
-        figures |= _corners(rectangle)
-    if "circle" in driven.paths and "circle_cw" in driven.paths:
-        figures |= _radial(driven.paths["circle"], driven.paths["circle_cw"])
-    figures["speed_mm_s"] = _speed(next(iter(driven.paths.values())))
-    notes = [*driven.notes, *_few(driven), *_of_speed(figures["speed_mm_s"].value, speed_mm_s)]
+        if name in paths and len(paths[name].places) >= FEWEST_CYCLES:
+            figures |= _redone(paths[name].off_mm, lambda off, name=name: at_and_rt(off, name))  # type: ignore[misc]
+            accuracy = figures[f"{name}_at_mm"]
+            figures[f"{name}_at_mm"] = replace(accuracy, u=float(np.hypot(accuracy.u, u_mm)))
+    if "rectangle" in paths:
+        figures |= _corners(paths["rectangle"])
+    if "circle" in paths and "circle_cw" in paths:
+        figures |= _radial(paths["circle"], paths["circle_cw"])
+    speeds = next(iter(paths.values())).speed_mm_s
+    speed, n = float(speeds.mean()), len(speeds)
+    u = float(speeds.std(ddof=1) / np.sqrt(n)) if n > 1 else np.nan
+    figures["speed_mm_s"] = Quantity(speed, u, "mm/s", n)
+    counts = {name: len(paths[name].places) if name in paths else 0 for name in _ASKED}
+    notes = list(driven.notes)
+    if min(counts.values()) < CYCLES_ASKED:
+        few = ", ".join(f"{name.replace('_', ' ')} {count} times" for name, count in counts.items())
+        notes.append(f"ISO 9283 asks {CYCLES_ASKED} cycles, and there are: {few}")
+    if speed_mm_s is not None and not _SLOWEST * speed_mm_s <= speed <= _FASTEST * speed_mm_s:
+        ways = f"the programs drive {0.1 * speed_mm_s:g} to {speed_mm_s:g} mm/s"
+        remedy = "check that t_s is in s, and path_speed_mm_s of the rig file"
+        notes.append(f"the tool went at {speed:.3g} mm/s, and {ways}: {remedy}")
     if instrument is None:
         notes.append(
             "AT and corners are what a best fit of the tracker's frame to these paths leaves, which is less than ISO "
@@ -131,10 +139,6 @@ def _redone(values: Array, plain: Callable[[Array], dict[str, Array]]) -> dict[s
     return figures
 
 
-def _with_u(figure: Quantity, u_mm: float) -> Quantity:
-    return replace(figure, u=float(np.hypot(figure.u, u_mm)))
-
-
 def _corners(rectangle: Driven) -> dict[str, Quantity]:
     """CR and CO, of at most the first three cycles as the standard has it; u by all cycles. Between two places a corner
     is cut by their chord, which passes a right corner within half its length: that much is 2 u at the least."""
@@ -144,11 +148,11 @@ def _corners(rectangle: Driven) -> dict[str, Quantity]:
     rng, few = np.random.default_rng(_SEED), min(_CORNER_CYCLES, len(each))
     figures = {}
     for column, name in enumerate(("corner_round_mm", "corner_overshoot_mm")):
-        own = each[:, :, column]
-        drawn = own[rng.integers(len(own), size=(_DRAWS, few))].max(axis=(1, 2))
-        u = half_width(drawn - drawn.mean()) if len(own) > few else np.nan
+        of_corners = each[:, :, column]
+        drawn = of_corners[rng.integers(len(of_corners), size=(_DRAWS, few))].max(axis=(1, 2))
+        u = half_width(drawn - drawn.mean()) if len(of_corners) > few else np.nan
         u = float(np.hypot(u, hidden)) if name == "corner_round_mm" else u
-        figures[name] = Quantity(float(own[:few].max()), u, "mm", few)
+        figures[name] = Quantity(float(of_corners[:few].max()), u, "mm", few)
     return figures
 
 
@@ -185,9 +189,9 @@ def _radial(acw: Driven, cw: Driven) -> dict[str, Quantity]:
     if not isinstance(ring, Ring) or n < FEWEST_CYCLES or len(acw.s_mm) != len(cw.s_mm):
         return {}
     parts = []
-    for one in (acw, cw):
-        outwards = (one.command.at(one.s_mm) - ring.centre) / ring.radius_mm
-        radial = (one.off_mm[:n] * outwards).sum(axis=2)
+    for way in (acw, cw):
+        outwards = (way.command.at(way.s_mm) - ring.centre) / ring.radius_mm
+        radial = (way.off_mm[:n] * outwards).sum(axis=2)
         angle = np.arctan2(outwards @ ring.v, outwards @ ring.u)
         parts.append((radial, np.stack([np.cos(angle), np.sin(angle)], axis=1)))
     waves = np.concatenate([parts[0][1], parts[1][1]])
@@ -202,29 +206,6 @@ def _radial(acw: Driven, cw: Driven) -> dict[str, Quantity]:
         return {"f_max_mm": centred.max(axis=-1), "f_min_mm": centred.min(axis=-1), "d_mm": fit[..., :2].mean(axis=-1)}
 
     return _redone(np.hstack([parts[0][0], parts[1][0]]), plain)
-
-
-def _speed(driven: Driven) -> Quantity:
-    n = len(driven.speed_mm_s)
-    u = float(driven.speed_mm_s.std(ddof=1) / np.sqrt(n)) if n > 1 else np.nan
-    return Quantity(float(driven.speed_mm_s.mean()), u, "mm/s", n)
-
-
-def _few(driven: DrivenPaths) -> list[str]:
-    counts = {name: len(driven.paths[name].places) if name in driven.paths else 0 for name in _ASKED}
-    if min(counts.values()) >= CYCLES_ASKED:
-        return []
-    few = [f"{name.replace('_', ' ')} {count} times" for name, count in counts.items()]
-    return [f"ISO 9283 asks {CYCLES_ASKED} cycles, and there are: {', '.join(few)}"]
-
-
-def _of_speed(driven: float, stated: float | None) -> list[str]:
-    if stated is None or _SLOWEST * stated <= driven <= _FASTEST * stated:
-        return []
-    ways = f"the programs drive {0.1 * stated:g} to {stated:g} mm/s"
-    return [
-        f"the tool went at {driven:.3g} mm/s, and {ways}: check that t_s is in s, and path_speed_mm_s of the rig file"
-    ]
 
 
 class Paths(Kind[PathTable]):

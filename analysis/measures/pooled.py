@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.kinematics.arm import Array
 from analysis.kinematics.limits import wrapped
 from analysis.measures.direction_pair import pair
 from analysis.measures.link_angle import CircleResult
@@ -80,53 +79,52 @@ class Pairs:
 
 def pooled(group: Sequence[Result]) -> list[Pooled]:
     """Runs of one test, direction by direction; where a direction has a single run there is nothing to pool."""
-    found = []
+    means = []
     for title in dict.fromkeys(result.title for result in group):
-        runs, others = _of_one_setup([result for result in group if result.title == title])
+        runs, left_out = _of_one_setup([result for result in group if result.title == title])
         if len(runs) > 1:
-            found.append(Pooled(title, tuple(runs), tuple(others), between([run.figures for run in runs])))
-        elif others:
-            found.append(Pooled(title, tuple(runs), tuple(others), {}))
-    return found
+            means.append(Pooled(title, tuple(runs), tuple(left_out), between([run.figures for run in runs])))
+        elif left_out:
+            means.append(Pooled(title, tuple(runs), tuple(left_out), {}))
+    return means
 
 
 def between(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
     """Figures that all runs have, over the runs. The u of a mean is never below the least u of a run, part of which,
     the gauges' time and baseline, all runs share."""
-    names = [name for name in runs[0] if all(name in run for run in runs)]
-    return {name: _between(name, [run[name] for run in runs]) for name in names}
-
-
-def _between(name: str, figures: Sequence[Quantity]) -> BetweenRuns:
-    values = np.array([figure.value for figure in figures])
-    if is_around_circle(name):
-        values = values[0] + half_turns(values - values[0])
-    count, sd = len(values), float(values.std(ddof=1))
-    u = float(np.hypot(student_factor(count - 1) * sd / np.sqrt(count), min(figure.u for figure in figures)))
-    middle = float(values.mean())
-    if is_around_circle(name):
-        u = min(u, _ANYWHERE_DEG)
-        middle = middle % 360.0 if name.endswith(PLACE) else float(half_turns(np.array(middle)))
-    source = least_known(figure.noise for figure in figures)
-    samples = sum(figure.samples for figure in figures)
-    return BetweenRuns(Quantity(middle, u, figures[0].unit, samples, source), sd, count)
+    over_runs = {}
+    for name in (name for name in runs[0] if all(name in run for run in runs)):
+        figures = [run[name] for run in runs]
+        values = np.array([figure.value for figure in figures])
+        if is_around_circle(name):
+            values = values[0] + half_turns(values - values[0])
+        count, sd, middle = len(values), float(values.std(ddof=1)), float(values.mean())
+        u = float(np.hypot(student_factor(count - 1) * sd / np.sqrt(count), min(figure.u for figure in figures)))
+        if is_around_circle(name):
+            u = min(u, _ANYWHERE_DEG)
+            middle = middle % 360.0 if name.endswith(PLACE) else float(half_turns(np.array(middle)))
+        source = least_known(figure.noise for figure in figures)
+        samples = sum(figure.samples for figure in figures)
+        over_runs[name] = BetweenRuns(Quantity(middle, u, figures[0].unit, samples, source), sd, count)
+    return over_runs
 
 
 def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
     """The runs that belong together, and the others, each with the reason: readings given twice, other poses, and balls
     mounted again."""
-    once: dict[str, Result] = {}
+    by_digest: dict[str, Result] = {}
     copies: list[tuple[Result, str]] = []
     for run in runs:
-        first = once.setdefault(run.measured.run.readings_sha256, run)
+        first = by_digest.setdefault(run.measured.run.readings_sha256, run)
         if first is not run:
             copies.append((run, f"holds the same readings as {first.measured.path}: left out of the mean"))
-    single = list(once.values())
-    together = max(([run for run in single if _are_same_poses(one, run)] for one in single), key=len)
+    single = list(by_digest.values())
+    together = max(([run for run in single if _are_same_poses(first, run)] for first in single), key=len)
     why = f"its poses are not those of {together[0].measured.path}: left out of the mean"
-    copies += [(run, why) for run in single if not any(run is one for one in together)]
+    copies += [(run, why) for run in single if not any(run is kept for kept in together)]
     single = together
-    balls = [ball for ball in map(_ball_mm, single) if ball is not None]
+    balls = [run.found.distance.ball_mm for run in single if isinstance(run.found, CircleResult)]
+    balls += [run.found.free.centre for run in single if isinstance(run.found, RadialResult)]
     if len(balls) < max(2, len(single)):
         return single, copies
     away = np.linalg.norm(np.array(balls) - np.median(balls, axis=0), axis=1)
@@ -147,67 +145,42 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
 
 def _are_same_poses(first: Result, run: Result) -> bool:
     """Whether a pose run has the poses of another; of other tests the set-up decides."""
-    one, other = first.measured.table, run.measured.table
-    if not (isinstance(one, PlaceTable) and isinstance(other, PlaceTable)):
+    table, its = first.measured.table, run.measured.table
+    if not (isinstance(table, PlaceTable) and isinstance(its, PlaceTable)):
         return True
-    return one.q.shape == other.q.shape and float(np.abs(wrapped(one.q - other.q)).max()) < _SAME_POSE_RAD
-
-
-def _ball_mm(run: Result) -> Array | None:
-    """Where a run has its ball, mm; None in tests that do not show it."""
-    match run.found:
-        case CircleResult():
-            return run.found.distance.ball_mm
-        case RadialResult():
-            return run.found.free.centre
-    return None
+    return table.q.shape == its.q.shape and float(np.abs(wrapped(table.q - its.q)).max()) < _SAME_POSE_RAD
 
 
 def pairs_of(group: Sequence[Result]) -> Pairs | None:
-    """Every acw run with the cw run of the same place in the order given; None without both."""
-    ways = {
-        way: [one for one in group if isinstance(one.found, CircleResult) and one.found.laps.direction == way]
-        for way in ("acw", "cw")
-    }
-    both, alone = _matched(ways["acw"], ways["cw"])
-    if not both:
+    """Every acw run with the cw run whose ball lies with its own, else in the order given; None without both."""
+    circles = [(run, run.found) for run in group if isinstance(run.found, CircleResult)]
+    acw_runs, cw_runs = ([ring for ring in circles if ring[1].laps.direction == way] for way in ("acw", "cw"))
+    if not acw_runs or not cw_runs:
         return None
-    runs, found = [], []
-    refused = [f"{one.name}: there is no run of the other direction to pair it with" for one in alone]
-    for acw, cw in both:
-        assert isinstance(acw.found, CircleResult) and isinstance(cw.found, CircleResult)  # noqa: S101 - as chosen above
+    runs, pairs, refused = [], [], list[str]()
+    while acw_runs and cw_runs:
+        acw, forth = acw_runs.pop(0)
+        nearest = min(range(len(cw_runs)), key=lambda place: _apart_mm(forth, cw_runs[place][1]))
+        cw, back = cw_runs.pop(nearest)
         try:
-            found.append(pair(acw.found, cw.found, f"{acw.name} and {cw.name}"))
+            pairs.append(pair(forth, back, f"{acw.name} and {cw.name}"))
             runs.append((acw, cw))
         except FileError as error:
             refused += error.lines()
-    if not found:
+    without = (f"{run.name}: there is no run of the other direction to pair it with" for run, _ in acw_runs + cw_runs)
+    refused = [*without, *refused]
+    if not pairs:
         return Pairs((), {}, None, tuple(refused))
-    several = len(found) > 1
-    figures: dict[str, Quantity | BetweenRuns] = {
-        **(between([one.figures for one in found]) if several else found[0].figures)
-    }
-    lag = between([{"lag_ms": one.lag} for one in found])["lag_ms"].mean if several else found[0].lag
+    figures: dict[str, Quantity | BetweenRuns] = {**pairs[0].figures}
+    lag = pairs[0].lag
+    if len(pairs) > 1:
+        figures = {**between([of_pair.figures for of_pair in pairs])}
+        lag = between([{"lag_ms": of_pair.lag} for of_pair in pairs])["lag_ms"].mean
     return Pairs(tuple(runs), figures, lag, tuple(refused))
 
 
-def _matched(acw: list[Result], cw: list[Result]) -> tuple[list[tuple[Result, Result]], list[Result]]:
-    """Each acw run with a cw run whose ball lies with its own, else in the order given; and the runs that are left."""
-    left, both, alone = list(cw), [], []
-    for one in acw:
-        if not left:
-            alone.append(one)
-            continue
-        nearest = min(left, key=lambda other: _apart_mm(one, other))
-        left.remove(nearest)
-        both.append((one, nearest))
-    return both, [*alone, *left]
-
-
-def _apart_mm(one: Result, other: Result) -> float:
+def _apart_mm(acw: CircleResult, cw: CircleResult) -> float:
     """How far the balls of two circles are apart by the angle, which plays move less than the distance; 0 within what a
     set-up does."""
-    assert isinstance(one.found, CircleResult) and isinstance(other.found, CircleResult)  # noqa: S101 - circles alone
-    sine, its, radius = one.found.sine, other.found.sine, one.found.laps.frame.radius
-    apart = radius * float(np.hypot(sine.a - its.a, sine.b - its.b))
+    apart = acw.laps.frame.radius * float(np.hypot(acw.sine.a - cw.sine.a, acw.sine.b - cw.sine.b))
     return apart if apart > BALL_ELSEWHERE_MM else 0.0

@@ -43,14 +43,12 @@ from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_e
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, transform, without_setup
 from analysis.kinematics.limits import impossible_rad, wrapped
 from analysis.measures.axis_curves import AxisCurve, axis_curves
-from analysis.measures.checks import hold_numbers
 from analysis.measures.cube import by_pose, distance_figures, poses_of_cube
-from analysis.measures.evaluate import Instruments
-from analysis.measures.iso_figures import RP_VISITS, rp
+from analysis.measures.evaluate import Instruments, hold_numbers
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
-from analysis.measures.scatter_figures import of_scatter
+from analysis.measures.scatter_figures import RP_VISITS, of_scatter, rp
 from analysis.measures.simulated_gauges import Simulation
 from analysis.measures.simulated_iso9283 import simulated_cube
 from analysis.measures.stops import PlaceKind, came_from_cells, came_from_of
@@ -59,7 +57,7 @@ from analysis.noise.spectrum import DRAWS
 from analysis.noise.target_scatter import Scatter, scatter_of
 from analysis.noise.wild import FITTED_SPREADS
 from analysis.traces.csv_tables import Rows, joint_cells
-from analysis.traces.single_stands import STANDS_MM
+from analysis.traces.stands import STANDS_MM
 from analysis.traces.table_layout import PLACE, RAIL, RAIL_FROM, TURN, Layout, came_from_columns, joint_columns
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
@@ -138,24 +136,17 @@ def evaluate(
     if (sides := table.kind.sides(table)) is not None:  # a pose that is reached from two sides is two
         group = np.unique(np.column_stack([group, sides]), axis=0, return_inverse=True)[1].ravel()
     again = np.flatnonzero(np.bincount(group) >= 2)
-    figures, notes = (
-        {},
-        ["no pose was visited twice: repeatability is not reported, and the noise of instrument and robot is assumed"],
-    )
-    place = turn = None
+    figures: dict[str, Quantity] = {}
+    notes = [
+        "no pose was visited twice: repeatability is not reported, and the noise of instrument and robot is assumed"
+    ]
+    place: Scatter | None = None
+    turn: Scatter | None = None
     placed, twisted = (position, rotation) if instrument is None else _in_frame(arm, table, instrument)
     if len(again):
-        seen = _padded(placed, group, again)
-        place = scatter_of(seen, 0.0)
         pose = poses_of_cube(table.q, cube)
-        plain = by_pose(np.array([pose[group == number][0] for number in again]), place_figures)
-        figures, notes = of_scatter(plain, seen, place), _few(group, again)
-        if twisted is not None:
-            turned = np.degrees(_padded(twisted, group, again))
-            turn = scatter_of(turned, 0.0)
-            figures |= of_scatter(turn_figures, turned, turn)
-        figures, said = _with_frame(figures, instrument, int(group.max()) + 1)
-        figures, notes = figures | distance_figures(pose, table.xyz_mm, cube), [*notes, *said]
+        figures, notes, place, turn = _of_visits(placed, twisted, group, pose, instrument)
+        figures |= distance_figures(pose, table.xyz_mm, cube)
     figures = _position_figures(position, setup, _noise(place, group, again, u_mm, TARGET_MM)) | figures
     if rotation is not None:
         of_turn = _noise(turn, group, again, np.nan)
@@ -178,24 +169,39 @@ def _in_frame(arm: Arm, table: PoseTable, instrument: Instrument) -> tuple[Array
     place = table.xyz_mm @ to_base[:3, :3].T + to_base[:3, 3] - T[:, :3, 3]
     if table.rpy is None:
         return place, None
-    known = PoseSetUp(np.asarray(np.linalg.inv(to_base), dtype=float), np.eye(4), np.empty((0, 9)))
-    return place, _turns_left(T, _turns_seen(table.rpy, known), np.eye(3))
+    setup = PoseSetUp(np.asarray(np.linalg.inv(to_base), dtype=float), np.eye(4), np.empty((0, 9)))
+    return place, _turns_left(T, _turns_seen(table.rpy, setup), np.eye(3))
 
 
-def _with_frame(
-    figures: dict[str, Quantity], instrument: Instrument | None, poses: int
-) -> tuple[dict[str, Quantity], list[str]]:
-    """The figures with what the instrument's frame adds to u of AP, and a note where the frame was fitted to few
-    poses."""
-    if instrument is None:
-        few = "AP is what a best fit of the tracker's frame to these poses leaves, which is less than ISO 9283 asks"
-        remedy = "give tests.iso9283.instrument, a frame that was measured by itself"
-        return figures, [f"{few}; {remedy}"] * (poses <= _FEW_POSES)
-    known = {
-        name: replace(one, u=float(np.hypot(one.u, instrument.u_mm))) if name[:3] == "ap_" and one.unit == "mm" else one
-        for name, one in figures.items()
-    }
-    return known, ["AP is by the tool and the tracker's frame of the rig file; rms and mean of all poses are fitted"]
+def _of_visits(
+    placed: Array,
+    twisted: Array | None,
+    group: NDArray[np.int64],
+    pose: Integers,
+    instrument: Instrument | None,
+) -> tuple[dict[str, Quantity], list[str], Scatter, Scatter | None]:
+    """Figures of poses that were visited again, pose (n,) which of the cube each is, with what the instrument's frame
+    adds to u of AP; notes; and the scatter of their places and turns."""
+    counts = np.bincount(group)
+    again = np.flatnonzero(counts >= 2)
+    seen = _padded(placed, group, again)
+    place, turn = scatter_of(seen, 0.0), None
+    plain = by_pose(np.array([pose[group == number][0] for number in again]), place_figures)
+    figures = of_scatter(plain, seen, place)
+    if twisted is not None:
+        turned = np.degrees(_padded(twisted, group, again))
+        turn = scatter_of(turned, 0.0)
+        figures |= of_scatter(turn_figures, turned, turn)
+    few = f"{len(again)} poses visited again, at most {counts.max()} times; ISO 9283 asks {RP_VISITS}"
+    notes = [few] if counts.max() < RP_VISITS else []
+    if instrument is not None:
+        for name in [name for name, figure in figures.items() if name[:3] == "ap_" and figure.unit == "mm"]:
+            figures[name] = replace(figures[name], u=float(np.hypot(figures[name].u, instrument.u_mm)))
+        notes.append("AP is by the tool and the tracker's frame of the rig file; rms and mean of all poses are fitted")
+    elif len(counts) <= _FEW_POSES:
+        fact = "AP is what a best fit of the tracker's frame to these poses leaves, which is less than ISO 9283 asks"
+        notes.append(f"{fact}; give tests.iso9283.instrument, a frame that was measured by itself")
+    return figures, notes, place, turn
 
 
 def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Array | None]:
@@ -279,12 +285,6 @@ def _angles(vectors: Array) -> dict[str, Array]:
     return {"rms_deg": np.sqrt((length**2).mean(axis=-1)), "max_deg": length.max(axis=-1)}
 
 
-def _few(group: NDArray[np.int64], again: NDArray[np.int64]) -> list[str]:
-    most = int(np.bincount(group).max())
-    few = f"{len(again)} poses visited again, at most {most} times; ISO 9283 asks {RP_VISITS}"
-    return [few] if most < RP_VISITS else []
-
-
 def place_figures(x: Array) -> dict[str, Array]:
     """Return scatter, AP and RP (...,) in mm of position errors x (..., g, 3, n) mm of n visits in g groups, NaN where
     a visit is missing."""
@@ -318,16 +318,15 @@ def turn_figures(x: Array) -> dict[str, Array]:
 def _thrice(x: Array) -> NDArray[np.bool_]:
     """Which groups (g,) of (..., g, n, 3) have three visits or more."""
     counts = np.isfinite(x[..., 0]).sum(axis=-1)
-    thrice: NDArray[np.bool_] = counts.reshape(-1, counts.shape[-1])[0] >= 3
-    return thrice
+    return np.asarray(counts.reshape(-1, counts.shape[-1])[0] >= 3)
 
 
 def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -> Array:
     """(groups, 3, visits), NaN where one is missing."""
     visits = [values[group == number] for number in again]
     x = np.full((len(again), 3, max(map(len, visits))), np.nan)
-    for row, found in enumerate(visits):
-        x[row, :, : len(found)] = found.T
+    for row, of_group in enumerate(visits):
+        x[row, :, : len(of_group)] = of_group.T
     return x
 
 
@@ -352,8 +351,7 @@ def _turns_left(T: Array, seen: Rotation, R_tool: Array) -> Array:
     """Rotation vectors (n, 3) rad from flanges T (n, 4, 4) with a tool turned by R_tool (3, 3) to what was seen."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
-    left: Array = (seen * (Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(R_tool)).inv()).as_rotvec()
-    return left
+    return np.asarray((seen * (Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(R_tool)).inv()).as_rotvec())
 
 
 def _blind(setup: PoseSetUp) -> tuple[str, ...]:
@@ -412,8 +410,15 @@ class Pose(PlaceKind[PoseTable]):
         return np.asarray(far | lost[1:] | lost[:-1])
 
     def averaged(self, table: PoseTable, first: Mask, mean: Callable[[Array], Array]) -> PoseTable:
-        rpy = None if table.rpy is None else _mean_turns(table.rpy, first)
-        return replace(super().averaged(table, first, mean), rpy=rpy, row=table.rows[first])
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+        averaged = replace(super().averaged(table, first, mean), row=table.rows[first])
+        if table.rpy is None:
+            return averaged
+        turns, stand = table.rpy[first].copy(), np.cumsum(first) - 1
+        for number in np.flatnonzero(np.bincount(stand) > 1).tolist():
+            turns[number] = Rotation.from_euler("xyz", table.rpy[stand == number]).mean().as_euler("xyz")
+        return replace(averaged, rpy=turns)
 
     def unit_findings(self, table: PoseTable, rig: Rig, T_tool: Array) -> Iterator[Finding]:
         yield from rail_findings(table, rig)
@@ -445,18 +450,7 @@ class Pose(PlaceKind[PoseTable]):
 
     def lost(self, table: PoseTable) -> Mask:
         """Places 0, 0, 0, as a tracker writes that lost its target."""
-        lost: Mask = (table.xyz_mm == 0).all(axis=1)
-        return lost
-
-
-def _mean_turns(rpy: Array, first: Mask) -> Array:
-    """Mean turns (s, 3) rad of rpy (n, 3) rad over each stand, which begins at the rows first (n,)."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-    means, stand = rpy[first].copy(), np.cumsum(first) - 1
-    for number in np.flatnonzero(np.bincount(stand) > 1).tolist():
-        means[number] = Rotation.from_euler("xyz", rpy[stand == number]).mean().as_euler("xyz")
-    return means
+        return np.asarray((table.xyz_mm == 0).all(axis=1))
 
 
 KIND = Pose("pose")

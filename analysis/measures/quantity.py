@@ -115,8 +115,7 @@ def is_around_circle(name: str) -> bool:
 
 def half_turns(angles_deg: Array) -> Array:
     """Return angles (...,) in degrees as the same angles between -180 and 180."""
-    found: Array = (angles_deg + 180.0) % 360.0 - 180.0
-    return found
+    return np.asarray((angles_deg + 180.0) % 360.0 - 180.0)
 
 
 def figures_of(

@@ -11,6 +11,15 @@ one over draws of those places, its uncertainty such that value ± 2 u holds 95 
 none is too large by the noise. A drift that the visits show is taken out. A length is then that of the middle of the
 run, and may be asked for at its start: what it drifted by between is in its uncertainty, as of a law with its weight at
 both ends (JCGM 101, 6.4.6).
+
+Least-squares sphere through points seen from a ball, and which of them do not belong to it.
+
+A target is left out only where no robot error explains it, since what a robot does is what is measured: plays make
+a few targets differ from the others by much more than those do among themselves. So one of its readings must lie
+(1) more than 2 mm and (2) more than ten robust standard deviations of all readings (scaled median of absolute
+residuals) from a sphere fitted with the soft_l1 loss, which a few bad readings barely move, and (3) no more than one
+target in ten (or a single one) may be so. A wrong place is off in all orientations, a slip of the gauge in one.
+Otherwise every target stays.
 """
 
 from __future__ import annotations
@@ -23,24 +32,21 @@ from numpy.typing import NDArray
 
 from analysis.geometry.programs import hemisphere_of, radial_program
 from analysis.kinematics.arm import Array, Integers, Mask
-from analysis.measures.checks import hold_alive, hold_numbers, hold_radius
-from analysis.measures.evaluate import Instruments
-from analysis.measures.iso_figures import rp
+from analysis.measures.evaluate import Instruments, hold_alive, hold_numbers, hold_radius
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import RadialCurve
-from analysis.measures.scatter_figures import assumed, coarse, half_width, of_scatter
+from analysis.measures.scatter_figures import assumed, coarse, half_width, of_scatter, rp
 from analysis.measures.simulated_gauges import visit_times
-from analysis.measures.sphere import PARAMETERS, Sphere, far_off, free_sphere
 from analysis.measures.stops import TargetKind, another_visit, hold_targets, target_count, timed
 from analysis.noise.certificate import link_excess_mm
 from analysis.noise.resolution import step_of_stops
 from analysis.noise.sphere_level import SphereLevel
 from analysis.noise.target_scatter import Scatter, scatter_of
+from analysis.noise.wild import MOST, SPREADS
 from analysis.traces.align import Aligned
 from analysis.traces.csv_tables import Rows, joint_cells
-from analysis.traces.dwells import at_targets, visits_of
-from analysis.traces.stands import stands_of
+from analysis.traces.stands import at_targets, stands_of, visits_of
 from analysis.traces.table_layout import JOINTS, Layout
 from analysis.traces.tables import RadialTable
 from rigs.errors import FileError
@@ -48,6 +54,89 @@ from rigs.rig import Rig
 from rigs.schema.declared_tests import Hemisphere
 from rigs.schema.vocabulary import Direction
 from rigs.text import listed
+
+PARAMETERS = ("centre_x_mm", "centre_y_mm", "centre_z_mm", "radius_mm")
+"""The unknowns of a sphere, in the order of the columns of its design."""
+_GROSS_MM = 2.0
+"""More than the largest play that the paper reports (Oh 2019, figure 15: 1.567 mm)."""
+_FEWEST_POINTS = 6
+_WEAK = 0.01
+"""Directions of the parameters whose singular value is below this share of the largest are not determined."""
+_STEPS, _ROBUST_STEPS = 6, 30
+"""Gauss-Newton on a sphere whose points lie within a hundredth of it converges in three; reweighting takes longer."""
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """centre (3,) mm; radius mm; residual (n,) mm: distance of each point from the centre less the radius;
+    slopes (4, n): what each of `PARAMETERS` answers to each distance; design (n, 4): the reverse; unknown: names of
+    those parameters that these points do not determine, which stay near their start."""
+
+    centre: Array
+    radius: float
+    residual: Array
+    slopes: Array
+    design: Array
+    unknown: tuple[str, ...]
+
+
+def free_sphere(points: Array) -> Sphere:
+    """Through points (n, 3) mm, centre and radius free (geometric distance, Gauss-Newton)."""
+    x = np.append(np.zeros(3), np.linalg.norm(points, axis=1).mean())
+    for _ in range(_STEPS):
+        x = x + _slopes(_design(points, x[:3])) @ _off(points, x)
+    design = _design(points, x[:3])
+    return Sphere(x[:3], float(x[3]), _off(points, x), _slopes(design), design, _unknown(design))
+
+
+def conditioned(points: Array) -> bool:
+    """Whether points (n, 3) mm determine centre and radius: not all near one circle or one place."""
+    return not _unknown(_design(points, np.zeros(3)))
+
+
+def far_off(points: Array) -> NDArray[np.bool_]:
+    """Which targets (t,) are left out, by the rule above; points (t, o, 3) mm of o readings, NaN where none is."""
+    # From a sphere that a few bad readings barely move: soft_l1 by reweighting.
+    read = points[np.isfinite(points).all(axis=-1)]
+    x = np.append(np.zeros(3), np.median(np.linalg.norm(read, axis=1)))
+    for _ in range(_ROBUST_STEPS):
+        off, design = _off(read, x), _design(read, x[:3])
+        root = (1 + (off / max(_spread(off), 1e-6)) ** 2) ** -0.25
+        x = x + _slopes(design * root[:, None]) @ (off * root)
+    distance = _off(points, x)
+    gross = max(_GROSS_MM, SPREADS * _spread(distance[np.isfinite(distance)]))
+    far = np.any(np.abs(distance) > gross, axis=1)
+    means = np.nanmean(points[~far], axis=1)
+    if far.sum() > max(1, MOST * len(far)) or len(means) < _FEWEST_POINTS or not conditioned(means):
+        return np.zeros(len(points), dtype=bool)
+    return np.asarray(far)
+
+
+def _off(points: Array, x: Array) -> Array:
+    """Distance (...,) of points (..., 3) from the sphere x: centre and radius."""
+    return np.asarray(np.linalg.norm(points - x[:3], axis=-1) - x[3])
+
+
+def _design(points: Array, centre: Array) -> Array:
+    """Slope (n, 4) of each point's distance from a sphere's surface by its centre and radius, as it moves outwards."""
+    line = points - centre
+    unit = line / np.linalg.norm(line, axis=1)[:, None]
+    return np.concatenate([unit, np.ones((len(points), 1))], axis=1)
+
+
+def _slopes(design: Array) -> Array:
+    return np.asarray(np.linalg.pinv(design, rcond=_WEAK), dtype=float)
+
+
+def _unknown(design: Array) -> tuple[str, ...]:
+    _, s, V = np.linalg.svd(design, full_matrices=False)
+    share = (V[s < _WEAK * s[0]] ** 2).sum(axis=0)
+    return tuple(name for name, hidden in zip(PARAMETERS, share, strict=True) if hidden > _WEAK)
+
+
+def _spread(residual: Array) -> float:
+    return float(1.4826 * np.median(np.abs(residual - np.median(residual))))
+
 
 _FEWEST = 6
 _RANGES = frozenset({"band_mm", "held_band_mm", "spread_mm", "spread_mean_mm", "ap_mm"})
@@ -72,17 +161,12 @@ class Cells:
         return _mean(self.g_mm)
 
     @property
-    def by_visit(self) -> Array:
-        """Every reading (t, o·r) of a target, NaN where one is missing."""
-        return self.g_mm.reshape(len(self.g_mm), -1)
-
-    @property
     def rounds(self) -> bool:
         """Whether the visits of a target lie apart, as where the whole program was driven again."""
-        there = np.isfinite(self.t_s)
-        first = np.where(there, self.t_s, np.inf).min(axis=-1)
-        last = np.where(there, self.t_s, -np.inf).max(axis=-1)
-        apart = (last - first)[there.any(axis=-1)]
+        timed = np.isfinite(self.t_s)
+        first = np.where(timed, self.t_s, np.inf).min(axis=-1)
+        last = np.where(timed, self.t_s, -np.inf).max(axis=-1)
+        apart = (last - first)[timed.any(axis=-1)]
         return bool(np.median(apart) > _APART * (last.max() - first.min()))
 
     def only(self, rows: NDArray[np.bool_]) -> Cells:
@@ -108,8 +192,7 @@ class RadialResult:
     @property
     def deviation_mm(self) -> Array:
         """Distance (t,) of all targets from the least-squares sphere, positive outwards."""
-        away: Array = np.linalg.norm(self.points - self.free.centre, axis=1) - self.free.radius
-        return away
+        return np.asarray(np.linalg.norm(self.points - self.free.centre, axis=1) - self.free.radius)
 
     @property
     def as_curve(self) -> RadialCurve:
@@ -142,9 +225,9 @@ def evaluate(
     cells = _cells(table, where)
     measured = cells.by_orientation
     if len(measured) < _FEWEST:
-        what = f"has {len(measured)} targets, too few for a sphere"
-        raise FileError(where, what, f"measure at least {_FEWEST}, well apart")
-    readings = (radius_mm + cells.by_visit)[..., None] * cells.direction[:, None, :]
+        problem = f"has {len(measured)} targets, too few for a sphere"
+        raise FileError(where, problem, f"measure at least {_FEWEST}, well apart")
+    readings = (radius_mm + cells.g_mm.reshape(len(measured), -1))[..., None] * cells.direction[:, None, :]
     far = far_off(readings)
     used = cells.only(~far)
     scatter = None
@@ -156,13 +239,11 @@ def evaluate(
     points = (radius_mm + _mean(measured))[:, None] * cells.direction
     free = free_sphere(points[~far])
     figures = _figures(used, measured[~far], free, scatter, radius_mm)
-    notes = (
-        _missing(cells, expected, orientations)
-        + _left_out(cells, far, readings, free)
-        + _unknown(free)
-        + assumed(scatter)
-        + coarse(scatter)
-    )
+    notes = _missing(cells, expected, orientations) + _left_out(cells, far, readings, free)
+    if free.unknown:
+        why = "these targets, near one plane or place, do not determine them; measure at more polar angles"
+        notes += (f"{', '.join(free.unknown)} left out: {why}",)
+    notes += assumed(scatter) + coarse(scatter)
     spread = np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1)
     samples = int(np.isfinite(used.g_mm).sum())
     return RadialResult(cells, spread, ~far, points, free, scatter, figures, samples, notes)
@@ -179,7 +260,17 @@ def _figures(cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, r
     values = {name: float(drawn[name].mean()) if name in _RANGES else value for name, value in plain.items()}
     figures = {name: Quantity(value, half_width(drawn[name] - value), "mm", samples) for name, value in values.items()}
     figures = {name: replace(figure, noise=scatter.noise) for name, figure in figures.items()}
-    return figures | _repeatability(cells, scatter)
+    # RP along the radius, by ISO 9283, 7.2.2, of the poses as they were attained: a drift between the visits is in it.
+    often = np.isfinite(cells.g_mm).sum(axis=-1) >= _RP_VISITS
+    if not often.any():
+        return figures
+
+    def largest_and_mean(readings: Array) -> dict[str, Array]:
+        repeat = rp(readings[..., often, :, None])
+        return {"rp_mm": repeat.max(axis=-1), "rp_mean_mm": repeat.mean(axis=-1)}
+
+    x = np.where(often[..., None], cells.g_mm, np.nan)
+    return figures | of_scatter(largest_and_mean, x, scatter, scatter.drift_mm)
 
 
 def _plain(
@@ -208,100 +299,62 @@ def _plain(
     return figures
 
 
-def _repeatability(cells: Cells, scatter: Scatter) -> dict[str, Quantity]:
-    """RP along the radius where there are three visits or more; its uncertainty as in the repeatability test.
-
-    By ISO 9283, 7.2.2, it is of the poses as they were attained: a drift between the visits is in it.
-    """
-    often = np.isfinite(cells.g_mm).sum(axis=-1) >= _RP_VISITS
-    if not often.any():
-        return {}
-    x = np.where(often[..., None], cells.g_mm, np.nan)
-
-    def largest_and_mean(readings: Array) -> dict[str, Array]:
-        found = rp(readings[..., often, :, None])
-        return {"rp_mm": found.max(axis=-1), "rp_mean_mm": found.mean(axis=-1)}
-
-    return of_scatter(largest_and_mean, x, scatter, scatter.drift_mm)
-
-
 def _cells(table: RadialTable, where: str) -> Cells:
     targets, row = np.unique(table.target, return_inverse=True)
     orientations, column = np.unique(table.orientation, return_inverse=True)
-    direction = _direction(table.polar, table.azimuth)
+    sine, cosine = np.sin(table.polar), np.cos(table.polar)
+    direction = np.stack([sine * np.cos(table.azimuth), sine * np.sin(table.azimuth), cosine], axis=1)
     first = np.array([direction[row == k][0] for k in range(len(targets))])
     moved = np.linalg.norm(direction - first[row], axis=1) > 1e-3
     if moved.any():
         target = int(table.target[np.argmax(moved)])
-        raise FileError(
-            where, f"target {target} has two directions", "give each target one polar angle and one azimuth"
-        )
+        problem = f"target {target} has two directions"
+        raise FileError(where, problem, "give each target one polar angle and one azimuth")
     visits: dict[tuple[int, int], list[int]] = {}
     for k, place in enumerate(zip(row.tolist(), column.tolist(), strict=True)):
         visits.setdefault(place, []).append(k)
     g_mm = np.full((len(targets), len(orientations), max(map(len, visits.values()))), np.nan)
-    t_s, times = g_mm.copy(), _times(table.t_s)
+    t_s, times = g_mm.copy(), table.t_s if _has_time(table.t_s) else np.arange(len(table.t_s), dtype=float)
     for (target, orientation), rows in visits.items():
         g_mm[target, orientation, : len(rows)] = table.g_mm[rows]
         t_s[target, orientation, : len(rows)] = times[rows]
     return Cells(targets, first, g_mm, t_s)
 
 
-def _times(t_s: Array) -> Array:
-    """Times (n,) of the rows; of a table without time, their numbers."""
-    return t_s if _has_time(t_s) else np.arange(len(t_s), dtype=float)
-
-
 def _has_time(t_s: Array) -> bool:
     return bool(np.ptp(t_s) > 0)
 
 
-def _direction(polar: Array, azimuth: Array) -> Array:
-    """Unit vectors (n, 3) in the hemisphere's frame."""
-    return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1)
-
-
 def _mean(x: Array) -> Array:
     """Mean over the last axis of what is there; NaN, without a warning, where nothing is."""
-    there = np.isfinite(x)
-    count = there.sum(axis=-1)
-    values: Array = np.where(count > 0, np.where(there, x, 0.0).sum(axis=-1) / np.maximum(count, 1), np.nan)
-    return values
+    measured = np.isfinite(x)
+    count = measured.sum(axis=-1)
+    return np.where(count > 0, np.where(measured, x, 0.0).sum(axis=-1) / np.maximum(count, 1), np.nan)
 
 
 def _missing(cells: Cells, expected: Collection[int], orientations: int) -> tuple[str, ...]:
     notes = []
-    wanted = set(expected) or set(range(1, int(cells.target.max()) + 1))
-    missing = sorted(wanted - set(cells.target.tolist()))
-    if missing:
-        notes.append(f"target {listed(missing)} missing: {len(cells.target)} of {len(wanted)} measured")
-    partial = cells.target[np.isnan(cells.by_orientation).any(axis=1)].tolist()
-    if partial:
-        notes.append(f"not all {cells.g_mm.shape[1]} orientations were measured at target {listed(partial)}")
-    have = cells.g_mm.shape[1]
+    targets, have = len(cells.target), cells.g_mm.shape[1]
+    numbers = set(expected) or set(range(1, int(cells.target.max()) + 1))
+    if missing := sorted(numbers - set(cells.target.tolist())):
+        notes.append(f"target {listed(missing)} missing: {targets} of {len(numbers)} measured")
+    if partial := cells.target[np.isnan(cells.by_orientation).any(axis=1)].tolist():
+        notes.append(f"not all {have} orientations were measured at target {listed(partial)}")
     if have < orientations:
-        notes.append(
-            f"{have} of {orientations} orientations measured{', so their range is not reported' if have == 1 else ''}"
-        )
+        without = ", so their range is not reported" if have == 1 else ""
+        notes.append(f"{have} of {orientations} orientations measured{without}")
     return tuple(notes)
 
 
 def _left_out(cells: Cells, far: NDArray[np.bool_], readings: Array, free: Sphere) -> tuple[str, ...]:
     """readings (t, o, 3) mm from the ball."""
     off = np.linalg.norm(readings - free.centre, axis=-1) - free.radius
-    rest = float(np.nanmax(np.abs(off[~far])))
+    most = float(np.nanmax(np.abs(off[~far])))
     return tuple(
         f"target {cells.target[k]} left out: a reading {off[k, np.nanargmax(np.abs(off[k]))]:+.3f} mm off the sphere, "
-        f"those of the others within {rest:.3f} mm"
+        f"those of the others within {most:.3f} mm"
         for k in np.flatnonzero(far)
     )
-
-
-def _unknown(free: Sphere) -> tuple[str, ...]:
-    if not free.unknown:
-        return ()
-    what = f"{', '.join(free.unknown)} left out: these targets, near one plane or place, do not determine them"
-    return (f"{what}; measure at more polar angles",)
 
 
 def _hold(table: RadialTable, radius_mm: float, where: str) -> None:
@@ -310,15 +363,11 @@ def _hold(table: RadialTable, radius_mm: float, where: str) -> None:
     hold_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)
     hold_alive(where, g1_mm=table.g_mm)
     if np.abs(table.polar).max() > np.pi + 1e-6 or np.abs(table.azimuth).max() > 2 * np.pi + 1e-6:
-        raise FileError(
-            where, "has targets beyond 180° polar or 360° azimuth", "check the units of polar_deg and azimuth_deg"
-        )
-    if np.abs(table.g_mm).max() > 0.5 * radius_mm:
-        raise FileError(
-            where,
-            f"a reading of {np.abs(table.g_mm).max():g} mm is too large for a radius of {radius_mm:g} mm",
-            "give g1_mm as the distance less the link's set length",
-        )
+        problem = "has targets beyond 180° polar or 360° azimuth"
+        raise FileError(where, problem, "check the units of polar_deg and azimuth_deg")
+    if (most_mm := np.abs(table.g_mm).max()) > 0.5 * radius_mm:
+        problem = f"a reading of {most_mm:g} mm is too large for a radius of {radius_mm:g} mm"
+        raise FileError(where, problem, "give g1_mm as the distance less the link's set length")
 
 
 class Radial(TargetKind[RadialTable]):

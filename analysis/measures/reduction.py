@@ -7,7 +7,6 @@ Cost grows with the rows once, here; all that follows is of 720 numbers a lap.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,11 +77,33 @@ class HatSums:
     def lines(self, rounds: int = 2 * NODES) -> Array:
         """The closed broken lines (L, NODES, k), in the unit of the readings, that fit these best lap by lap, as smooth
         curves; some thirty rounds find them where every node has rows."""
-        pull = self.near + np.roll(self.far, 1, axis=2)
-        lines = _solved(self.before + np.roll(self.beyond, 1, axis=1), self.between, pull, rounds)
-        smooth = np.fft.irfft(np.fft.rfft(lines, axis=2) / node_response(), NODES, axis=2)
-        nodes: Array = np.moveaxis(smooth, 0, 2)
-        return nodes
+        # Cyclic normal equations, a little stiff, so that a node without rows is bridged, by conjugate gradients
+        # (Hestenes and Stiefel 1952).
+        pull, diagonal = self.near + np.roll(self.far, 1, axis=2), self.before + np.roll(self.beyond, 1, axis=1)
+        stiff = _STIFF * diagonal.mean(axis=1, keepdims=True)
+        scale = 1 / (diagonal + 6 * stiff)
+
+        def normal(x: Array) -> Array:
+            bend = 2 * x - np.roll(x, 1, axis=-1) - np.roll(x, -1, axis=-1)
+            bend = 2 * bend - np.roll(bend, 1, axis=-1) - np.roll(bend, -1, axis=-1)
+            beside = self.between * np.roll(x, -1, axis=-1) + np.roll(self.between * x, 1, axis=-1)
+            return np.asarray(diagonal * x + beside + stiff * bend)
+
+        line: Array = scale * pull
+        residual = pull - normal(line)
+        way = scale * residual
+        size = (residual * way).sum(axis=-1, keepdims=True)
+        enough = _SOLVED**2 * np.maximum((pull * scale * pull).sum(axis=-1, keepdims=True), 1e-300)
+        for _ in range(rounds):
+            if (size <= enough).all():
+                break
+            moved = normal(way)
+            step = size / np.maximum((way * moved).sum(axis=-1, keepdims=True), 1e-300)
+            line, residual = line + step * way, residual - step * moved
+            before, size = size, (residual * scale * residual).sum(axis=-1, keepdims=True)
+            way = scale * residual + size / np.maximum(before, 1e-300) * way
+        smooth = np.fft.irfft(np.fft.rfft(line, axis=2) / node_response(), NODES, axis=2)
+        return np.moveaxis(smooth, 0, 2)
 
 
 @dataclass(frozen=True)
@@ -105,7 +126,10 @@ def reduced(laps: Laps) -> Reduced:
     """The readings of a run at NODES circle angles, lap by lap; wild readings are left out and counted."""
     base = base_of(laps)
     lap = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
-    rough = _less_base(laps.phi, laps.g_mm, base)
+    rough = np.empty(laps.g_mm.shape)
+    for begin in range(0, len(rough), _BLOCK):
+        rows = slice(begin, begin + _BLOCK)
+        rough[rows] = laps.g_mm[rows] - _waves(laps.phi[rows]) @ base
     wild = wild_of(laps.phi, rough, lap)
     hats = _hat_sums(laps.phi, rough, lap, ~np.any(wild, axis=0))
     steps = tuple(step_of(g_mm) for g_mm in laps.g_mm.T)
@@ -118,8 +142,8 @@ def reduced(laps: Laps) -> Reduced:
 
 def base_of(laps: Laps) -> Array:
     """Level and the first two orders (5, k) of the readings, which the broken lines need not follow."""
-    some = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
-    return np.asarray(np.linalg.lstsq(_waves(laps.phi[some]), laps.g_mm[some], rcond=None)[0], dtype=np.float64)
+    rows = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
+    return np.asarray(np.linalg.lstsq(_waves(laps.phi[rows]), laps.g_mm[rows], rcond=None)[0], dtype=np.float64)
 
 
 def slopes_of(base: Array) -> list[Array]:
@@ -138,8 +162,17 @@ def wild_of(phi: Array, rough: Array, lap: Integers, rounds: int = 2 * NODES) ->
     """Which of readings rough (n, k) at phi (n,) rad of laps counted from 0 are wild, (k, n). rounds: of finding lines;
     of a part of a lap few are enough, since between its nodes no others matter."""
     wild = np.array([is_wild(column) for column in rough.T])
-    if wild.any():  # where there are some, others may have come too many in a row to leave their neighbours
-        wild |= _off_the_line(phi, rough, lap, _hat_sums(phi, rough, lap, ~np.any(wild, axis=0)).lines(rounds))
+    if not wild.any():
+        return wild
+    # Where there are some, others may have come too many in a row to leave their neighbours: these leave the broken
+    # lines through all, and by more than a line changes there, as where a play is crossed.
+    lines = _hat_sums(phi, rough, lap, ~np.any(wild, axis=0)).lines(rounds)
+    node, share = place_of(phi)
+    for k, of_gauge in enumerate(np.moveaxis(lines, 2, 0)):
+        line = of_gauge[lap, node] * (1 - share) + of_gauge[lap, (node + 1) % NODES] * share
+        away = np.abs(rough[:, k] - line)
+        change = np.stack([changes(of_lap) for of_lap in of_gauge])
+        wild[k] |= beyond_neighbours(away) & (away > _JUMPS * change[lap, node])
     return wild
 
 
@@ -151,12 +184,20 @@ def of_rows(laps: Laps, rows: LapRows) -> Reduced:
     if odd.any():
         nodes = hats.without(odd).lines() + added
         nodes = np.stack([following(of_gauge, odd) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=2)
-    order = _driven(laps)
+    sense = int(SENSE[laps.direction])
+    first = int(np.ceil(sense * laps.start / (2 * np.pi) * NODES - 1e-6)) * sense
+    order: Integers = (first + sense * np.arange(NODES)) % NODES  # in which a lap comes to the circle angles
     nodes, notes = _steady(nodes[:, order])
     if odd.any():
         burst = round(float(hats.rows[odd].sum()))
         notes = (f"{burst} readings beside bursts of wild readings are left out: the other laps replace them", *notes)
-    notes = (*_coarse(rows.range_mm, rows.step_mm), *notes)
+    coarse = (
+        f"g{k} reads in steps of {1e3 * step:.3g} µm and moves by {1e3 * moves:.3g} µm only, which is too "
+        "coarse to show the curve: use a finer gauge or set its resolution"
+        for k, (moves, step) in enumerate(zip(rows.range_mm, rows.step_mm, strict=True), start=1)
+        if moves < _COARSEST * step
+    )
+    notes = (*coarse, *notes)
     if any(rows.wild):
         wild = f"wild readings are left out: {', '.join(map(str, rows.wild))} of {rows.count} (g1, g2)"
         notes = (wild, *notes)
@@ -168,34 +209,11 @@ def of_rows(laps: Laps, rows: LapRows) -> Reduced:
         min(rows.changed) / laps.count,
         laps.lap_s,
         laps.apart_s,
-        rate := SENSE[laps.direction] * 2 * np.pi / laps.lap_s,
+        rate := sense * 2 * np.pi / laps.lap_s,
         rows.step_mm,
         rows.noise_mm,
         abs(rate) * laps.u_t_s,
         notes,
-    )
-
-
-def _off_the_line(phi: Array, rough: Array, lap: Integers, lines: Array) -> Mask:
-    """Which readings rough (n, k) leave the broken lines (L, NODES, k) through all, (k, n), and by more than a line
-    changes there, as where a play is crossed."""
-    node, share = place_of(phi)
-    wild = np.zeros(rough.shape[::-1], dtype=bool)
-    for k, of_gauge in enumerate(np.moveaxis(lines, 2, 0)):
-        line = of_gauge[lap, node] * (1 - share) + of_gauge[lap, (node + 1) % NODES] * share
-        away = np.abs(rough[:, k] - line)
-        change = np.stack([changes(one) for one in of_gauge])
-        wild[k] = beyond_neighbours(away) & (away > _JUMPS * change[lap, node])
-    return wild
-
-
-def _coarse(ranges_mm: Sequence[float], steps: Sequence[float]) -> tuple[str, ...]:
-    """Which gauges read in steps too coarse for how far they move, in words."""
-    return tuple(
-        f"g{k} reads in steps of {1e3 * step:.3g} µm and moves by {1e3 * moves:.3g} µm only, which is too "
-        "coarse to show the curve: use a finer gauge or set its resolution"
-        for k, (moves, step) in enumerate(zip(ranges_mm, steps, strict=True), start=1)
-        if moves < _COARSEST * step
     )
 
 
@@ -204,22 +222,12 @@ def nodes_of(phi: Array, y: Array) -> Array:
     once, all_rows = np.zeros(len(phi), dtype=np.int64), np.ones(len(phi), dtype=bool)
     base = np.asarray(np.linalg.lstsq(_waves(phi), y[:, None], rcond=None)[0], dtype=np.float64)
     rough = y[:, None] - _waves(phi) @ base
-    nodes: Array = (_hat_sums(phi, rough, once, all_rows).lines()[0] + _waves(PHI) @ base)[:, 0]
-    return nodes
+    return np.asarray((_hat_sums(phi, rough, once, all_rows).lines()[0] + _waves(PHI) @ base)[:, 0])
 
 
 def _waves(phi: Array) -> Array:
     """Level and the first two orders (n, 5) at phi (n,)."""
     return np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi), np.sin(2 * phi), np.cos(2 * phi)], axis=1)
-
-
-def _less_base(phi: Array, values: Array, base: Array) -> Array:
-    """Values (n, k) without level and first two orders (5, k), which the broken line need not follow, in blocks."""
-    left = np.empty(values.shape)
-    for begin in range(0, len(values), _BLOCK):
-        rows = slice(begin, begin + _BLOCK)
-        left[rows] = values[rows] - _waves(phi[rows]) @ base
-    return left
 
 
 def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
@@ -237,9 +245,9 @@ def _hat_sums(phi: Array, values: Array, lap: Integers, keep: Mask) -> HatSums:
         for k, column in enumerate(values[rows].T):
             pull_left[k] += np.bincount(at, (1 - share) * column, len(before))
             pull_right[k] += np.bincount(at, share * column, len(before))
-    shape = (-1, count, NODES)
-    own, shared, other = (sums.reshape(count, NODES) for sums in (before, between, beyond))
-    return HatSums(own, shared, other, pull_left.reshape(shape), pull_right.reshape(shape))
+    shape = (count, NODES)
+    pulls = (pull_left.reshape(-1, *shape), pull_right.reshape(-1, *shape))
+    return HatSums(before.reshape(shape), between.reshape(shape), beyond.reshape(shape), *pulls)
 
 
 def place_of(phi: Array) -> tuple[Integers, Array]:
@@ -247,45 +255,6 @@ def place_of(phi: Array) -> tuple[Integers, Array]:
     place = phi % (2 * np.pi) * (NODES / (2 * np.pi))
     node = np.floor(place)
     return node.astype(np.int64) % NODES, place - node
-
-
-def _solved(diagonal: Array, beside: Array, pull: Array, rounds: int) -> Array:
-    """The broken lines (k, L, NODES) of cyclic normal equations, a little stiff, so that a node without rows is
-    bridged.
-
-    By conjugate gradients (Hestenes and Stiefel 1952), so many steps at the most.
-    """
-    stiff = _STIFF * diagonal.mean(axis=1, keepdims=True)
-    scale = 1 / (diagonal + 6 * stiff)
-
-    def normal(x: Array) -> Array:
-        bend = 2 * x - np.roll(x, 1, axis=-1) - np.roll(x, -1, axis=-1)
-        bend = 2 * bend - np.roll(bend, 1, axis=-1) - np.roll(bend, -1, axis=-1)
-        moved: Array = diagonal * x + beside * np.roll(x, -1, axis=-1) + np.roll(beside * x, 1, axis=-1) + stiff * bend
-        return moved
-
-    line: Array = scale * pull
-    left = pull - normal(line)
-    way = scale * left
-    size = (left * way).sum(axis=-1, keepdims=True)
-    enough = _SOLVED**2 * np.maximum((pull * scale * pull).sum(axis=-1, keepdims=True), 1e-300)
-    for _ in range(rounds):
-        if (size <= enough).all():
-            break
-        moved = normal(way)
-        step = size / np.maximum((way * moved).sum(axis=-1, keepdims=True), 1e-300)
-        line, left = line + step * way, left - step * moved
-        before, size = size, (left * scale * left).sum(axis=-1, keepdims=True)
-        way = scale * left + size / np.maximum(before, 1e-300) * way
-    return line
-
-
-def _driven(laps: Laps) -> Integers:
-    """Circle angles (NODES,) by number, in the order in which a lap comes to them."""
-    sense = int(SENSE[laps.direction])
-    first = int(np.ceil(sense * laps.start / (2 * np.pi) * NODES - 1e-6)) * sense
-    order: Integers = (first + sense * np.arange(NODES)) % NODES
-    return order
 
 
 def _steady(nodes: Array) -> tuple[Array, tuple[str, ...]]:

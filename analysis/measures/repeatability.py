@@ -19,12 +19,10 @@ import numpy as np
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles
 from analysis.geometry.programs import beside, hemisphere_of, repeatability_of, repeatability_program
 from analysis.kinematics.arm import Array, Integers, Mask, arm_of, forward
-from analysis.measures.checks import hold_alive, hold_numbers
-from analysis.measures.evaluate import Instruments
-from analysis.measures.iso_figures import RANGE_VISITS, RP_VISITS, reversal, rp
+from analysis.measures.evaluate import Instruments, hold_alive, hold_numbers
 from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import RepeatabilityCurve
-from analysis.measures.scatter_figures import assumed, coarse, exact, of_scatter
+from analysis.measures.scatter_figures import RANGE_VISITS, RP_VISITS, assumed, coarse, exact, of_scatter, reversal, rp
 from analysis.measures.simulated_gauges import visit_times
 from analysis.measures.stops import TargetKind, another_visit, hold_targets, timed
 from analysis.model.predict import Model, Path, stops
@@ -34,8 +32,7 @@ from analysis.noise.target_scatter import scatter_of
 from analysis.noise.wild import SPREADS, spreads_of
 from analysis.traces.align import Aligned
 from analysis.traces.csv_tables import Rows, joint_cells
-from analysis.traces.dwells import at_targets, visits_of
-from analysis.traces.stands import Stand, stands_of
+from analysis.traces.stands import at_targets, stands_of, visits_of
 from analysis.traces.table_layout import JOINTS, Layout
 from analysis.traces.tables import RepeatabilityTable
 from rigs.errors import FileError
@@ -73,17 +70,28 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     targets; rp_mm and rp_mean_mm (ISO 9283, within one side); r_out_mm (↓), r_in_mm (↑), r_mm, reversal_mm (largest
     |B|) and reversal_mean_mm (mean B = mean from inside less mean from outside), ISO 230-2. Raises FileError.
     """
-    _hold(table, where)
+    if len(table.g_mm) == 0:
+        raise FileError(where, "has no rows", "give a table with readings")
+    hold_numbers(where, g1_mm=table.g_mm)
+    hold_alive(where, g1_mm=table.g_mm)
+    if unknown := sorted({str(name) for name in table.approach} - {"none", *SIDES}):
+        remedy = "write out, in or none, the side that the tool came from"
+        raise FileError(where, f"approach {unknown[0]!r} is not a side", remedy)
     targets, x, notes = _sides(table, where)
     scatter = scatter_of(x, u_mm, step_mm=step_of_stops(table.g_mm)) if u_mm > 0 else None
     figures = of_scatter(plain_figures, x, scatter) if scatter else exact(plain_figures, x)
-    notes += _wild(targets, x) + _few(x) + assumed(scatter) + coarse(scatter)
+    notes += _wild(targets, x)
+    least = int(np.isfinite(x).sum(axis=-1).min())
+    standards = (("ISO 230-2", RANGE_VISITS), ("ISO 9283", RP_VISITS))
+    if asked := ", ".join(f"{name} asks {count}" for name, count in standards if least < count):
+        notes += (f"{least} readings a side; {asked}",)
+    notes += assumed(scatter) + coarse(scatter)
     return RepeatabilityResult(targets, x, figures, int(np.isfinite(x).sum()), notes)
 
 
 def plain_figures(x: Array) -> dict[str, Array]:
     """The figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN where one is missing."""
-    uni, bi, repeat = _range(x), _range(_both(x)), rp(x[..., None])
+    uni, bi, repeat = _range(x), _range(x.reshape(*x.shape[:-2], -1)), rp(x[..., None])
     return {
         "uni_mm": uni.max(axis=(-2, -1)),
         "uni_mean_mm": uni.mean(axis=(-2, -1)),
@@ -95,13 +103,8 @@ def plain_figures(x: Array) -> dict[str, Array]:
     }
 
 
-def _both(x: Array) -> Array:
-    return x.reshape(*x.shape[:-2], -1)
-
-
 def _range(x: Array) -> Array:
-    values: Array = np.nanmax(x, axis=-1) - np.nanmin(x, axis=-1)
-    return values
+    return np.asarray(np.nanmax(x, axis=-1) - np.nanmin(x, axis=-1))
 
 
 def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tuple[str, ...]]:
@@ -113,11 +116,8 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
     }
     kept = [target for target, sides in cells.items() if min(len(side) for side in sides) >= 2]
     if not kept:
-        raise FileError(
-            where,
-            "no target was read twice from each side",
-            "approach each target three times from outside and from inside",
-        )
+        remedy = "approach each target three times from outside and from inside"
+        raise FileError(where, "no target was read twice from each side", remedy)
     width = max(len(side) for target in kept for side in cells[target])
     x = np.full((len(kept), 2, width), np.nan)
     for row, target in enumerate(kept):
@@ -134,9 +134,9 @@ def _wild(targets: Integers, x: Array) -> tuple[str, ...]:
     """Name the reading of x (targets, 2, n) mm that is furthest from its like, where no robot scatters so; it stays in
     the figures, since the standards leave none out."""
     away = np.abs(x - np.nanmedian(x, axis=-1, keepdims=True))
-    known = np.isfinite(away)
+    measured = np.isfinite(away)
     spreads = np.zeros(x.shape)
-    spreads[known] = spreads_of(away[known], TARGET_MM.high)
+    spreads[measured] = spreads_of(away[measured], TARGET_MM.high)
     wild = int((spreads > SPREADS).sum())
     if not wild:
         return ()
@@ -147,39 +147,6 @@ def _wild(targets: Integers, x: Array) -> tuple[str, ...]:
         f"{are} {most} (target {targets[row]}, {SIDES[side]}), and in the figures: check that the plunger touched and "
         "that the robot stood",
     )
-
-
-def _few(x: Array) -> tuple[str, ...]:
-    least = int(np.isfinite(x).sum(axis=-1).min())
-    asked = [
-        f"{name} asks {count}"
-        for name, count in (("ISO 230-2", RANGE_VISITS), ("ISO 9283", RP_VISITS))
-        if least < count
-    ]
-    return (f"{least} readings a side; {', '.join(asked)}",) if asked else ()
-
-
-def _hold(table: RepeatabilityTable, where: str) -> None:
-    if len(table.g_mm) == 0:
-        raise FileError(where, "has no rows", "give a table with readings")
-    hold_numbers(where, g1_mm=table.g_mm)
-    hold_alive(where, g1_mm=table.g_mm)
-    other = sorted({str(name) for name in table.approach} - {"none", *SIDES})
-    if other:
-        raise FileError(
-            where, f"approach {other[0]!r} is not a side", "write out, in or none, the side that the tool came from"
-        )
-
-
-def _came_from(at: Sequence[tuple[Stand, int]], outwards_mm: Array, limit_mm: float) -> list[str]:
-    """The side of approach of each stand at a row of the program: where the tool was, beyond a limit, since the last at
-    the same row."""
-    sides = ["none"]
-    for (before, last), (now, row) in pairwise(at):
-        way = outwards_mm[before.end : now.begin]
-        furthest = way[np.argmax(np.abs(way))] if len(way) else 0.0
-        sides.append("none" if last != row or abs(furthest) < limit_mm else "out" if furthest > 0 else "in")
-    return sides[: len(at)]
 
 
 class Repeatability(TargetKind[RepeatabilityTable]):
@@ -221,7 +188,12 @@ class Repeatability(TargetKind[RepeatabilityTable]):
         outwards_mm = np.linalg.norm(forward(arm, data.q)[:, :3, 3] - frame.centre, axis=1) - frame.radius
         at = at_targets(stands, program, rig, np.pi)
         at = [(stand, row) for stand, row in at if abs(outwards_mm[stand.begin : stand.end].mean()) < limit_mm]
-        sides = _came_from(at, outwards_mm, limit_mm)
+        sides = ["none"]  # where the tool was, beyond the limit, since the last stand at the same row
+        for (before, last), (now, row) in pairwise(at):
+            way = outwards_mm[before.end : now.begin]
+            furthest = way[np.argmax(np.abs(way))] if len(way) else 0.0
+            sides.append("none" if last != row or abs(furthest) < limit_mm else "out" if furthest > 0 else "in")
+        sides = sides[: len(at)]
         places = [(row, side) for (_, row), side in zip(at, sides, strict=True)]
         ways = ["none", *["out", "in"] * repeatability_of(rig).rounds]
         order = [(row, side) for row in range(len(program.target)) for side in ways]

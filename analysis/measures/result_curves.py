@@ -91,8 +91,7 @@ class PoseCurve(Tabular):
     @property
     def distance_mm(self) -> Array:
         """Size (n,) of the position error."""
-        size: Array = np.linalg.norm(self.error_mm, axis=1)
-        return size
+        return np.asarray(np.linalg.norm(self.error_mm, axis=1))
 
     def to_table(self) -> pa.Table:
         """One row for each pose: row, x_mm, y_mm, z_mm, distance_mm, and rx_deg, ry_deg, rz_deg where measured."""

@@ -1,7 +1,16 @@
-"""From runs to their results, for every report, plot and script."""
+"""From runs to their results, for every report, plot and script.
+
+What calibration certificates leave uncertain, in every figure.
+
+A gauge's error is taken as a smooth unknown curve over its readings, of standard deviation u. Of a wave as long as a
+gauge travels nearly all reaches a figure, of longer ones less: the worst is stated. A trial draws such errors over laps
+and targets of the shipped rigs (tests/analysis/measures/test_certificate_uncertainty.py). What holds one run against
+another is left alone, since both have the same gauges.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -14,16 +23,64 @@ import pyarrow as pa
 from analysis.batch.fetched import fetched
 from analysis.conventions.check import doubts_of
 from analysis.frames import Tabular, for_json, table_of_rows
-from analysis.measures.certificate_uncertainty import with_certificates
 from analysis.measures.evaluate import Evaluated, evaluate
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.long_circle import long_circle
-from analysis.measures.quantity import Quantity
+from analysis.measures.quantity import PLACE, Quantity
 from analysis.measures.reduction import Reduced
 from analysis.measures.result_curves import JointReversal, ResultCurve, reversals_of_rig
+from analysis.noise.certificate import NO_CERTIFICATE, Systematic
 from analysis.noise.spectrum import LapNoise
 from analysis.traces.loading import Measured, load_measured, measured_in
 from analysis.traces.tables import CircleTable
+from rigs.rig import Rig
+from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
+
+Figures = dict[str, Quantity]
+_SHORTEST_MM = 0.3
+"""Readings further apart than this may be wrong by independent amounts; the error of closer ones is shared in part."""
+_LENGTHS = ("radius_mm", "held_radius_mm", "ap_mm", "ap_mean_mm")
+"""Figures that an error common to all readings moves by as much."""
+
+
+def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: TestName) -> Figures:
+    """Figures of a run with what its certificates leave uncertain added in quadrature."""
+    if systematic == NO_CERTIFICATE or test in WITHOUT_GAUGES:
+        return figures
+    u = _u_of_circle if test in CIRCLES else _u_of_targets
+    return {
+        name: replace(figure, u=math.hypot(figure.u, u(name, figures, systematic, rig)))
+        for name, figure in figures.items()
+    }
+
+
+def _u_of_circle(name: str, figures: Figures, systematic: Systematic, rig: Rig) -> float:
+    """Standard uncertainty of a figure of a circle, in its unit."""
+    if name.endswith(PLACE):
+        return 0.0  # a place on the circle, which follows from the shape of the curve and not its size
+    gauges_mm = math.hypot(*systematic.gauge_mm)
+    angle_rad, distance_mm = gauges_mm / rig.gauges.baseline_mm, gauges_mm / 2
+    if name == "shift_deg":
+        amplitude_rad = math.radians(abs(figures["amplitude_deg"].value))
+        return math.degrees(angle_rad / amplitude_rad) if amplitude_rad else 0.0
+    if figures[name].unit == "deg":
+        ends = 2 if name.startswith("range") else 1  # of the whole curve, whose two ends may be wrong oppositely
+        return ends * math.degrees(angle_rad)
+    if "eccentricity" in name:
+        radius_mm = rig.tests.circle.radius_mm if rig.tests.circle else 0.0
+        return radius_mm * angle_rad if f"distance_{name}" in figures else distance_mm
+    return math.hypot(distance_mm, math.sqrt(2) * systematic.ball_mm)
+
+
+def _u_of_targets(name: str, figures: Figures, systematic: Systematic, rig: Rig) -> float:
+    """Standard uncertainty of a figure of a radial or repeatability test, mm."""
+    gauge_mm, ball_mm = systematic.gauge_mm[0], systematic.ball_mm
+    if name in _LENGTHS:
+        return math.hypot(gauge_mm, ball_mm, systematic.link_mm)
+    apart = figures.get("held_band_mm", figures[name]) if name.startswith("centre_") else figures[name]
+    difference_mm = math.sqrt(2) * gauge_mm * min(1.0, abs(apart.value) / _SHORTEST_MM)
+    about_ball = name.startswith(("centre_", "band", "held_band"))  # from targets that touch it elsewhere
+    return math.hypot(difference_mm, math.sqrt(2) * ball_mm if about_ball else 0.0)
 
 
 @dataclass(frozen=True)
@@ -113,7 +170,7 @@ class Result(Tabular):
                 "figures": {name: asdict(figure) for name, figure in self.figures.items()},
                 "doubts": list(self.doubts),
                 **({"axes": [asdict(axis) for axis in axes]} if (axes := getattr(self.found, "axes", ())) else {}),
-                **({"warmth": {str(axis): asdict(one) for axis, one in warmth.items()}} if warmth else {}),
+                **({"warmth": {str(axis): asdict(warm) for axis, warm in warmth.items()}} if warmth else {}),
             }
         )
         return plain
@@ -172,12 +229,12 @@ def evaluated_again(borrower: Borrower) -> tuple[int, Result]:
 def borrowers(results: Sequence[Result]) -> list[Borrower]:
     """The runs of a single lap with the noise of the first of their test that has more, where there is one."""
     places = {id(result): place for place, result in enumerate(results)}
-    found = []
+    runs: list[Borrower] = []
     for group in by_test(results):
         noise = next((result.lap_noise for result in group if result.lap_noise), None)
-        alone = (run for run in group if isinstance(run.found, CircleResult) and run.found.laps.count == 1)
-        found += [Borrower(places[id(run)], run.measured, noise) for run in alone if noise]
-    return sorted(found, key=lambda one: one.place)
+        single = (run for run in group if isinstance(run.found, CircleResult) and run.found.laps.count == 1)
+        runs += [Borrower(places[id(run)], run.measured, noise) for run in single if noise]
+    return sorted(runs, key=lambda borrower: borrower.place)
 
 
 def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None) -> Result:
@@ -202,16 +259,16 @@ _KEPT: WeakValueDictionary[int, Result] = WeakValueDictionary()
 def _evaluated(measured: Measured, like: tuple[LapNoise, LapNoise] | None, reduced: Reduced | None = None) -> Result:
     """Evaluate a run; reduced: the readings of all rows, where its table has but some of them. Raises FileError."""
     where = str(measured.path)
-    found = evaluate(measured.table, measured.rig, measured.u_lag_s, where, like=like, reduced=reduced)
-    figures = dict(found.figures)
-    if isinstance(found, CircleResult):
+    evaluated = evaluate(measured.table, measured.rig, measured.u_lag_s, where, like=like, reduced=reduced)
+    figures = dict(evaluated.figures)
+    if isinstance(evaluated, CircleResult):
         # The angle and the distance both show where the ball is; robot errors make them differ.
-        distance = found.distance.figures
+        distance = evaluated.distance.figures
         figures |= {f"distance_{name}" if name in figures else name: figure for name, figure in distance.items()}
     figures = with_certificates(figures, measured.systematic, measured.rig, measured.run.manifest.test)
     friction = measured.condition.friction or {}
-    figures |= {f"friction_j{axis}_a": Quantity(one.current_a, one.u_a, "a") for axis, one in friction.items()}
-    return Result(measured, found, figures)
+    figures |= {f"friction_j{axis}_a": Quantity(joint.current_a, joint.u_a, "a") for axis, joint in friction.items()}
+    return Result(measured, evaluated, figures)
 
 
 def by_test(results: Sequence[Result]) -> list[list[Result]]:
@@ -227,13 +284,13 @@ def by_test(results: Sequence[Result]) -> list[list[Result]]:
     return groups
 
 
-def _same_cell(one: Result, other: Result) -> bool:
-    rig, its = one.measured.rig, other.measured.rig
+def _same_cell(first: Result, second: Result) -> bool:
+    rig, its = first.measured.rig, second.measured.rig
     # What is quick to compare comes first: a year of a plant has a thousand runs and more.
-    if one.test != other.test or rig.name != its.name:
+    if first.test != second.test or rig.name != its.name:
         return False
-    if one.measured.run.manifest.placement != other.measured.run.manifest.placement:
+    if first.measured.run.manifest.placement != second.measured.run.manifest.placement:
         return False
-    kind = one.measured.table.kind  # without gauges there is no place that a rig file knows
+    kind = first.measured.table.kind  # without gauges there is no place that a rig file knows
     same_place = not (kind.gauges and kind.part) or getattr(rig.tests, kind.part) == getattr(its.tests, kind.part)
     return same_place and rig.robot == its.robot

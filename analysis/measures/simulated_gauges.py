@@ -73,8 +73,8 @@ def read_by_gauges(rig: Rig, program: GaugeTable, setup: SetUp, run: Simulation)
     kicks = rng.normal(0.0, noise.wander_mm, len(program.t_s)) * np.sqrt(1 - kept**2)
     steps = zip(kept.tolist(), kicks.tolist(), strict=True)
     levels = accumulate(steps, lambda level, step: step[0] * level + step[1], initial=0.0)
-    wandering: Array = values + np.fromiter(islice(levels, 1, None), dtype=float, count=len(program.t_s))[:, None]
-    return wandering
+    wandering = np.fromiter(islice(levels, 1, None), dtype=float, count=len(program.t_s))
+    return np.asarray(values + wandering[:, None])
 
 
 def visit_times(count: int) -> Array:

@@ -21,7 +21,7 @@ from analysis.geometry.iso_cube import (
     iso9283_of,
     joints_along,
 )
-from analysis.kinematics.arm import Arm, Array, Integers, arm_of, transform
+from analysis.kinematics.arm import Arm, Array, arm_of, transform
 from analysis.measures.simulated_touches import STOPS_MM
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, model_of, moved, stops
@@ -54,18 +54,6 @@ def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
     """Return times (n,) s and places (n, 3) mm that a tracker records while the program drives the paths at full speed;
     see `simulated_cube`."""
     rng = np.random.default_rng(seed or 0)
-    t_s, q, leg = _driven(rig)
-    model = model_of(rig, effects)
-    places = moved(model, Path(Motion(t_s, q), np.arange(len(q)))).T[:, :3, 3]
-    if seed is not None:
-        places = places + STOPS_MM * rng.standard_normal((leg[-1] + 1, 3))[leg]
-        places = places + TRACKER_MM * rng.standard_normal((len(q), 3))
-    return t_s, seen_by_tracker(rig, places, rng)
-
-
-def _driven(rig: Rig) -> tuple[Array, Array, Integers]:
-    """Times (n,) s and joints (n, 6) rad at the tracker's rate along all paths, and the number (n,) of the path that is
-    driven, with the stand after it; 0 is the stand before the first."""
     test, cube, arm = iso9283_of(rig), cube_of(rig), arm_of(rig.robot)
     where, legs = RigPlace.of(rig.name, "tests.iso9283"), dict[str, Array]()
     parts = list[Array]()
@@ -75,7 +63,15 @@ def _driven(rig: Rig) -> tuple[Array, Array, Integers]:
         parts.append(legs[path.name])
     parts.insert(0, np.tile(parts[0][:1], (int(STAND_S * _RATE_HZ), 1)))
     q = np.concatenate(parts)
-    return np.arange(len(q)) / _RATE_HZ, q, np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    t_s = np.arange(len(q)) / _RATE_HZ
+    # The number of the path that is driven, with the stand after it; 0 is the stand before the first.
+    leg = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    model = model_of(rig, effects)
+    places = moved(model, Path(Motion(t_s, q), np.arange(len(q)))).T[:, :3, 3]
+    if seed is not None:
+        places = places + STOPS_MM * rng.standard_normal((len(parts), 3))[leg]
+        places = places + TRACKER_MM * rng.standard_normal((len(q), 3))
+    return t_s, seen_by_tracker(rig, places, rng)
 
 
 def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str) -> Array:
@@ -95,8 +91,7 @@ def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str)
 def tool_places(model: Model, q: Array) -> Array:
     """Where the tool is (n, 3) mm in the world at joints q (n, 6) rad, one after the other."""
     path = stops(q)
-    places: Array = moved(model, path).T[path.rows, :3, 3]
-    return places
+    return np.asarray(moved(model, path).T[path.rows, :3, 3])
 
 
 def seen_by_tracker(rig: Rig, places_mm: Array, rng: np.random.Generator) -> Array:
@@ -109,5 +104,4 @@ def seen_by_tracker(rig: Rig, places_mm: Array, rng: np.random.Generator) -> Arr
         T = np.eye(4)
         T[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
         T[:3, 3] = [_FAR_MM * np.cos(turn), _FAR_MM * np.sin(turn), rng.uniform(500.0, 1500.0)]
-    seen: Array = (places_mm - T[:3, 3]) @ T[:3, :3]
-    return seen
+    return np.asarray((places_mm - T[:3, 3]) @ T[:3, :3])

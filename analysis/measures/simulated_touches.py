@@ -100,17 +100,6 @@ def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
     return TouchTable(np.array(names), order, order + swing), np.array(places)
 
 
-def _at_distances(at: Array, distances: Sequence[tuple[Array, float]]) -> Array:
-    """Places (n, 3) mm moved to where they have the distances that are known, those that can."""
-    for _ in range(_STEPS if distances else 0):
-        away = at[:, None] - np.array([place for place, _ in distances])
-        apart = np.linalg.norm(away, axis=2)
-        off = np.array([distance for _, distance in distances]) - apart
-        at = at + np.einsum("nij,nj->ni", np.linalg.pinv(away / apart[..., None]), off)
-    misses = [np.abs(np.linalg.norm(at - place, axis=1) - distance) for place, distance in distances]
-    return at[np.max(misses, axis=0) < _THERE_MM] if distances else at
-
-
 def _somewhere(
     arm: Arm, count: int, rng: np.random.Generator, where: str, distances: Sequence[tuple[Array, float]]
 ) -> tuple[Array, Array]:
@@ -119,7 +108,15 @@ def _somewhere(
     low, high = arm.limits.T
     free = forward(arm, rng.uniform(low, high, (_POSTURES, arm.axes)))[:, :3, 3]
     base = arm.T_world_base[:3, 3]
-    at = _at_distances(free, distances)
+    at = free
+    if distances:  # moved to where they have the distances that are known, those that can
+        others, apart_mm = np.array([place for place, _ in distances]), np.array([mm for _, mm in distances])
+        for _ in range(_STEPS):
+            away = at[:, None] - others
+            apart = np.linalg.norm(away, axis=2)
+            at = at + np.einsum("nij,nj->ni", np.linalg.pinv(away / apart[..., None]), apart_mm - apart)
+        misses = np.abs(np.linalg.norm(at[:, None] - others, axis=2) - apart_mm)
+        at = at[misses.max(axis=1) < _THERE_MM]
     share = np.linalg.norm(at - base, axis=1) / np.linalg.norm(free - base, axis=1).max()
     for place in at[(share > _REACHED[0]) & (share < _REACHED[1]) & (at[:, 2] > base[2])]:
         postures = _postures_at(arm, place, count, rng)

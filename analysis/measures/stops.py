@@ -22,7 +22,7 @@ from analysis.model.predict import Model, Path, SetUp, gauged, stops
 from analysis.model.scene import Scene, apply
 from analysis.traces.csv_tables import Rows, joint_cells
 from analysis.traces.kind import SAME_RAD, Kind
-from analysis.traces.single_stands import STANDS_MM
+from analysis.traces.stands import STANDS_MM
 from analysis.traces.table_layout import RAIL, RAIL_FROM, came_from_columns
 from analysis.traces.tables import PlaceTable, TargetTable
 from rigs.errors import FileError
@@ -93,8 +93,7 @@ class TargetKind(Kind[H]):
         if hemisphere is None or angles is None:
             return None
         frame = hemisphere_frame(hemisphere)
-        places: Array = frame.centre + frame.radius * frame.direction(*angles)
-        return places
+        return np.asarray(frame.centre + frame.radius * frame.direction(*angles))
 
     def numbers_of(self, table: H) -> Integers:
         return table.target
@@ -127,8 +126,7 @@ def target_count(hemisphere: Hemisphere) -> int:
 
 def another_visit(table: TargetTable, labels: Array) -> Mask:
     """A mask (n - 1,) of the rows with other labels (n, k) than the row before, or another reading."""
-    differs: Mask = (np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDS_MM)
-    return differs
+    return np.asarray((np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDS_MM))
 
 
 def timed(t_s: Array) -> dict[str, Array]:

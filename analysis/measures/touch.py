@@ -23,8 +23,7 @@ from analysis.conventions.off_path import Off, off_sockets
 from analysis.geometry.pose_setup import socket_design
 from analysis.kinematics.arm import Arm, Array, Integers, forward
 from analysis.kinematics.limits import impossible_rad
-from analysis.measures.checks import hold_numbers
-from analysis.measures.evaluate import Instruments
+from analysis.measures.evaluate import Instruments, hold_numbers
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
@@ -84,29 +83,35 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     _hold(table, where)
     T = forward(model.arm, table.q) if not model.effects else moved(model, path := path_of(model, table)).T[path.rows]
     far = far_touches(table, T)
-    said = (left_out(table, far.wild, far.far_mm),) if far.wild.any() else ()
+    notes = (left_out(table, far.wild, far.far_mm),) if far.wild.any() else ()
     rows, sockets_seen, T = table.rows[~far.wild] - 1, table.socket[~far.wild], T[~far.wild]
     names, socket = np.unique(sockets_seen, return_inverse=True)
     design = socket_design(T, socket.ravel(), len(names))
     seen = -T[:, :3, 3].ravel()
     solved = np.linalg.pinv(design)
     terms = solved @ seen
-    left = (design @ terms - seen).reshape(-1, 3)
+    off = (design @ terms - seen).reshape(-1, 3)
     rng = np.random.default_rng(SEED)
     level = np.hypot(SEAT_MM, TARGET_MM.low * (TARGET_MM.high / TARGET_MM.low) ** rng.uniform(size=(DRAWS, 1)))
     noise = level * rng.standard_normal((DRAWS, len(seen)))
     drawn_terms = terms + noise @ solved.T
-    drawn = left - (noise - noise @ solved.T @ design.T).reshape(DRAWS, -1, 3)
+    drawn = off - (noise - noise @ solved.T @ design.T).reshape(DRAWS, -1, 3)
     counted = socket.ravel(), len(names)
-    figures = figures_of(_plain(left, *counted), _plain(drawn, *counted), len(left), noise="assumed")
+    figures = figures_of(_plain(off, *counted), _plain(drawn, *counted), len(off), noise="assumed")
     sockets = dict(zip(names.tolist(), terms[3:].reshape(-1, 3), strict=True))
-    errs_mm = rms(left)
+    errs_mm = rms(off)
     spread = terms + np.hypot(level, errs_mm) / level * (drawn_terms - terms)
-    distances = _distances(model, names.tolist(), terms, spread, len(left))
+    distances = _distances(model, names.tolist(), terms, spread, len(off))
     if len(names) == 2:
         figures["socket_distance_mm"] = distances[0].distance
-    notes = (*said, *_blind(design), *known_otherwise(distances), *_alone(names.tolist(), socket.ravel()))
-    return TouchResult(left, terms[:3], sockets, distances, figures, len(left), notes, rows)
+    singular = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
+    if singular[-1] <= _BLIND * singular[0]:
+        words = "the tool turned too little to distinguish the ball's place on it from the sockets: turn the wrist more"
+        notes = (*notes, words)
+    notes = (*notes, *known_otherwise(distances))
+    if once := ", ".join(names[np.bincount(socket.ravel()) < 2].tolist()):
+        notes = (*notes, f"{once} touched once only, which shows nothing: touch each in many postures")
+    return TouchResult(off, terms[:3], sockets, distances, figures, len(off), notes, rows)
 
 
 def _hold(table: TouchTable, where: str) -> None:
@@ -122,15 +127,15 @@ def _hold(table: TouchTable, where: str) -> None:
         raise FileError(where, angle, "check the unit of q: files hold degrees")
 
 
-def _plain(left: Array, socket: Integers, sockets: int) -> dict[str, Array]:
+def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:
     """Figures (...,) in mm of the ball's places from their sockets (..., n, 3) mm."""
-    distance = np.linalg.norm(left, axis=-1)
+    distance = np.linalg.norm(off, axis=-1)
     worst = np.zeros(distance.shape[:-1])
     for number in range(sockets):
-        own = left[..., socket == number, :]
-        if own.shape[-2] > 1:
-            away = np.linalg.norm(own - own.mean(axis=-2, keepdims=True), axis=-1)
-            worst = np.maximum(worst, 2 * np.sqrt((away**2).sum(axis=-1) / (own.shape[-2] - 1)))
+        of_socket = off[..., socket == number, :]
+        if (count := of_socket.shape[-2]) > 1:
+            away = np.linalg.norm(of_socket - of_socket.mean(axis=-2, keepdims=True), axis=-1)
+            worst = np.maximum(worst, 2 * np.sqrt((away**2).sum(axis=-1) / (count - 1)))
     return {"rms_mm": np.sqrt((distance**2).mean(axis=-1)), "max_mm": distance.max(axis=-1), "spat_mm": worst}
 
 
@@ -139,44 +144,32 @@ def _distances(
 ) -> tuple[SocketDistance, ...]:
     """The distances of sockets whose places are among the terms (3 + 3 s,) mm, and in draws (m, 3 + 3 s) of them."""
     declared = model.rig.tests.touch.distances if model.rig.tests.touch else ()
-    known = {frozenset(one.between): Quantity(one.distance_mm, one.u_mm, "mm") for one in declared}
-    found = []
-    for one, other in combinations(range(len(names)), 2):
-        pair = frozenset((names[one], names[other]))
-        if len(names) > _ALL_PAIRS and pair not in known:
+    stated = {frozenset(pair.between): Quantity(pair.distance_mm, pair.u_mm, "mm") for pair in declared}
+    distances = []
+    for first, second in combinations(range(len(names)), 2):
+        pair = frozenset((names[first], names[second]))
+        if len(names) > _ALL_PAIRS and pair not in stated:
             continue
-        places = [slice(3 + 3 * k, 6 + 3 * k) for k in (one, other)]
+        places = [slice(3 + 3 * k, 6 + 3 * k) for k in (first, second)]
         apart, draws = (np.linalg.norm(all_[..., places[0]] - all_[..., places[1]], axis=-1) for all_ in (terms, drawn))
         figure = figures_of({"d_mm": apart}, {"d_mm": draws}, samples, noise="assumed")["d_mm"]
-        found.append(SocketDistance((names[one], names[other]), figure, known.get(pair)))
-    return tuple(found)
+        distances.append(SocketDistance((names[first], names[second]), figure, stated.get(pair)))
+    return tuple(distances)
 
 
 _ALL_PAIRS = 4
 """Sockets up to which the distance of each pair is a figure; more have too many pairs to read."""
 
 
-def _blind(design: Array) -> tuple[str, ...]:
-    s = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
-    if s[-1] > _BLIND * s[0]:
-        return ()
-    return ("the tool turned too little to distinguish the ball's place on it from the sockets: turn the wrist more",)
-
-
 def known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
     """Return what to say of distances that the arm has otherwise than they are known."""
     return tuple(
-        f"sockets {one.between[0]} and {one.between[1]} are {one.known} apart, and by the arm {one.distance}: its "
+        f"sockets {pair.between[0]} and {pair.between[1]} are {pair.known} apart, and by the arm {pair.distance}: its "
         "constants are wrong by a part of that, or the distance is not right"
-        for one in distances
-        if one.known and abs(one.distance.value - one.known.value) > 2 * float(np.hypot(one.distance.u, one.known.u))
+        for pair in distances
+        if pair.known
+        and abs(pair.distance.value - pair.known.value) > 2 * float(np.hypot(pair.distance.u, pair.known.u))
     )
-
-
-def _alone(names: Sequence[str], socket: Integers) -> tuple[str, ...]:
-    """What to say of sockets that were touched once, which show nothing."""
-    once = [name for number, name in enumerate(names) if np.count_nonzero(socket == number) < 2]
-    return (f"{', '.join(once)} touched once only, which shows nothing: touch each in many postures",) if once else ()
 
 
 class Touch(PlaceKind[TouchTable]):

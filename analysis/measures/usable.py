@@ -13,7 +13,6 @@ from analysis.measures.results import result_of
 from analysis.traces.align import robot_alone
 from analysis.traces.loading import measured_of
 from daq.store import read_run
-from daq.store.run import Run
 from rigs.errors import DirectionError, FileError
 from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction
 
@@ -36,7 +35,9 @@ def fitness(run: Path) -> Fitness:
     why, drove, still_driving = "", None, False
     try:
         recorded = read_run(run)
-        still_driving = _still_driving(run, recorded)
+        with suppress(FileError):
+            t_s, q, _ = robot_alone(run, recorded)
+            still_driving = bool(np.ptp(q[t_s >= t_s[-1] - _END_S], axis=0).max() > _MOVES_RAD)
         if recorded.manifest.test not in WITHOUT_GAUGES:  # which has a table of its own
             measured = measured_of(recorded)
             why = why_no_measurement(measured)
@@ -52,11 +53,3 @@ def fitness(run: Path) -> Fitness:
 def why_unusable(run: Path) -> str:
     """Return why `rig analyse` would refuse a run, or a convention shows that it is none; empty where it is good."""
     return fitness(run).why
-
-
-def _still_driving(path: Path, run: Run) -> bool:
-    with suppress(FileError):
-        t_s, q, _ = robot_alone(path, run)
-        end = q[t_s >= t_s[-1] - _END_S]
-        return bool(np.ptp(end, axis=0).max() > _MOVES_RAD)
-    return False

@@ -125,10 +125,12 @@ def _fitted(figure: FigureBase, simulated: SimulatedFigures) -> None:
     (axes,) = _circle_panels(figure, 1, "yaw angle / °")
     result = simulated.yaw["cw"]
     curve, sine = _curve(result), _sine_deg(result)
-    some = slice(None, None, 10)
+    every_tenth = slice(None, None, 10)
     axes.plot(curve.phi_deg, sine, "k-", lw=1, label="least-squares sine  A + r sin(φ + α)")
-    axes.plot(curve.phi_deg[some], curve.angle_deg[some], "o", ms=3, color=_INK["cw"], label="cw, every 5°")
-    axes.vlines(curve.phi_deg[some], sine[some], curve.angle_deg[some], color=_INK["cw"], lw=0.8)
+    axes.plot(
+        curve.phi_deg[every_tenth], curve.angle_deg[every_tenth], "o", ms=3, color=_INK["cw"], label="cw, every 5°"
+    )
+    axes.vlines(curve.phi_deg[every_tenth], sine[every_tenth], curve.angle_deg[every_tenth], color=_INK["cw"], lw=0.8)
     axes.legend(loc="upper left", fontsize=8)
 
 

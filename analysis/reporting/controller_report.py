@@ -120,26 +120,26 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
             {
                 "parameter": entry.parameter,
                 "axis": entry.axis,
-                "add": _short(entry.add),
-                "u": _short(entry.u),
+                "add": short(entry.add),
+                "u": short(entry.u),
                 "unit": entry.unit,
-                "now": entry.now and _short(entry.now),
-                "reading_deg": _short(entry.reading_deg),
-                "worth_um": _um(entry.worth_um),
-                "leaves_um": _um(entry.leaves_um),
+                "now": entry.now and short(entry.now),
+                "reading_deg": short(entry.reading_deg),
+                "worth_um": rounded_um(entry.worth_um),
+                "leaves_um": rounded_um(entry.leaves_um),
             }
             for entry in entries.entries
         ],
         "not_entered": [
-            {"name": label_of(kept.effect), "worth_um": _um(kept.worth_um)} for kept in entries.not_entered
+            {"name": label_of(kept.effect), "worth_um": rounded_um(kept.worth_um)} for kept in entries.not_entered
         ],
-        "before_um": _um(entries.before_um),
-        "after_um": _um(entries.after_um),
-        "corrected_targets_um": _um(entries.by_targets_um),
-        "carried_um": _um(entries.carried_um),
-        "carried_by_corrected_targets_um": _um(entries.carried_by_targets_um),
-        "elsewhere_um": [_um(um) for um in entries.elsewhere_um],
-        "base_u_um": _um(entries.base_u_um),
+        "before_um": rounded_um(entries.before_um),
+        "after_um": rounded_um(entries.after_um),
+        "corrected_targets_um": rounded_um(entries.by_targets_um),
+        "carried_um": rounded_um(entries.carried_um),
+        "carried_by_corrected_targets_um": rounded_um(entries.carried_by_targets_um),
+        "elsewhere_um": [rounded_um(um) for um in entries.elsewhere_um],
+        "base_u_um": rounded_um(entries.base_u_um),
         "known_only_together": [list(group) for group in entries.twins],
         "steps": list(entries.steps),
         "source": entries.controller.source,
@@ -147,9 +147,11 @@ def as_object(entries: ControllerEntries) -> dict[str, Any]:
     }
 
 
-def _short(value: float) -> float:
+def short(value: float) -> float:
+    """A value to nine digits, which are more than any controller takes."""
     return float(f"{value:.9g}")
 
 
-def _um(value: float) -> float:
+def rounded_um(value: float) -> float:
+    """A size in µm to the nanometre."""
     return round(value, 3)

@@ -18,14 +18,14 @@ from analysis.correction.correct import Corrections
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.plays import known_plays
 from analysis.correction.refusal import ANYWAY, why_nothing
-from analysis.correction.support import CONSTANTS, Support, corrected_table
+from analysis.correction.support import CONSTANTS, corrected_table
 from analysis.correction.target_path import corrected_columns
 from analysis.kinematics.arm import Array
 from analysis.makers import maker_by
 from analysis.makers.reading import with_remark
 from analysis.measures.parameters import quantity_of
 from analysis.reporting import controller_report, program_report
-from analysis.reporting.controller_report import base_note
+from analysis.reporting.controller_report import base_note, rounded_um, short
 from analysis.reporting.plain_console import right, whole
 from rigs.effects import size_field
 from rigs.errors import FileError
@@ -53,13 +53,11 @@ def as_table(corrections: Corrections) -> RenderableType:
     columns = ("effect", right("value"), "corrected as", Column("why", ratio=1))
     effects = Table(*columns, title="value ± standard uncertainty", title_style="dim", header_style="bold")
     for support in corrections.effects:
-        style = "green" if support.use != "none" else "yellow"
-        effects.add_row(
-            label_of(support.effect),
-            _value(support),
-            Text(("not corrected" if support.use == "none" else support.use), style=style),
-            support.reason,
-        )
+        field = size_field(support.effect)
+        quantity = quantity_of(support.effect, field, {field: support.u})
+        value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
+        use = Text("not corrected", "yellow") if support.use == "none" else Text(support.use, "green")
+        effects.add_row(label_of(support.effect), value, use, support.reason)
     for play in (
         known_play for known_play in known_plays(corrections.rig) if known_play not in corrections.rig.effects
     ):
@@ -131,12 +129,6 @@ def _either(corrections: Corrections) -> str:
         else "without these values: use one of both"
     )
     return f" corrected-{corrections.path[0].name} is for a controller {state}."
-
-
-def _value(support: Support) -> str:
-    field = size_field(support.effect)
-    value = quantity_of(support.effect, field, {field: support.u})
-    return str(value) if support.u > 0 else f"{support.value:g} {value.sign}".rstrip()
 
 
 def _lines(corrections: Corrections) -> list[str]:
@@ -218,7 +210,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
         "verdict": "nothing" if (why := why_nothing(corrections.rig)) else "correct",
         "verdict_why": why or None,
         "joint_zeros": [
-            {"axis": zero.axis, "add_deg": _short(zero.delta), "u_deg": _short(zero.u)} for zero in corrections.zeros
+            {"axis": zero.axis, "add_deg": short(zero.delta), "u_deg": short(zero.u)} for zero in corrections.zeros
         ],
         "link_constants": [
             (
@@ -226,8 +218,8 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
                     "axis": constant.axis,
                     "key": constant.key,
                     "nominal": constant.nominal,
-                    "corrected": _short(constant.corrected),
-                    "u": _short(constant.u),
+                    "corrected": short(constant.corrected),
+                    "u": short(constant.u),
                 }
             )
             for constant in corrections.constants
@@ -244,10 +236,10 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
             for support in corrections.effects
         ],
         "work": {
-            **{name: _um(getattr(corrections.work, name)) for name in _ERRORS},
-            "base_u_um": _um(corrections.work.base_u_um),
+            **{name: rounded_um(getattr(corrections.work, name)) for name in _ERRORS},
+            "base_u_um": rounded_um(corrections.work.base_u_um),
             "unknown_share": round(corrections.work.unknown, 3),
-            "in_base": {name: _um(getattr(corrections.work.base, name)) for name in _ERRORS},
+            "in_base": {name: rounded_um(getattr(corrections.work.base, name)) for name in _ERRORS},
         },
         "not_corrected": _not_corrected(corrections),
         "programs": [program_report.as_object(program) for program in corrections.programs],
@@ -268,14 +260,6 @@ def _not_corrected(corrections: Corrections) -> list[dict[str, Any]]:
 def _each_um(values_mm: Array) -> list[float | None]:
     """Values (n,) mm in µm, None where there is none."""
     return [None if np.isnan(mm) else round(1e3 * mm, 3) for mm in values_mm.tolist()]
-
-
-def _um(value: float) -> float:
-    return round(value, 3)
-
-
-def _short(value: float) -> float:
-    return float(f"{value:.9g}")
 
 
 def write(corrections: Corrections, directory: Path) -> list[Path]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from analysis.reporting.texts import texts_of
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
+_OF_CUBE = ("ap_mm", "rp_mm", "ad_mm", "rd_mm")
 _APART_DEG = 4.0
 """Between the readings at one target and its middle, so that none hides another."""
 
@@ -49,9 +50,10 @@ def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
             is_pose = isinstance(result.curve, PoseCurve)
             cube = [picture for picture in pictures if is_pose and picture.frame == "plane"]
             others = [picture for picture in pictures if not is_pose or picture.frame != "plane"]
-            for file, shown in ((f"{stem}-{name}.png", others), (f"{stem}-{name}-cube.png", cube)):
+            files = ((f"{stem}-{name}.png", others, LEADING), (f"{stem}-{name}-cube.png", cube, _OF_CUBE))
+            for file, shown, leading in files:
                 if shown:
-                    figures[file] = partial(target_figure, result, shown)
+                    figures[file] = partial(target_figure, result, shown, leading)
     return write_views(directory, {name: as_png(figure) for name, figure in figures.items()})
 
 
@@ -64,13 +66,13 @@ def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
     ]
 
 
-def target_figure(result: Result, pictures: Sequence[Picture]) -> Figure:
-    """The pictures of a test at targets, and its leading figures."""
+def target_figure(result: Result, pictures: Sequence[Picture], leading: Collection[str]) -> Figure:
+    """The pictures of a test at targets, and the figures that lead there, by their names."""
     parts = [
         (3.6, partial(_draw_sphere, picture)) if isinstance(picture, SphereChart) else part_of(picture)
         for picture in pictures
     ]
-    figures = [f"{label(name).strip()} {result.figures[name]}" for name in result.figures if name in LEADING]
+    figures = [f"{label(name).strip()} {result.figures[name]}" for name in result.figures if name in leading]
     return Sheet.of_parts([f"{result.title} · {result.measured.rig.name} · {result.name}", *figures], parts, 9.0)
 
 

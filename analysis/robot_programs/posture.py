@@ -56,11 +56,13 @@ def agreeing(
     angle of its number; one within slack_rad of such an angle does as well."""
 
     def agrees(angles: Array) -> bool:
-        stands = posture_of(arm, angles)
         around = [angles + shift for shift in (-slack_rad, 0.0, slack_rad)]
-        return (stands.flip, stands.up, stands.front) == sides and all(
+        if not all(
             number in {number_of(float(shifted[axis])) for shifted in around} for axis, number in numbers.items()
-        )
+        ):
+            return False
+        stands = posture_of(arm, angles)
+        return (stands.flip, stands.up, stands.front) == sides
 
     return np.array([agrees(angles) for angles in q])
 

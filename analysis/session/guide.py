@@ -245,8 +245,8 @@ class Guide:
         stages = session.stages if is_there else (*session.stages, stage)
         at = next((k for k, step in enumerate(session.steps) if step.purpose != "find"), len(session.steps))
         ordered = numbered((*session.steps[:at], *steps, *session.steps[at:]), session.steps)
-        more = Say(tuple(words.more_lines(answer, stage)))
-        return replace(state.keeping(stages=stages, steps=ordered), stage=""), (more,)
+        reason = Say(tuple(words.more_lines(answer, stage)))
+        return replace(state.keeping(stages=stages, steps=ordered), stage=""), (reason,)
 
     def _more(self, session: Session, answer: Answer) -> tuple[Stage, tuple[Step, ...]] | None:
         """Return a stage with steps that would show more, None where none would, or the time is over."""

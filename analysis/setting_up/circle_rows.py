@@ -100,22 +100,17 @@ def find_circle(points: Array, run: Integers, tolerance: Tolerance) -> FoundCirc
     turned = (largest_deviations(points, centre, normal, radius) < limit[:, None]).sum(axis=1) / radius
     best: FoundCircle | None = None
     for k in np.argsort(-turned)[:_BEST]:
-        circle = circle_frame(centre[k], normal[k], points[rows[k, 0]] - centre[k], radius[k])
-        refined = _refined(points, run, circle, tolerance)
-        if refined and (best is None or refined.turned_rad > best.turned_rad):
-            best = refined
+        circle, turned_rad = circle_frame(centre[k], normal[k], points[rows[k, 0]] - centre[k], radius[k]), 0.0
+        for _ in range(_REFINED):
+            on, turned_rad = followed(circle, points, run, tolerance)
+            nearest = nearest_circle(points[on]) if on.sum() > 3 else None
+            if nearest is None or not _RADIUS_MM[0] < nearest.radius < _RADIUS_MM[1]:
+                break
+            circle = nearest
+        else:
+            if best is None or turned_rad > best.turned_rad:
+                best = FoundCircle(circle, turned_rad)
     return best
-
-
-def _refined(points: Array, run: Integers, circle: CircleFrame, tolerance: Tolerance) -> FoundCircle | None:
-    turned = 0.0
-    for _ in range(_REFINED):
-        on, turned = followed(circle, points, run, tolerance)
-        nearest = nearest_circle(points[on]) if on.sum() > 3 else None
-        if nearest is None or not _RADIUS_MM[0] < nearest.radius < _RADIUS_MM[1]:
-            return None
-        circle = nearest
-    return FoundCircle(circle, turned)
 
 
 def followed(circle: CircleFrame, points: Array, run: Integers, tolerance: Tolerance) -> tuple[Mask, float]:

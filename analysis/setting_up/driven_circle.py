@@ -23,7 +23,7 @@ from analysis.setting_up.circle_rows import (
     fit_rows,
     on_circle,
 )
-from analysis.setting_up.touched_ball import StoodCircle, circle_through_stands, distinct, is_jogged
+from analysis.setting_up.touched_ball import circle_through_stands, distinct, is_jogged
 from analysis.traces.robot_motion import RobotMotion
 from analysis.traces.stands import STOOD_RAD
 from rigs.edit import Values
@@ -122,17 +122,16 @@ def _tool_doubts(circle: CircleFrame, T: Array) -> list[str]:
     off, spread = mean.magnitude(), float(np.degrees((mean.inv() * turn).magnitude().max()))
     if off < _HELD_RAD and spread < np.degrees(_HELD_RAD):
         return []
-    what = (
+    fact = (
         f"the tool was held {np.degrees(off):.0f}° from where the test holds it (z to the centre, x along the normal)"
     )
     if spread < np.degrees(_HELD_RAD):
-        return [f"{what}: the program will turn it so, unless robot.tool.rpy_deg is corrected"]
-    return [f"{what}, and not evenly (by up to {spread:.0f}°): the program will turn it so"]
+        return [f"{fact}: the program will turn it so, unless robot.tool.rpy_deg is corrected"]
+    return [f"{fact}, and not evenly (by up to {spread:.0f}°): the program will turn it so"]
 
 
 def _unit(vector: tuple[float, float, float]) -> Array:
-    unit: Array = np.array(vector) / np.linalg.norm(vector)
-    return unit
+    return np.asarray(np.array(vector) / np.linalg.norm(vector))
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -187,14 +186,14 @@ class DrivenCircle:
 
     def values(self) -> Values:
         """The keys of tests.circle: to the micrometre and the hundredth of a degree."""
-        found: dict[str, float | list[float]] = {
+        values: dict[str, float | list[float]] = {
             "centre_mm": self.circle.centre.round(3).tolist(),
             "normal": self.circle.n.round(6).tolist(),
             "zero": self.circle.u.round(6).tolist(),
             "radius_mm": round(self.circle.radius, 3),
             "posture_deg": np.degrees(self.posture).round(2).tolist(),
         }
-        return {key: value for key, value in found.items() if key != "zero" or not self.keeps_zero}
+        return {key: value for key, value in values.items() if key != "zero" or not self.keeps_zero}
 
 
 def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
@@ -215,7 +214,11 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     if bent and bent.turned_rad > _FURTHER * (true.turned_rad if true else 0.0):
         path_circle, tolerance = bent, BENT
     if is_jogged(bins, path_circle):
-        return _of_stands(circle_through_stands(arm, bins, where), motions, rig)
+        stops = circle_through_stands(arm, bins, where)
+        start = start_of(stops.circle, stops.T, stops.q, motions[0].direction, rig.tests.circle)
+        used = f"{len(stops.T)} points at which the robot stood, over {np.degrees(start.arc_rad):.0f}° of arc"
+        doubts = (*_doubts(motions), *stops.doubts)
+        return _result(stops.circle, stops.covariance, stops.covariance, start, used, doubts, where)
     stood = len(distinct(bins.places[bins.stand_rows]))
     if path_circle is None:
         path_circle, tolerance = find_circle(points, run, LED), LED
@@ -226,8 +229,8 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     result = _of_rows(fit_rows(motions, arm, bins, on, circle), bins, on, motions, rig)
     if tolerance is _SHORT:
         u = f"u {result.u_centre_mm.max():.2g} mm of the centre by noise alone"
-        what = f"{result.used} are too short an arc ({u}), and the robot stood at {stood} points"
-        raise FileError(where, what, _LONGER)
+        problem = f"{result.used} are too short an arc ({u}), and the robot stood at {stood} points"
+        raise FileError(where, problem, _LONGER)
     return result
 
 
@@ -253,15 +256,6 @@ def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], r
     return _result(fit.circle, fit.radial.covariance, fit.axial.covariance, start, used, tuple(doubts), where)
 
 
-def _of_stands(stood: StoodCircle, motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
-    start = start_of(stood.circle, stood.T, stood.q, motions[0].direction, rig.tests.circle)
-    used = f"{len(stood.T)} points at which the robot stood, over {np.degrees(start.arc_rad):.0f}° of arc"
-    where = _where(motions)
-    return _result(
-        stood.circle, stood.covariance, stood.covariance, start, used, (*_doubts(motions), *stood.doubts), where
-    )
-
-
 def _result(
     fitted: CircleFrame, radial: Array, axial: Array, start: Start, used: str, doubts: tuple[str, ...], where: str
 ) -> DrivenCircle:
@@ -285,8 +279,8 @@ def _result(
     )
     largest = max(float(driven.u_centre_mm.max()), driven.u_radius_mm)
     if 2 * largest > _GAUGE_MM:
-        what = f"{used} leave centre and radius of the circle uncertain by {largest:.3g} mm (u)"
-        raise FileError(where, what, _LONGER)
+        problem = f"{used} leave centre and radius of the circle uncertain by {largest:.3g} mm (u)"
+        raise FileError(where, problem, _LONGER)
     return driven
 
 
@@ -310,15 +304,15 @@ def _short_arc(points: Array, stood: int, where: str) -> FoundCircle:
         return FoundCircle(nearest, _length(points) / nearest.radius)
     if sagitta < 0.02 * _length(points):
         raise _line(points, stood, where)
-    what = f"no part of the motion follows a circle, and the robot stood at only {stood} points; three are needed"
+    problem = f"no part of the motion follows a circle, and the robot stood at only {stood} points; three are needed"
     remedy = "record the circle by itself, or jog to three or more points of it and stand at each for a second"
-    raise FileError(where, what, remedy)
+    raise FileError(where, problem, remedy)
 
 
 def _line(points: Array, stood: int, where: str) -> FileError:
     stands = f"and stood at {stood} points" if stood else "and did not stop"
-    what = f"the robot moved along a line of {_length(points):.0f} mm {stands}, which determines no circle"
-    return FileError(where, what, "drive an arc, best a whole lap, or jog to three or more points around the circle")
+    problem = f"the robot moved along a line of {_length(points):.0f} mm {stands}, which determines no circle"
+    return FileError(where, problem, "drive an arc, best a whole lap, or jog to three or more points around the circle")
 
 
 def _length(points: Array) -> float:
@@ -344,22 +338,17 @@ def _check_one_circle(
     if second is None or second.turned_rad < _SECOND * path_circle.turned_rad:
         return
     where = _where(motions)
-    for motion in motions:
-        _check_no_jump(motion, rig)
-    what = f"holds two circles ({_placed(first)}, and {_placed(second.circle)})"
-    raise FileError(where, what, "give runs of one circle, each recorded by itself")
-
-
-def _check_no_jump(motion: RobotMotion, rig: Rig) -> None:
-    """Raises FileError where a joint goes further between two rows than before and after by far."""
-    steps = np.abs(np.diff(motion.q, axis=0))
-    beside = np.maximum(np.roll(steps, 1, axis=0), np.roll(steps, -1, axis=0))
-    jumps = np.where((steps > _JUMP_RAD) & (steps > _ALONE * beside), steps, 0.0)
-    row, axis = np.unravel_index(jumps.argmax(), jumps.shape)
-    if jumps[row, axis]:
-        moved = f"{rig.robot.axis_words(int(axis) + 1)} jumps by {np.degrees(steps[row, axis]):.1f}°"
-        what = f"{moved} at {motion.t_s[row + 1]:.3f} s, and another circle begins there"
-        raise FileError(motion.where, what, "check the feedback, and record the circle again without a jump")
+    for motion in motions:  # a joint may go further between two rows than before and after by far
+        steps = np.abs(np.diff(motion.q, axis=0))
+        neighbours = np.maximum(np.roll(steps, 1, axis=0), np.roll(steps, -1, axis=0))
+        jumps = np.where((steps > _JUMP_RAD) & (steps > _ALONE * neighbours), steps, 0.0)
+        row, axis = np.unravel_index(jumps.argmax(), jumps.shape)
+        if jumps[row, axis]:
+            jump = f"{rig.robot.axis_words(int(axis) + 1)} jumps by {np.degrees(steps[row, axis]):.1f}°"
+            problem = f"{jump} at {motion.t_s[row + 1]:.3f} s, and another circle begins there"
+            raise FileError(motion.where, problem, "check the feedback, and record the circle again without a jump")
+    problem = f"holds two circles ({_placed(first)}, and {_placed(second.circle)})"
+    raise FileError(where, problem, "give runs of one circle, each recorded by itself")
 
 
 def _placed(circle: CircleFrame) -> str:

@@ -99,8 +99,7 @@ def on_one_circle(places: Array) -> Mask:
     off = largest_deviations(places, centre, normal, radius)
     near = off < _OFF_MM
     score = near.sum(axis=1) - np.where(near, off, 0.0).sum(axis=1) / (_OFF_MM * len(places))
-    together: Mask = near[int(score.argmax())]
-    return together
+    return np.asarray(near[int(score.argmax())])
 
 
 def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
@@ -117,15 +116,15 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
     circle = nearest_circle(places)
     extent = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     if circle is None or extent[1] < _LINE * extent[0]:
-        what = f"the {len(places)} points at which the robot stood lie on a line"
-        raise FileError(where, what, "stand at points far apart around the circle")
+        problem = f"the {len(places)} points at which the robot stood lie on a line"
+        raise FileError(where, problem, "stand at points far apart around the circle")
     away = deviations(circle, places)
     if away.largest.max() > _OFF_MM:
         worst = int(away.largest.argmax())
-        what = (
+        problem = (
             f"the {len(places)} stands lie up to {away.largest[worst]:.1f} mm off one circle, most in stand {worst + 1}"
         )
-        raise FileError(where, what, "record only stands on the circle, or the circle itself without stops")
+        raise FileError(where, problem, "record only stands on the circle, or the circle itself without stops")
     free = 2 * (len(places) - 3)
     squares = float((away.radial**2).sum() + (away.axial**2).sum())
     scatter_mm, doubts = scatter(
@@ -202,9 +201,15 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     q, g_mm, within = (np.concatenate(parts) for parts in zip(*stands, strict=True))
     places = forward(arm_of(rig.robot), q)[:, :3, 3]
     if (apart := len(distinct(places))) < 4:
-        what = f"the robot stood at {apart} places, and a ball needs four that are not in one plane"
-        raise FileError(where, what, "stand at more places all over the hemisphere, a second at each")
-    near = _near_one_sphere(places, g_mm)
+        problem = f"the robot stood at {apart} places, and a ball needs four that are not in one plane"
+        raise FileError(where, problem, "stand at more places all over the hemisphere, a second at each")
+    # Without the few that lie far off the sphere of the others, one after the other.
+    near = np.ones(len(places), dtype=bool)
+    for _ in range(int(_OTHERS_OF_BALL * len(places))):
+        off = np.abs(_off(places, g_mm, _sphere(places[near], g_mm[near])[0])) * near
+        if off.max() < _OFF_BALL_MM:
+            break
+        near[int(off.argmax())] = False
     off_sphere = len(q) - int(near.sum())
     q, g_mm, within, places = q[near], g_mm[near], within[near], places[near]
     x, design = _sphere(places, g_mm)
@@ -213,15 +218,17 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
         raise FileError(where, "the stands lie in one plane, which determines no ball", "stand higher and lower too")
     if np.abs(residual).max() > _OFF_BALL_MM:
         worst = int(np.abs(residual).argmax())
-        what = f"stand {worst + 1} of {len(residual)} lies {abs(residual[worst]):.1f} mm off one sphere about the ball"
-        raise FileError(where, what, "record only stands at which the link or the ball held the tool")
-    scatter_mm, more = scatter(float((residual**2).sum()), len(residual) - 4, float(np.sqrt(np.mean(within**2))))
+        problem = (
+            f"stand {worst + 1} of {len(residual)} lies {abs(residual[worst]):.1f} mm off one sphere about the ball"
+        )
+        raise FileError(where, problem, "record only stands at which the link or the ball held the tool")
+    scatter_mm, of_scatter = scatter(float((residual**2).sum()), len(residual) - 4, float(np.sqrt(np.mean(within**2))))
     covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
     used = f"{len(q)} stands on a sphere of {x[3]:.1f} mm"
     if 2 * (u_mm := float(np.sqrt(np.diag(covariance)[:3]).max())) > _GAUGE_MM:
-        what = f"{used} leave the ball uncertain by {u_mm:.3g} mm (u)"
-        raise FileError(where, what, "stand at places further apart, all over the hemisphere")
-    notes = tuple(doubt for of_run in doubts for doubt in of_run) + more
+        problem = f"{used} leave the ball uncertain by {u_mm:.3g} mm (u)"
+        raise FileError(where, problem, "stand at places further apart, all over the hemisphere")
+    notes = tuple(doubt for of_run in doubts for doubt in of_run) + of_scatter
     if off_sphere:
         notes = (*notes, f"{off_sphere} stands are not used because they lie off the sphere of the others")
     return TouchedBall(x[:3], covariance[:3, :3], float(x[3]), float(np.sqrt(covariance[3, 3])), q, places, used, notes)
@@ -250,21 +257,9 @@ def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, 
     return (angles, np.array([stand.g_mm[0] for stand in stands]), np.array(within)), doubts
 
 
-def _near_one_sphere(places: Array, g_mm: Array) -> Mask:
-    """A mask of the places (m, 3) mm without the few that lie far off the sphere of the others, one after the other."""
-    near = np.ones(len(places), dtype=bool)
-    for _ in range(int(_OTHERS_OF_BALL * len(places))):
-        off = np.abs(_off(places, g_mm, _sphere(places[near], g_mm[near])[0])) * near
-        if off.max() < _OFF_BALL_MM:
-            break
-        near[int(off.argmax())] = False
-    return near
-
-
 def _off(places: Array, g_mm: Array, x: Array) -> Array:
     """Distance (m,) mm of places (m, 3) mm from the sphere x (4,)."""
-    away: Array = np.linalg.norm(places - x[:3], axis=1) - g_mm - x[3]
-    return away
+    return np.asarray(np.linalg.norm(places - x[:3], axis=1) - g_mm - x[3])
 
 
 def _sphere(places: Array, g_mm: Array) -> tuple[Array, Array]:

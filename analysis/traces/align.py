@@ -2,6 +2,11 @@
 
 Gauge 1 sets the rows; the other gauge and the robot are interpolated to its instants. A row is left out,
 and counted, where either has a gap there: a straight line across missing data is not a measurement.
+
+Whether the columns of a stream can have been recorded: stamps of one computer's clock in order, values in bounds.
+
+`rigd` stamps what it reads by a clock that never goes back. What breaks this rule was changed since, whatever the
+checksums say, and no time can be made of it. A value that cannot be a reading is left out instead, and counted.
 """
 
 from __future__ import annotations
@@ -10,17 +15,52 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.traces.clocks import Columns, Instants, TimingDoubt, gauge_instants, robot_instants
 from analysis.traces.lower_hull import Mask
-from analysis.traces.stream_checks import LARGEST_DEG, LONGEST_MM, is_reading, require_sound
 from daq.store import Run
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, TestName
+
+LONGEST_MM = 1e5
+"""No gauge measures further than 100 m, the bound of lengths in a rig file (`rigs.schema.part.Length`)."""
+LARGEST_DEG = 36e3
+"""No joint of a robot makes more than 100 turns."""
+_LATEST_NS = 2**61
+"""A monotonic clock begins with its computer: 73 years."""
+_LONGEST_MESSAGE = 65_536
+"""Bytes; the longest message of any protocol is a UDP datagram."""
+
+
+def require_sound(path: Path, instrument: str, columns: Mapping[str, np.ndarray[Any, Any]]) -> None:
+    """Raises FileError for columns (n,), stamps in ns and sizes in bytes, that `rigd` cannot have written."""
+    requested, first, last = (columns[name] for name in ("requested_ns", "first_byte_ns", "last_byte_ns"))
+    rules = {
+        "an impossible stamp": (first < 0) | (last > _LATEST_NS),
+        "a first byte later than the last": first > last,
+        "a request later than its answer": requested > last,
+        "a stamp earlier than that of the row before": np.append(False, last[1:] < last[:-1]),
+        "an impossible message size": (columns["size"] < 0) | (columns["size"] > _LONGEST_MESSAGE),
+    }
+    for words, broken in rules.items():
+        if broken.any():
+            row = int(broken.argmax()) + 1
+            raise FileError(str(path), f"row {row} of {instrument} has {words}", "restore the run from a copy")
+
+
+def is_reading(values: Array, largest: float) -> Mask:
+    """Which rows of values (n, k) hold nothing but numbers up to the largest that can be."""
+    sound = np.ones(len(values), dtype=bool)
+    for column in values.T:  # column by column, in no more memory than the answer takes
+        sound &= column <= largest
+        sound &= column >= -largest
+    return sound
+
 
 _GAP = 4.0
 """A gap is this many times the usual distance between samples, …"""
@@ -152,8 +192,8 @@ class Joined:
 class NotTogether(FileError):
     """Gauges and robot were not read at the same time; seen: of each of them, in a part of a run."""
 
-    def __init__(self, where: str, what: str, remedy: str, seen: Mapping[str, Seen] | None = None) -> None:
-        super().__init__(where, what, remedy)
+    def __init__(self, where: str, problem: str, remedy: str, seen: Mapping[str, Seen] | None = None) -> None:
+        super().__init__(where, problem, remedy)
         self.seen = seen or {}
 
 
@@ -198,14 +238,18 @@ def join(path: Path, streams: Streams, test: TestName, rig: Rig, part: tuple[flo
         before, after = int(inside[:begin].sum()), int(inside[end:].sum())
         longest_ns = float(gaps.max(initial=0.0))
         seen[name] = replace(seen[name], gaps=len(gaps), longest_ns=longest_ns, before=before, after=after)
-    there = np.flatnonzero(inside[keep])
-    if len(there) < 2:
+    kept = np.flatnonzero(inside[keep])
+    if len(kept) < 2:
         raise NotTogether(str(path), *_NEVER, seen)
     rows_ns = rows_ns if keep.all() else rows_ns[keep]
-    robot, of_part = tracks.pop("robot"), slice(int(there[0]), int(there[-1]) + 1)
+    robot, of_part = tracks.pop("robot"), slice(int(kept[0]), int(kept[-1]) + 1)
     gauges = tuple(tracks.values())
     u_lag_s = float(np.hypot(max(track.u_s for track in gauges), robot.u_s))
-    return Joined(rows_ns, of_part, gauges, robot, u_lag_s, _own_u_s(rows_ns, gauges, robot), seen)
+    own_u_s = np.zeros(len(rows_ns))  # of each row the less certain gauge's and the robot's together
+    for track, together in [*((gauge, np.maximum) for gauge in gauges), (robot, np.hypot)]:
+        if track.own_u_s.any():
+            own_u_s = together(own_u_s, np.interp(rows_ns, track.ns, track.own_u_s))
+    return Joined(rows_ns, of_part, gauges, robot, u_lag_s, own_u_s, seen)
 
 
 def _read(
@@ -219,8 +263,8 @@ def _read(
                 _robot(path, streams, part) if name == "robot" else _gauge(path, streams, test, rig, name, part)
             )
             if len(track.ns) < 2:
-                what = f"holds fewer than two readings of {name} at known times"
-                raise NotTogether(str(path), what, "record again, and check the rates with rig status")
+                problem = f"holds fewer than two readings of {name} at known times"
+                raise NotTogether(str(path), problem, "record again, and check the rates with rig status")
             tracks[name] = track
         except NotTogether:
             if part is None:
@@ -262,13 +306,14 @@ def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
     and doubts in words. Raises FileError where the robot was not recorded."""
     track, seen = _robot(path, run.streams, None)
     if len(track.ns) < 2:
-        what = "holds fewer than two readings of robot at known times"
-        raise FileError(str(path), what, "record again, and check the rates with rig status")
+        problem = "holds fewer than two readings of robot at known times"
+        raise FileError(str(path), problem, "record again, and check the rates with rig status")
     return (track.ns - track.ns[0]) / 1e9, track.values, tuple(_doubts_of("robot", seen))
 
 
 def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
-    """Values (n, k) of all tracks side by side at the times of the rows (n,), which each track spans, in blocks."""
+    """Values (n, k) of all tracks side by side, on the chords between their rows, at the times of the rows (n,), which
+    increase and which each track spans; in blocks."""
     at_rows = np.empty((len(rows_ns), sum(track.values.shape[1] for track in tracks)))
     first = 0
     for track in tracks:
@@ -278,27 +323,23 @@ def _columns_at(rows_ns: Array, tracks: Sequence[Track]) -> Array:
                 track.values[:, 0] if track.ns is rows_ns else np.interp(rows_ns, track.ns, track.values[:, 0])
             )
             continue
-        for begin in range(0, len(rows_ns), _BLOCK):
-            rows = slice(begin, begin + _BLOCK)
-            at_rows[rows, columns] = _values_at(rows_ns[rows], track)
+        for first_row in range(0, len(rows_ns), _BLOCK):
+            rows = slice(first_row, first_row + _BLOCK)
+            at_ns = rows_ns[rows]
+            begin = max(int(np.searchsorted(track.ns, at_ns[0], side="right")) - 1, 0)
+            end = int(np.searchsorted(track.ns, at_ns[-1], side="left")) + 1
+            ns, values = track.ns[begin:end], track.values[begin:end]
+            if len(ns) < 2:
+                at_rows[rows, columns] = values[:1]
+                continue
+            # Where each row of the track lies among the rows says for all rows between which two they are.
+            passed = np.searchsorted(at_ns, ns[1:-1], side="left")
+            before = np.repeat(np.arange(len(ns) - 1), np.diff(passed, prepend=0, append=len(at_ns)))
+            chords = np.diff(values, axis=0)[before]
+            chords *= ((at_ns - ns[before]) / np.diff(ns)[before])[:, None]
+            chords += values[before]
+            at_rows[rows, columns] = chords
     return at_rows
-
-
-def _values_at(rows_ns: Array, track: Track) -> Array:
-    """Values (n, k) of a track on the chords between its rows, at times (n,) that increase and that it spans."""
-    begin = max(int(np.searchsorted(track.ns, rows_ns[0], side="right")) - 1, 0)
-    end = int(np.searchsorted(track.ns, rows_ns[-1], side="left")) + 1
-    ns, values = track.ns[begin:end], track.values[begin:end]
-    if len(ns) < 2:
-        return np.broadcast_to(values[:1], (len(rows_ns), values.shape[1]))
-    # Where each row of the track lies among the rows says for all rows between which two they are.
-    passed = np.searchsorted(rows_ns, ns[1:-1], side="left")
-    before = np.repeat(np.arange(len(ns) - 1), np.diff(passed, prepend=0, append=len(rows_ns)))
-    share = (rows_ns - ns[before]) / np.diff(ns)[before]
-    chords = np.diff(values, axis=0)[before]
-    chords *= share[:, None]
-    chords += values[before]
-    return chords
 
 
 def are_many(gaps: int, longest_ns: float, rows: int) -> bool:
@@ -307,22 +348,18 @@ def are_many(gaps: int, longest_ns: float, rows: int) -> bool:
     return longest_ns > MOVES_NS or gaps > _OFTEN * rows
 
 
-def _own_u_s(rows_ns: Array, gauges: Sequence[Track], robot: Track) -> Array:
-    """The uncertainty (n,) s of each row: the less certain gauge's and the robot's together."""
-    own_u_s = np.zeros(len(rows_ns))
-    for track, together in [*((gauge, np.maximum) for gauge in gauges), (robot, np.hypot)]:
-        if track.own_u_s.any():
-            own_u_s = together(own_u_s, np.interp(rows_ns, track.ns, track.own_u_s))
-    return own_u_s
-
-
 def _gauge(
     path: Path, streams: Streams, test: TestName, rig: Rig, name: str, part: tuple[float, float] | None
 ) -> tuple[Track, Seen]:
     """Readings (n, 1) mm of one gauge, which grow with the distance from the ball however it counts."""
-    stream = _own_rows(_stream(path, streams, [f"{name}_mm"], f"gauge {name}", LONGEST_MM), rig, name)
-    instants, inside = gauge_instants(stream, dict(rig.gauges)[name]), _inside(stream, part)
-    values = dict(rig.gauges)[name].sign * stream[f"{name}_mm"][:, None]
+    gauge, column = dict(rig.gauges)[name], f"{name}_mm"
+    stream = _stream(path, streams, [column], f"gauge {name}", LONGEST_MM)
+    if gauge.bus and sum(key.endswith("_mm") for key in stream) > 1:
+        # On a line where each is asked by itself the rows of the others are not of this gauge.
+        rows = np.isfinite(stream[column])
+        stream = {key: values[rows] for key, values in stream.items() if not key.endswith("_mm") or key == column}
+    instants, inside = gauge_instants(stream, gauge), _inside(stream, part)
+    values = gauge.sign * stream[column][:, None]
     sound = is_reading(values, LONGEST_MM)
     if test in CIRCLES and rig.tests.circle:
         # With the ball inside the circle no link is ever longer than twice its radius.
@@ -343,15 +380,6 @@ def _inside(stream: Columns, part: tuple[float, float] | None) -> Mask | None:
 
 def _count(rows: Mask, inside: Mask | None) -> int:
     return int(np.count_nonzero(rows if inside is None else rows & inside))
-
-
-def _own_rows(stream: Columns, rig: Rig, name: str) -> Columns:
-    """The rows of a stream that are of one gauge: on a line where each is asked by itself the others are not."""
-    gauge, column = dict(rig.gauges)[name], f"{name}_mm"
-    if not gauge.bus or sum(key.endswith("_mm") for key in stream) < 2:
-        return stream
-    own = np.isfinite(stream[column])
-    return {key: values[own] for key, values in stream.items() if not key.endswith("_mm") or key == column}
 
 
 def _robot(path: Path, streams: Streams, part: tuple[float, float] | None) -> tuple[Track, Seen]:
@@ -387,12 +415,12 @@ def _track(instants: Instants, values: Array, sound: Mask, inside: Mask | None) 
     of messages that arrived together the last, which the others waited for, and of a clock with coarse steps the first.
     """
     usual_s = float(np.median(instants.own_u_s[sound])) if sound.any() else 0.0
-    there = sound & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
-    dropped, counts = 0, (_count(~sound, inside), _count(sound & ~there, inside))
+    timely = sound & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
+    dropped, counts = 0, (_count(~sound, inside), _count(sound & ~timely, inside))
     ns, own_u_s, track_inside = instants.ns, instants.own_u_s, inside
-    if not there.all():
-        ns, values, own_u_s = ns[there], values[there], own_u_s[there]
-        track_inside = None if inside is None else inside[there]
+    if not timely.all():
+        ns, values, own_u_s = ns[timely], values[timely], own_u_s[timely]
+        track_inside = None if inside is None else inside[timely]
     if not (ns[1:] > ns[:-1]).all():
         order = np.argsort(ns, kind="stable")
         differs = np.diff(ns[order]) > 0
@@ -417,13 +445,13 @@ def _track(instants: Instants, values: Array, sound: Mask, inside: Mask | None) 
     return Track(ns, values, instants.u_s, own_u_s, track_inside), seen
 
 
-def _stream(path: Path, streams: Streams, columns: Sequence[str], what: str, largest: float) -> Columns:
+def _stream(path: Path, streams: Streams, columns: Sequence[str], instrument: str, largest: float) -> Columns:
     for stream in streams.values():
         if all(column in stream and is_reading(stream[column][:, None], largest).sum() > 1 for column in columns):
-            require_sound(path, what, stream)
+            require_sound(path, instrument, stream)
             return stream
     remedy = "connect it, check it with rig status, and record again"
-    raise NotTogether(str(path), f"holds no readings of {what}", remedy)
+    raise NotTogether(str(path), f"holds no readings of {instrument}", remedy)
 
 
 def gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:

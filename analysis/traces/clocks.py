@@ -15,11 +15,8 @@ from typing import Any
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.traces.lower_hull import Mask
-from analysis.traces.own_clock import FittedClock, stands, through_clock
-from analysis.traces.own_cycle import anywhere_in_a_cycle, through_cycle
-from analysis.traces.steady_pace import through_pace
-from analysis.traces.value_changes import changes, repeats
+from analysis.traces.own_clock import FittedClock, stands, through_clock, through_pace
+from analysis.traces.own_cycle import anywhere_in_a_cycle, changes, repeats, through_cycle
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import tcp_address
 from rigs.schema.probe import Timing
@@ -115,9 +112,20 @@ class Instants:
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
     """When each reading of a gauge was taken, in the middle of what its filter averages."""
     stream, doubts = _without_standing_clock(stream)
-    found, timing = _answered(stream, gauge), gauge.timing
-    u_s = math.hypot(found.u_s, timing.filter_uncertainty_ms / 1e3)
-    return replace(found, ns=found.ns - timing.filter_ms * 1e6, u_s=u_s, doubts=doubts + found.doubts)
+    timing, device_s = gauge.timing, stream["device_time_s"]
+    character_ns = 0 if tcp_address(gauge.port) else gauge.line.character_ns
+    first, last, size = stream["first_byte_ns"], stream["last_byte_ns"], stream["size"]
+    set_out = np.minimum(first - character_ns, last - size * character_ns).astype(float)
+    if (stream["requested_ns"] < 0).any():
+        latched = _streamed(device_s, set_out, character_ns)
+    else:
+        went_through = stream["requested_ns"] + float(gauge.request_bytes * character_ns)
+        latched = _requested(stream, went_through, set_out, timing)
+    if not np.isfinite(device_s).all() and timing.latch not in ("on_request", "streamed"):
+        values = np.stack([column for name, column in stream.items() if name.endswith("_mm")], axis=1)
+        latched = _of_own_cycle(latched, values, timing)
+    u_s = math.hypot(latched.u_s, timing.filter_uncertainty_ms / 1e3)
+    return replace(latched, ns=latched.ns - timing.filter_ms * 1e6, u_s=u_s, doubts=doubts + latched.doubts)
 
 
 def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[TimingDoubt, ...]]:
@@ -127,32 +135,27 @@ def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[TimingDoubt
     return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (TimingDoubt(_STANDS),)
 
 
-def _answered(stream: Columns, gauge: Gauge) -> Instants:
-    """When each reading was latched."""
-    character_ns = 0 if tcp_address(gauge.port) else gauge.line.character_ns
-    first, last, size = stream["first_byte_ns"], stream["last_byte_ns"], stream["size"]
-    set_out = np.minimum(first - character_ns, last - size * character_ns).astype(float)
-    if (stream["requested_ns"] < 0).any():
-        answered = _streamed(stream["device_time_s"], set_out, character_ns)
-    else:
-        went_through = stream["requested_ns"] + float(gauge.request_bytes * character_ns)
-        answered = _requested(stream, went_through, set_out, gauge.timing)
-    if np.isfinite(stream["device_time_s"]).all() or gauge.timing.latch in ("on_request", "streamed"):
-        return answered
-    values = np.stack([column for name, column in stream.items() if name.endswith("_mm")], axis=1)
-    return _of_own_cycle(answered, values, gauge.timing)
-
-
 def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Timing) -> Instants:
     """When answers were given that set out at set_out (n,) ns, to requests that went through the line before."""
     set_out = set_out - timing.answer_delay_ms * 1e6
     window = np.maximum(set_out - went_through, 0.0)
     if timing.latched_within_ms is not None:
         window = np.minimum(window, timing.latched_within_ms * 1e6)
-    held = _is_held(window, stream["requested_ns"][1:] > stream["last_byte_ns"][:-1])
-    if np.isfinite(stream["device_time_s"]).all():
-        return _asked_with_clock(stream["device_time_s"], went_through, set_out, held)
-    return asked_instants(went_through, window, held)
+    # An adapter holds bytes back where answers to requests that came out of step took less even times. By the quarters
+    # in the middle: a busy host holds up some of either kind, an adapter most of those out of step.
+    idle_before = stream["requested_ns"][1:] > stream["last_byte_ns"][:-1]
+    in_step, stirred = window[1:][~idle_before], window[1:][idle_before]
+    held = min(len(in_step), len(stirred)) >= _STIRRED and _spread(stirred) > 2 * _spread(in_step) + _STIRRED_NS
+    device_s = stream["device_time_s"]
+    if not np.isfinite(device_s).all():
+        return asked_instants(went_through, window, held)
+    # The instrument's clock runs between two lines: no reading was taken before its request or after its answer. A
+    # gauge that answers with a reading from before the request breaks the first; then the second alone holds.
+    after = through_clock(device_s, set_out)
+    before = through_clock(-device_s[::-1], -went_through[::-1])
+    width = float(np.median(after.ns + before.ns[::-1]))
+    u_s = math.hypot(_anywhere_in(abs(width)), _HIDDEN_S if held else _HOST_S)
+    return Instants(after.ns - max(width, 0.0) / 2, u_s, after.u_s, after.restarted, after.wrong, held)
 
 
 def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
@@ -183,17 +186,6 @@ def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
     )
 
 
-def _is_held(window: Array, idle_before: Mask) -> bool:
-    """Whether answers (n,) to requests that came out of step, (n-1,) of all but the first, took less even times.
-
-    By the quarters in the middle: a busy host holds up some of either kind, an adapter most of those out of step.
-    """
-    in_step, stirred = window[1:][~idle_before], window[1:][idle_before]
-    if min(len(in_step), len(stirred)) < _STIRRED:
-        return False
-    return _spread(stirred) > 2 * _spread(in_step) + _STIRRED_NS
-
-
 def _spread(window: Array) -> float:
     low, high = np.quantile(window, (0.25, 0.75))
     return float(high - low)
@@ -211,22 +203,22 @@ def robot_instants(stream: Columns) -> Instants:
     stream, doubts = _without_standing_clock(stream)
     fitted = _by_any_clock(stream["device_time_s"], stream["first_byte_ns"].astype(float))
     arrived = not np.isfinite(stream["device_time_s"]).all()
-    return replace(_listened(fitted, _cycle_ns(fitted.ns)), arrived=arrived, doubts=doubts)
-
-
-def _cycle_ns(instants: Array) -> float:
-    """The usual time in ns from one message to the next, at instants (n,) ns; those that a network bundles share the
-    time since the bundle before."""
-    at, count = np.unique(instants, return_counts=True)
-    if len(at) < 2:
-        return 0.0
-    return float(np.median(np.repeat(np.diff(at) / count[1:], count[1:])))
+    # The usual time from one message to the next; those that a network bundles share the time since the bundle before.
+    at, count = np.unique(fitted.ns, return_counts=True)
+    cycle_ns = float(np.median(np.repeat(np.diff(at) / count[1:], count[1:]))) if len(at) > 1 else 0.0
+    return replace(_listened(fitted, cycle_ns), arrived=arrived, doubts=doubts)
 
 
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
     """A reading sent without a request was latched as its answer set out, or up to a character before."""
     fitted = _by_any_clock(device_s, set_out)
-    late, timer_ns = set_out - fitted.ns, _timer_ns(set_out)
+    # The timer of an adapter that holds back bytes which come unasked and unevenly: all arrive multiples of it apart.
+    late, timer_ns, steps = set_out - fitted.ns, 0.0, np.diff(set_out[:_SAMPLE])
+    if len(steps) >= 2 * _STIRRED:
+        timers = np.arange(_HOLDS_NS, _TIMER_NS, -1e6)
+        uneven = timers[np.ptp(np.quantile(steps, _MOST)) > timers / 2]
+        in_step = np.abs(np.exp(2j * np.pi * steps / uneven[:, None]).mean(axis=1)) > _IN_STEP
+        timer_ns = float(uneven[in_step].max(initial=0.0))
     if np.isfinite(device_s).all() or _keeps_pace(late, timer_ns):
         return _listened(fitted, character_ns)
     # It is unknown when in the timer's run it came, and how much of the unevenness is the way's.
@@ -260,18 +252,6 @@ def _keeps_pace(late: Array, timer_ns: float) -> bool:
     return from_one_to_next > _DRIFTING * about
 
 
-def _timer_ns(arrived_ns: Array) -> float:
-    """The timer in ns of an adapter that holds back bytes which come unasked and unevenly at (n,) ns: all arrive
-    multiples of it apart; 0 where there is no such timer."""
-    steps = np.diff(arrived_ns[:_SAMPLE])
-    if len(steps) < 2 * _STIRRED:
-        return 0.0
-    timers = np.arange(_HOLDS_NS, _TIMER_NS, -1e6)
-    uneven = timers[np.ptp(np.quantile(steps, _MOST)) > timers / 2]
-    in_step = np.abs(np.exp(2j * np.pi * steps / uneven[:, None]).mean(axis=1)) > _IN_STEP
-    return float(uneven[in_step].max(initial=0.0))
-
-
 def _by_any_clock(device_s: Array, host_ns: Array) -> FittedClock:
     return through_clock(device_s, host_ns) if np.isfinite(device_s).all() else through_pace(host_ns)
 
@@ -292,20 +272,6 @@ def asked_instants(went_through: Array, window: Array, held: bool) -> Instants:
         return Instants(went_through + window / 2, math.hypot(_anywhere_in(shortest), _HIDDEN_S), own_u_s, held=held)
     own_u_s = _anywhere_in(np.sqrt(np.maximum(window**2 - shortest**2, 0.0)))
     return Instants(went_through + window / 2, math.hypot(_anywhere_in(shortest), _HOST_S), own_u_s)
-
-
-def _asked_with_clock(device_s: Array, went_through: Array, set_out: Array, held: bool) -> Instants:
-    """The instrument's clock runs between two lines: no reading was taken before its request or after its answer.
-
-    A gauge that answers with a reading from before the request breaks the first; then the second alone holds.
-    """
-    after = through_clock(device_s, set_out)
-    before = through_clock(-device_s[::-1], -went_through[::-1])
-    between = after.ns + before.ns[::-1]
-    width = float(np.median(between))
-    ns = after.ns - max(width, 0.0) / 2
-    u_s = math.hypot(_anywhere_in(abs(width)), _HIDDEN_S if held else _HOST_S)
-    return Instants(ns, u_s, after.u_s, after.restarted, after.wrong, held)
 
 
 def _anywhere_in(window_ns: Any) -> Any:

@@ -70,21 +70,27 @@ def condition_of(robot: Mapping[str, np.ndarray[Any, Any]]) -> Condition:
         return NOT_SHOWN
     t_s = (stamps_ns - stamps_ns[0]) / 1e9
     q_deg = np.stack([robot[f"q{axis}_deg"] for axis in range(1, 7)], axis=1)
-    return Condition(tuple(_doubts(robot, t_s, *_motion(q_deg))), dict(_warmth(robot)), friction_of(robot, t_s))
-
-
-def _motion(q_deg: Array) -> tuple[Mask, Mask]:
-    """Which rows (n,) of angles (n, 6) lie between the first motion and the last, and which after the first begins."""
-    left = np.abs(q_deg - q_deg[0]).max(axis=1) > _MOVED_DEG
-    to_come = np.abs(q_deg - q_deg[-1]).max(axis=1) > _MOVED_DEG
-    begun = np.maximum.accumulate(left)
-    return begun & np.maximum.accumulate(to_come[::-1])[::-1], begun
+    away, to_come = (np.abs(q_deg - q_deg[row]).max(axis=1) > _MOVED_DEG for row in (0, -1))
+    begun = np.maximum.accumulate(away)
+    moving = begun & np.maximum.accumulate(to_come[::-1])[::-1]  # between the first motion and the last
+    warmth = {}
+    for axis, name in enumerate(TEMPERATURES, 1):
+        shown = robot.get(name, np.empty(0))
+        shown = shown[np.isfinite(shown)]
+        if len(shown):
+            part = max(1, round(_PART * len(shown)))
+            first, last = shown[:part], shown[-part:]
+            rise_c, u_rise_c = float(last.mean() - first.mean()), math.hypot(first.std(), last.std())
+            warmth[axis] = Warmth(float(shown.mean()), float(shown.std()), rise_c, u_rise_c)
+    return Condition(tuple(_doubts(robot, t_s, moving, begun)), warmth, friction_of(robot, t_s))
 
 
 def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask, begun: Mask) -> Iterator[str]:
     unknown = np.full(len(t_s), math.nan)
     safety, program, motors, speed = (robot.get(name, unknown) for name in (SAFETY, PROGRAM, MOTORS, SPEED))
-    counts = begun & ~_ended(begun & ~moving, program, safety)
+    # The program is over, without a stop, where it has ended by itself after the last motion.
+    by_itself = (program == ProgramState.STOPPED) & ~np.isin(safety, list(STOPPED))
+    counts = begun & ~np.maximum.accumulate(begun & ~moving & by_itself)
     for state in sorted(STOPPED):
         if when := _when(t_s, counts & (safety == state)):
             yield f"robot: {words_of(state)} {when}; find out why, and record again"
@@ -103,12 +109,6 @@ def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask,
     yield from _speed_doubt(t_s, speed, moving & ~np.isin(program, [ProgramState.PAUSED, ProgramState.STOPPED]))
 
 
-def _ended(after: Mask, program: Array, safety: Array) -> Mask:
-    """The rows (n,) from which on the program is over, without a stop. after: those after the last motion."""
-    by_itself = (program == ProgramState.STOPPED) & ~np.isin(safety, list(STOPPED))
-    return np.maximum.accumulate(after & by_itself)
-
-
 def _speed_doubt(t_s: Array, speed: Array, driving: Mask) -> Iterator[str]:
     """What a lowered speed in percent (n,) means: one that is kept is as somebody wanted it, any other a disturbance.
 
@@ -125,9 +125,9 @@ def _speed_doubt(t_s: Array, speed: Array, driving: Mask) -> Iterator[str]:
     yield f"robot: its speed was {shown} {_when(t_s, slowed)}, and not the same throughout; record again at one speed"
 
 
-def _when(t_s: Array, there: Mask) -> str:
+def _when(t_s: Array, lasts: Mask) -> str:
     """How often, from when and for how long a condition lasted, in words; empty where it never did."""
-    edges = np.diff(there.astype(np.int8), prepend=0, append=0)
+    edges = np.diff(lasts.astype(np.int8), prepend=0, append=0)
     begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if not len(begins):
         return ""
@@ -136,14 +136,3 @@ def _when(t_s: Array, there: Mask) -> str:
     if len(begins) == 1:
         return f"from {t_s[begins[0]]:.1f} s on for {lasted_s:.1f} s"
     return f"{len(begins)} times, first from {t_s[begins[0]]:.1f} s on, {lasted_s:.1f} s in all"
-
-
-def _warmth(robot: Mapping[str, np.ndarray[Any, Any]]) -> Iterator[tuple[int, Warmth]]:
-    for axis, name in enumerate(TEMPERATURES, 1):
-        shown = robot.get(name, np.empty(0))
-        shown = shown[np.isfinite(shown)]
-        if len(shown):
-            part = max(1, round(_PART * len(shown)))
-            first, last = shown[:part], shown[-part:]
-            rise_c, u_rise_c = float(last.mean() - first.mean()), math.hypot(first.std(), last.std())
-            yield axis, Warmth(float(shown.mean()), float(shown.std()), rise_c, u_rise_c)

@@ -84,8 +84,8 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
     rows, kind = Rows(columns), kind_named(test)
     missing = [name for name in kind.layout(rows.axes).required if name not in columns.column_names]
     if missing or not columns.num_rows:
-        what = f"its table has no {', '.join(missing) or 'rows'}"
-        raise FileError(where, what, "import the table again")
+        problem = f"its table has no {', '.join(missing) or 'rows'}"
+        raise FileError(where, problem, "import the table again")
     table = kind.table_of(rows, direction, where)
     hold_table(table, where)
     return table
@@ -94,8 +94,8 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
 def u_lag_s_of(columns: pa.Table) -> float:
     """The standard uncertainty in s of the gauges' time against the joints' that all rows of a table share; 0 where it
     states none."""
-    known = "u_lag_s" in columns.column_names and pa.types.is_floating(columns.schema.field("u_lag_s").type)
-    return float(Rows(columns).floats("u_lag_s").max(initial=0.0)) if known else 0.0
+    stated = "u_lag_s" in columns.column_names and pa.types.is_floating(columns.schema.field("u_lag_s").type)
+    return float(Rows(columns).floats("u_lag_s").max(initial=0.0)) if stated else 0.0
 
 
 def columns_of(table: Table) -> pa.Table:
@@ -140,8 +140,8 @@ def hold_table(table: Table, where: str) -> None:
         back = np.flatnonzero(np.diff(t_s) <= 0)
         if len(back):
             row = int(back[0]) + 1
-            what = f"row {row + 1}: time does not increase, {t_s[row]:g} after {t_s[row - 1]:g} s"
-            raise FileError(where, what, _REMEDY)
+            problem = f"row {row + 1}: time does not increase, {t_s[row]:g} after {t_s[row - 1]:g} s"
+            raise FileError(where, problem, _REMEDY)
 
 
 def _hold_rows(is_good: Mask, name: str, rows: Array, why: str, where: str) -> None:

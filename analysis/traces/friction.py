@@ -45,39 +45,42 @@ def friction_of(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array) -> dict[i
     """The friction of each axis, 1 … 6, that turns back in motion, from the columns (n,) of a run's robot stream at
     times t_s (n,).
 
-    u holds what the fits leave and how the turns of a joint differ.
+    u holds what the fits leave, or how the turns of a joint differ, whichever is more.
     """
-    found = {}
+    friction = {}
     for axis, name in enumerate(CURRENTS, 1):
         current = robot.get(name, np.empty(0))
-        known = np.isfinite(current)
-        if known.any() and np.ptp(current[known]) > 0:
-            turns = _turns(t_s[known], robot[f"q{axis}_deg"][known], current[known])
-            if turns:
-                found[axis] = _mean(np.array(turns))
-    return found
-
-
-def _mean(turns: Array) -> Friction:
-    """The mean of the friction of turns (n, 2), each with its standard uncertainty: by what the fits leave, or by how
-    the turns differ, whichever is more."""
-    values, u = turns.T
-    n = len(values)
-    within, between = float(np.sqrt((u**2).sum()) / n), 0.0 if n == 1 else float(values.std(ddof=1) / np.sqrt(n))
-    return Friction(float(values.mean()), max(within, between), n)
+        shown = np.isfinite(current)
+        if not shown.any() or np.ptp(current[shown]) == 0:
+            continue
+        if turns := _turns(t_s[shown], robot[f"q{axis}_deg"][shown], current[shown]):
+            values, u = np.array(turns).T
+            n = len(values)
+            within = float(np.sqrt((u**2).sum()) / n)
+            between = 0.0 if n == 1 else float(values.std(ddof=1) / np.sqrt(n))
+            friction[axis] = Friction(float(values.mean()), max(within, between), n)
+    return friction
 
 
 def _turns(t_s: Array, q_deg: Array, current_a: Array) -> list[tuple[float, float]]:
-    """Friction and its standard uncertainty in A at each turn of a joint."""
+    """Friction, half the jump of the current, and its standard uncertainty in A at each turn of a joint."""
     places = sorted((k, sign) for sign in (1, -1) for k in peaks(sign * q_deg, _WAY_DEG / 3))
     ends = [0, *(k for k, _ in places), len(q_deg) - 1]
-    found = []
+    turns = []
     for (k, sign), before, after in zip(places, ends[:-2], ends[2:], strict=True):
         away = sign * (q_deg[k] - q_deg)
         sides = [_side(t_s, away, current_a, k, end) for end in (before, after)]
-        if all(side is not None for side in sides):
-            found.append(_jump(np.concatenate(sides), sign))  # type: ignore[arg-type] # none is None
-    return found
+        pieces = [side for side in sides if side is not None]
+        if len(pieces) < len(sides):
+            continue
+        since_s, side, current = np.concatenate(pieces).T
+        design = np.column_stack([-sign * side, np.vander(since_s / np.abs(since_s).max(), _ORDER + 1)])
+        fitted, *_ = np.linalg.lstsq(design, current, rcond=None)
+        residual = current - design @ fitted
+        variance = float(residual @ residual) / (len(current) - design.shape[1])
+        u = float(np.sqrt(variance * np.linalg.inv(design.T @ design)[0, 0]))
+        turns.append((float(fitted[0]), u))
+    return turns
 
 
 def _side(t_s: Array, away_deg: Array, current_a: Array, turn: int, end: int) -> Array | None:
@@ -99,13 +102,3 @@ def _side(t_s: Array, away_deg: Array, current_a: Array, turn: int, end: int) ->
         return None
     means = [np.bincount(piece, weights, _PIECES) / count for weights in (t_s[rows] - t_s[turn], current_a[rows])]
     return np.column_stack([means[0], np.full(_PIECES, float(step)), means[1]])
-
-
-def _jump(pieces: Array, sign: int) -> tuple[float, float]:
-    """Half the jump of the current and its standard uncertainty. sign: 1 where the joint rose before its turn."""
-    t_s, side, current = pieces.T
-    design = np.column_stack([-sign * side, np.vander(t_s / np.abs(t_s).max(), _ORDER + 1)])
-    fitted, *_ = np.linalg.lstsq(design, current, rcond=None)
-    left = current - design @ fitted
-    variance = float(left @ left) / (len(current) - design.shape[1])
-    return float(fitted[0]), float(np.sqrt(variance * np.linalg.inv(design.T @ design)[0, 0]))

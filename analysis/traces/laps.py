@@ -71,15 +71,8 @@ class Laps:
     @property
     def first(self) -> Laps:
         """The first lap alone."""
-        own = np.abs(self.phi - self.start) < 2 * np.pi
-        return replace(
-            self,
-            count=1,
-            t_s=self.t_s[own],
-            phi=self.phi[own],
-            q=self.q[own],
-            g_mm=self.g_mm[own],
-        )
+        rows = np.abs(self.phi - self.start) < 2 * np.pi
+        return replace(self, count=1, **{name: getattr(self, name)[rows] for name in ("t_s", "phi", "q", "g_mm")})
 
     @property
     def without_rows(self) -> Laps:
@@ -102,9 +95,16 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     key, cell = id(table), (rig.robot, rig.tests.circle)
     if (kept := _LAPS.get(key)) is not None and kept[0]() is table and kept[1] == cell and (laps := kept[2]()):
         return laps
+    if len(table.q) < 2:
+        raise FileError(where, f"has {len(table.q)} rows, too few for a circle", "record the whole circle")
+    if not np.isfinite(table.q).all():
+        row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
+        raise FileError(where, f"row {row} has a joint angle that is not a number", "remove such rows")
+    if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < STOOD_RAD:
+        raise FileError(where, "the robot stood still", "start the recording first, then the circle program")
     laps = _cut_out(table, rig, where)
-    held: Callable[[], Laps | None] = ref(laps) if len(table.q) > _KEPT_ROWS else lambda: laps
-    _LAPS[key] = (ref(table, lambda _: _LAPS.pop(key, None)), cell, held)
+    asked: Callable[[], Laps | None] = ref(laps) if len(table.q) > _KEPT_ROWS else lambda: laps
+    _LAPS[key] = (ref(table, lambda _: _LAPS.pop(key, None)), cell, asked)
     return laps
 
 
@@ -117,9 +117,10 @@ _KEPT_ROWS = 50_000
 def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
     """Return the laps of a table. Raises FileError."""
     circle = circle_of(rig)
-    _is_motion(where, table)
     frame, sense = frame_of(circle), SENSE[table.direction]
-    rows_seen = _rows_seen(table.t_s)
+    # No closer than a controller reports: rows between lie on the way from one to the next.
+    step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(table.t_s[:_SEEN]))), 1e-9)))
+    rows_seen = np.append(np.arange(0, len(table.t_s) - 1, step), len(table.t_s) - 1)
     tool = places_along(arm_of(rig.robot), table.q, rows_seen)
     phi = frame.angle(tool)
     stretches = _on_circle(table.t_s, tool, frame, rows_seen)
@@ -147,26 +148,18 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
     inside = laps[0][0] if len(laps) == 1 else np.concatenate([np.arange(rows.start, rows.stop) for rows, _ in laps])
     begins = np.array([table.t_s[rows.start] for rows, _ in laps])
     lap_s = float(np.mean([table.t_s[rows.stop - 1] - table.t_s[rows.start] for rows, _ in laps]))
-    return Laps(
-        table.direction,
-        frame,
-        table.t_s[inside],
-        start + sense * np.concatenate([2 * np.pi * k + ahead for k, (_, ahead) in enumerate(laps)]),
-        table.q[inside],
-        table.g_mm[inside],
-        lap_s,
-        float(np.diff(begins).mean()) if len(laps) > 1 else lap_s,
-        len(laps),
-        0.0 if table.u_t_s is None else rms(table.u_t_s[inside]),
-    )
+    apart_s = float(np.diff(begins).mean()) if len(laps) > 1 else lap_s
+    phi = start + sense * np.concatenate([2 * np.pi * k + ahead for k, (_, ahead) in enumerate(laps)])
+    u_t_s, rows_of_laps = table.u_t_s, (phi, table.q[inside], table.g_mm[inside])
+    u_s = 0.0 if u_t_s is None else rms(u_t_s[inside])
+    return Laps(table.direction, frame, table.t_s[inside], *rows_of_laps, lap_s, apart_s, len(laps), u_s)
 
 
 def is_on_circle(tool: Array, frame: CircleFrame) -> Mask:
     """Whether (n,) the tool at (n, 3) mm is on the circle, as near as a program drives it."""
     from_centre = tool - frame.centre
     radius, height = np.linalg.norm(from_centre, axis=1), from_centre @ frame.n
-    on: Mask = np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM
-    return on
+    return np.asarray(np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM)
 
 
 def _ways(ahead: Array) -> list[tuple[int, int]]:
@@ -204,16 +197,10 @@ def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
 
     In order of time, so that standing, or coming to the start from elsewhere, is not part of it.
     """
-    own = ahead - begins
-    end = int(np.argmax(own >= 2 * np.pi)) or len(own)
-    begin = int(np.flatnonzero(own[:end] < 0).max(initial=-1)) + 1
-    return slice(rows.start + begin, rows.start + end), own[begin:end]
-
-
-def _rows_seen(t_s: Array) -> Integers:
-    """The rows (m,) that are no closer than a controller reports: those between lie on the way from one to the next."""
-    step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(t_s[:_SEEN]))), 1e-9)))
-    return np.append(np.arange(0, len(t_s) - 1, step), len(t_s) - 1)
+    since = ahead - begins
+    end = int(np.argmax(since >= 2 * np.pi)) or len(since)
+    begin = int(np.flatnonzero(since[:end] < 0).max(initial=-1)) + 1
+    return slice(rows.start + begin, rows.start + end), since[begin:end]
 
 
 def places_along(arm: Arm, q: Array, rows: Integers) -> Array:
@@ -237,17 +224,6 @@ def _on_circle(t_s: Array, tool: Array, frame: CircleFrame, seen: Integers) -> l
     return [slice(begin, end + 1) for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]
 
 
-def _is_motion(where: str, table: CircleTable) -> None:
-    """Raises FileError for angles that no robot runs through: none at all, or no numbers."""
-    if len(table.q) < 2:
-        raise FileError(where, f"has {len(table.q)} rows, too few for a circle", "record the whole circle")
-    if not np.isfinite(table.q).all():
-        row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
-        raise FileError(where, f"row {row} has a joint angle that is not a number", "remove such rows")
-    if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < STOOD_RAD:
-        raise FileError(where, "the robot stood still", "start the recording first, then the circle program")
-
-
 def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig: Rig) -> slice:
     """A stretch without what lies before or after a leap while the robot stood: there it was set to a start.
 
@@ -265,63 +241,53 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
             end = row + 1
             break
         else:
-            raise FileError(
-                where,
-                f"{rig.robot.axis_words(axis + 1)} jumps by {np.degrees(step):.1f}° at {t_s[row + 1]:.3f} s",
-                "check the feedback's units and wrap-around, or remove the bad rows",
-            )
+            jump = f"{rig.robot.axis_words(axis + 1)} jumps by {np.degrees(step):.1f}° at {t_s[row + 1]:.3f} s"
+            raise FileError(where, jump, "check the feedback's units and wrap-around, or remove the bad rows")
     return slice(rows.start + begin, rows.start + end)
 
 
 def leaps_of(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
     """Row before, axis and size, rad, of each step between two rows of q (n, 6) rad at t_s (n,) s that no joint can
     run; axis by axis, since a run may be long."""
-    found = []
+    leaps = []
     for axis, joint in enumerate(q.T):
         step = np.abs(np.diff(joint))
         if step.max(initial=0.0) > _JUMP_RAD:
             run_rad = np.radians(rig.robot.axes[axis].speed_deg_s) * np.abs(np.diff(t_s))
             over = np.flatnonzero(step > _JUMP_RAD + _JUMP_SPEEDS * run_rad)
-            found += [(row, axis, float(step[row])) for row in over.tolist()]
-    return sorted(found)
+            leaps += [(row, axis, float(step[row])) for row in over.tolist()]
+    return sorted(leaps)
 
 
 def _is_this_direction(where: str, forth: float, back: float, direction: str) -> None:
     """forth, back: how far the robot went along the circle, rad, in the run's direction and against it. One that drives
     a lap and then goes the whole way back, so that its wrist unwinds, goes as far in both: there the label decides."""
     if back > forth + np.radians(10):
-        other: Direction = "acw" if direction == "cw" else "cw"
-        raise DirectionError(
-            where,
-            f"is labelled {direction}, the robot moved {other}",
-            f"correct it: rig relabel {as_argument(where)} --direction {other}, or import the table again without a "
-            "direction column",
-            other,
-        )
+        drove: Direction = "acw" if direction == "cw" else "cw"
+        relabel = f"rig relabel {as_argument(where)} --direction {drove}"
+        remedy = f"correct it: {relabel}, or import the table again without a direction column"
+        raise DirectionError(where, f"is labelled {direction}, the robot moved {drove}", remedy, drove)
 
 
 def _is_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool) -> None:
     radius = float(np.median(np.linalg.norm(tool - frame.centre, axis=1)))
     height = float(np.median(np.abs((tool - frame.centre) @ frame.n)))
     if not ever or abs(radius - frame.radius) > _RADIUS_OFF_MM or height > _RADIUS_OFF_MM:
-        raise FileError(
-            where,
+        problem = (
             f"the robot stayed {radius:.1f} mm from the centre and {height:.1f} mm out of the plane of the "
-            f"circle in the rig file (radius {frame.radius:g} mm)",
-            "correct tests.circle, robot.tool or the units of the feedback",
+            f"circle in the rig file (radius {frame.radius:g} mm)"
         )
+        raise FileError(where, problem, "correct tests.circle, robot.tool or the units of the feedback")
 
 
 def _is_covered(where: str, ahead: Array, sense: float, start: float) -> None:
-    some = ahead[:: max(1, len(ahead) // _COVER)]
-    edges = np.concatenate([[0.0], np.sort(some), [2 * np.pi]])
+    edges = np.concatenate([[0.0], np.sort(ahead[:: max(1, len(ahead) // _COVER)]), [2 * np.pi]])
     gaps = np.diff(edges)
     widest = int(np.argmax(gaps))
-    usual = float(np.median(gaps))
-    if gaps[widest] > max(_GAP_RAD, min(_STEPS * usual, _WIDEST_RAD)):
+    if gaps[widest] > max(_GAP_RAD, min(_STEPS * float(np.median(gaps)), _WIDEST_RAD)):
         begin, end = (np.degrees(start + sense * edges[k]) % 360 for k in (widest, widest + 1))
-        raise FileError(
-            where,
-            f"the lap has no data from {begin:.0f}° to {end:.0f}° ({np.degrees(gaps[widest]):.0f}° wide)",
-            "record the whole circle, from before the lead-in to after the lead-out, on a computer that is less busy",
+        problem = f"the lap has no data from {begin:.0f}° to {end:.0f}° ({np.degrees(gaps[widest]):.0f}° wide)"
+        remedy = (
+            "record the whole circle, from before the lead-in to after the lead-out, on a computer that is less busy"
         )
+        raise FileError(where, problem, remedy)

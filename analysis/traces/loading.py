@@ -25,10 +25,10 @@ from analysis.traces.align import align
 from analysis.traces.condition import NOT_SHOWN, Condition, condition_of
 from analysis.traces.csv_tables import columns_of, table_from, u_lag_s_of
 from analysis.traces.kind import kind_named
-from analysis.traces.single_stands import one_row_a_stand
+from analysis.traces.stands import one_row_a_stand
 from analysis.traces.table_layout import RAIL
 from analysis.traces.tables import Table
-from daq.store import Relabelling, Run, read_run
+from daq.store import Run, read_run
 from rigs.errors import FileError
 from rigs.load import calibrated_beside, parse
 from rigs.rig import Rig
@@ -82,26 +82,16 @@ def measured_in(directory: Path, path: Path) -> Measured:
     return measured_of(replace(run, path=path), calibrated_beside(rig_of(run), directory))
 
 
-def _hold_rail(rig: Rig, table: Table, where: str) -> None:
-    """Raise FileError where one of rig file and table knows of a rail and the other does not."""
-    if RAIL not in table.kind.layout(rail=True).known or table.rail == (rig.robot.rail is not None):
-        return
-    if table.rail:
-        raise FileError(where, f"has {RAIL}, and the arm of the rig file stands on no rail", "add robot.rail to it")
-    what = f"has no {RAIL}, and the arm of the rig file stands on a rail"
-    raise FileError(where, what, f"add {RAIL}, where the rail stood in each row")
-
-
 def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
     """Raise FileError where two runs, each with the digest of its readings, hold the same readings.
 
     A copy used as a repeat would indicate zero noise, and a held-out copy would not be independent.
     """
-    known: dict[str, Path] = {}
+    by_digest: dict[str, Path] = {}
     for path, readings in runs:
-        if first := known.get(readings):
+        if first := by_digest.get(readings):
             raise FileError(str(path), f"holds the same readings as {first}", "give each recording once")
-        known[readings] = path
+        by_digest[readings] = path
 
 
 def rig_of(run: Run) -> Rig:
@@ -115,12 +105,21 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
     rig = rig or rig_of(run)
     if run.table is None:
         doubts = known_doubts(run, rig)
-        table, u_lag_s, more = _recorded(path, run, rig)
+        data = align(path, run, rig)
+        g_mm, beyond = corrected_gauges(rig, [name for name, _ in rig.gauges][: data.g_mm.shape[1]], data.g_mm)
+        doubts += [*data.doubts, *beyond_certificates(rig, beyond, len(g_mm))]
+        kind, direction = kind_named(run.manifest.test), run.manifest.direction
+        table, of_stands = kind.recorded(replace(data, g_mm=g_mm), rig, direction, str(path))
         condition = condition_of(run.streams["robot"]) if "robot" in run.streams else NOT_SHOWN
-        return measured_as(run, rig, table, u_lag_s, [*doubts, *more], condition)
+        return measured_as(run, rig, table, data.u_lag_s, [*doubts, *of_stands], condition)
     doubts = [*known_doubts(run, rig), *_taken_as_corrected(run, rig)]
     table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
-    _hold_rail(rig, table, str(path))
+    if RAIL in table.kind.layout(rail=True).known and table.rail != (rig.robot.rail is not None):
+        if table.rail:
+            problem = f"has {RAIL}, and the arm of the rig file stands on no rail"
+            raise FileError(str(path), problem, "add robot.rail to it")
+        problem = f"has no {RAIL}, and the arm of the rig file stands on a rail"
+        raise FileError(str(path), problem, f"add {RAIL}, where the rail stood in each row")
     table = one_row_a_stand(table)
     return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
 
@@ -129,14 +128,20 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
     """What is doubtful of a run before its readings are looked at, in words. Raises FileError for what is no run, and
     for one that was made from a replay whose instruments were out of step with one another."""
     seconds = {stream: counted.get("out_of_step", 0) for stream, counted in run.manifest.counters.items()}
-    if listed := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
-        what = f"was made from a replay out of step ({listed}), so its figures would be wrong"
+    if out_of_step := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
+        problem = f"was made from a replay out of step ({out_of_step}), so its figures would be wrong"
         remedy = "replay the capture again on a computer that is less busy, and record that"
-        raise FileError(str(run.path), what, remedy)
-    if kind_named(run.manifest.test).gauges and not rig.gauges.recorded:
-        what = f"is a {run.manifest.test} run, and its rig file has no gauges"
-        raise FileError(str(run.path), what, "add gauges and feedback to the rig file, and import it again")
-    return [*_doubts(run), *_certificates(run, rig)]
+        raise FileError(str(run.path), problem, remedy)
+    kind, started = kind_named(run.manifest.test), run.manifest.started
+    if kind.gauges and not rig.gauges.recorded:
+        problem = f"is a {run.manifest.test} run, and its rig file has no gauges"
+        raise FileError(str(run.path), problem, "add gauges and feedback to the rig file, and import it again")
+    if not kind.certified:
+        return _doubts(run)
+    try:
+        return [*_doubts(run), *certificate_doubts(rig, kind.certified, dt.date.fromisoformat(started[:10]))]
+    except ValueError:
+        return [*_doubts(run), f"the start time in its manifest is not a date: {started[:30]!r}"]
 
 
 def measured_as(
@@ -148,17 +153,6 @@ def measured_as(
     return Measured(run.path, bare, rig, table, u_lag_s, doubts, _systematic(rig, table), condition)
 
 
-def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:
-    data = align(path, run, rig)
-    test, direction = run.manifest.test, run.manifest.direction
-    names = [name for name, _ in rig.gauges][: data.g_mm.shape[1]]
-    g_mm, beyond = corrected_gauges(rig, names, data.g_mm)
-    doubts = [*data.doubts, *beyond_certificates(rig, beyond, len(g_mm))]
-    data = replace(data, g_mm=g_mm)
-    table, more = kind_named(test).recorded(data, rig, direction, str(path))
-    return table, data.u_lag_s, [*doubts, *more]
-
-
 def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
     """What the rig file would correct in readings that were imported, where nothing says whether that was done.
 
@@ -168,60 +162,46 @@ def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
     names = kind.gauges
     if not names or table is None or table.file.startswith(SIMULATED):
         return []
-    known = [
+    missing = [
         f"the correction of {name} by certificate {gauge.certificate.number}"
         for name, gauge in rig.gauges
         if name in names and gauge.certificate and gauge.certificate.valid_mm
     ]
     if "link" in kind.certified and link_excess_mm(rig):
-        known.append(f"the link's {link_excess_mm(rig):+.4f} mm beyond the radius")
+        missing.append(f"the link's {link_excess_mm(rig):+.4f} mm beyond the radius")
     towards = [name for name, gauge in rig.gauges if name in names and gauge.sign < 0]
     turned = f"imported readings are taken to grow with the distance from the ball: counts of {' and '.join(towards)} "
     turned += "is not applied; if they are as shown, change their sign in the table and import it again"
-    if not known:
+    if not missing:
         return [turned] if towards else []
-    what = f"imported readings are taken as corrected: {' and '.join(known)} is not added"
-    return [f"{what}; if they are raw, correct g1_mm in the table and import it again", *[turned] * bool(towards)]
+    fact = f"imported readings are taken as corrected: {' and '.join(missing)} is not added"
+    return [f"{fact}; if they are raw, correct g1_mm in the table and import it again", *[turned] * bool(towards)]
 
 
 def _systematic(rig: Rig, table: Table) -> Systematic:
     return systematic(rig, table.kind.readings(table)) if table.kind.gauges else NO_CERTIFICATE
 
 
-def _certificates(run: Run, rig: Rig) -> list[str]:
-    """Doubts about the certificates of what the test measures with."""
-    parts = kind_named(run.manifest.test).certified
-    if not parts:
-        return []
-    try:
-        return certificate_doubts(rig, parts, dt.date.fromisoformat(run.manifest.started[:10]))
-    except ValueError:
-        return [f"the start time in its manifest is not a date: {run.manifest.started[:30]!r}"]
-
-
 def _doubts(run: Run) -> list[str]:
     manifest = run.manifest
-    found = [
+    doubts = [
         f"{count} {stream} {kind} while recording"
         for stream, counted in manifest.counters.items()
         for kind, count in counted.items()
         if kind != "samples" and count
     ]
     if manifest.exit_status != "complete":
-        found.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
-    found += _relabelled(manifest.relabelled)
-    found += manifest.table.assumed if manifest.table else ()
+        doubts.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
+    # What it was recorded as, in one line; nothing where it has its old words again.
+    last = {change.field: change for change in manifest.relabelled}
+    first = {change.field: change for change in reversed(manifest.relabelled)}
+    old_and_new = {name: (first[name].old, last[name].new) for name in last}
+    if changes := [
+        f"{name} {old or 'none'} to {new or 'none'}" for name, (old, new) in old_and_new.items() if old != new
+    ]:
+        day = manifest.relabelled[-1].at[:10]
+        doubts.append(f"relabelled on {day} after it was recorded: {', '.join(changes)}")
+    doubts += manifest.table.assumed if manifest.table else ()
     if sha256(manifest.rig_text.encode()).hexdigest() != manifest.rig_sha256:
-        found.append("the rig file in its manifest has been changed since (SHA-256)")
-    return found
-
-
-def _relabelled(history: Sequence[Relabelling]) -> list[str]:
-    """What a run was recorded as, in one line; nothing where it has its old words again."""
-    first, last = {change.field: change for change in reversed(history)}, {change.field: change for change in history}
-    changes = [
-        f"{field} {first[field].old or 'none'} to {last[field].new or 'none'}"
-        for field in last
-        if first[field].old != last[field].new
-    ]
-    return [f"relabelled on {history[-1].at[:10]} after it was recorded: {', '.join(changes)}"] if changes else []
+        doubts.append("the rig file in its manifest has been changed since (SHA-256)")
+    return doubts

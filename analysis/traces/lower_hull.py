@@ -3,14 +3,91 @@
 A straight line over a short span; over a long one, where a clock's rate follows the temperature, a broken line of
 windows joined without a step. Both are the line under all points that lies closest to them on average (Olson, A
 Passive Solution to the Sensor Synchronization Problem, IROS 2010, for the straight one).
+
+The heights of the broken line under corners that lies highest on average: a linear program of a chain.
+
+Each corner binds the two knots beside it alone, so the normal equations have three diagonals, and one step costs as
+little for the clock of a day as for that of a minute. A predictor and a corrector (Mehrotra, On the implementation of a
+primal-dual interior point method, 1992); `scipy.optimize` takes longer to import than this takes to solve.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from analysis.kinematics.arm import Array
-from analysis.traces.line_heights import highest_under
+from analysis.kinematics.arm import Array, Integers
+
+_ENOUGH = 1e-10
+"""Share of the corners' range by which the mean height may lie below the best."""
+_ROUNDS = 80
+"""Some 15 are usual."""
+_SHORT = 0.995
+"""Share of the way to the first bound that a step goes."""
+
+
+def highest_under(pull: Array, right: Integers, share: Array, corners: Array) -> Array | None:
+    """Heights (k,) that make pull @ heights largest, pull (k,) ≥ 0, where each corner (m,) lies on the line or above.
+
+    A corner lies between knots right - 1 and right, the share (m,) of the way. None where no such line was reached."""
+    size, knots = float(np.abs(corners).max()) or 1.0, len(pull)
+    bound, pull = corners / size, pull / pull.sum()
+
+    def at_corners(heights: Array) -> Array:
+        return np.asarray((1 - share) * heights[right - 1] + share * heights[right])
+
+    def at_knots(weights: Array) -> Array:
+        return _summed(right - 1, (1 - share) * weights, knots) + _summed(right, share * weights, knots)
+
+    heights, price = np.full(knots, bound.min() - 1.0), np.full(len(bound), 1.0 / len(bound))
+    space = bound - at_corners(heights)
+    for _ in range(_ROUNDS):
+        unpaid, gap = pull - at_knots(price), float(space @ price)
+        if gap < _ENOUGH and np.abs(unpaid).max() < _ENOUGH:
+            return heights * size
+        stiff = price / space
+        diagonal = _summed(right - 1, (1 - share) ** 2 * stiff, knots) + _summed(right, share**2 * stiff, knots)
+        off_diagonal = _summed(right, share * (1 - share) * stiff, knots)[1:]
+        aim, target = -space * price, np.zeros(len(bound))
+        for _ in range(2):  # the step to the bounds themselves, then one that keeps in the middle on the way there
+            rise = _solved(diagonal, off_diagonal, unpaid - at_knots(aim / space))
+            taken = -at_corners(rise)
+            paid = (aim - price * taken) / space
+            ahead, dearer = _most(space, taken), _most(price, paid)
+            gap_after = float((space + ahead * taken) @ (price + dearer * paid))
+            target = (gap_after / gap) ** 3 * gap / len(bound) - taken * paid
+            aim, last = -space * price + target, (rise, ahead, paid, dearer)
+        rise, ahead, paid, dearer = last
+        heights, price = heights + ahead * rise, price + dearer * paid
+        space = bound - at_corners(heights)
+        if not (space > 0).all():
+            return None
+    return None
+
+
+def _summed(knot: Integers, weights: Array, knots: int) -> Array:
+    """The weights (m,) of each knot (k,) together."""
+    return np.bincount(knot, weights, knots).astype(np.float64)
+
+
+def _most(values: Array, change: Array) -> float:
+    """How much of a change, at the most all, leaves positive values (m,) positive."""
+    falls = change < 0
+    return min(1.0, _SHORT * float((-values[falls] / change[falls]).min(initial=np.inf)))
+
+
+def _solved(diagonal: Array, off_diagonal: Array, target: Array) -> Array:
+    """The solution (k,) of symmetric equations with a diagonal (k,) and what is beside it (k - 1,), by elimination. A
+    knot that nothing binds stays where it is."""
+    pivots, values, sides = np.where(diagonal > 0, diagonal, 1.0).tolist(), target.tolist(), off_diagonal.tolist()
+    for k, side in enumerate(sides):
+        share = side / pivots[k]
+        pivots[k + 1] = max(pivots[k + 1] - share * side, 1e-14 * pivots[k + 1])
+        values[k + 1] -= share * values[k]
+    values[-1] /= pivots[-1]
+    for k in range(len(sides) - 1, -1, -1):
+        values[k] = (values[k] - sides[k] * values[k + 1]) / pivots[k]
+    return np.array(values)
+
 
 TICK_S = 1e-9
 """Stamps of the host count nanoseconds: what advances by less cannot be distinguished from what stands."""
@@ -43,7 +120,24 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
         line += offset
         return line, low
     knots = np.linspace(x[0], x[-1], windows + 1)
-    return np.interp(x, knots, _broken(*under, knots)), low
+    # A broken line lies under the points of its window where it lies under the corners of their hull: a small linear
+    # program.
+    under_x, under_y = under
+    edges = np.searchsorted(under_x, knots[1:-1], side="left")
+    pieces = list(zip(np.split(under_x, edges), np.split(under_y, edges), strict=True))
+    corners = [lower_hull(*piece) for piece in pieces if len(piece[0])]
+    corner_x, corner_y = (np.concatenate(of) for of in zip(*corners, strict=True))
+    pull = np.zeros(len(knots))
+    for k, (inside, _) in enumerate(pieces):
+        # A point pulls the knots left and right of it, each by its share.
+        share = float((inside - knots[k]).sum() / (knots[k + 1] - knots[k]))
+        pull[k : k + 2] += len(inside) - share, share
+    offset, rate = lower_line(corner_x, corner_y)
+    right = np.clip(np.searchsorted(knots, corner_x), 1, len(knots) - 1)
+    share_at = (corner_x - knots[right - 1]) / (knots[right] - knots[right - 1])
+    rises = highest_under(pull, right, share_at, corner_y - offset - rate * corner_x)
+    heights = offset + rate * knots + (0.0 if rises is None else rises)
+    return np.interp(x, knots, heights), low
 
 
 def low_outliers(x: Array, y: Array) -> Mask:
@@ -77,8 +171,8 @@ def low_outliers(x: Array, y: Array) -> Mask:
     for block in np.flatnonzero(above < level).tolist():
         rows = slice(block * size, (block + 1) * size)
         low[rows] = y[rows] - slope * x[rows] < level[block]
-    rest = slice(blocks * size, None)
-    low[rest] = y[rest] - slope * x[rest] < level[-1]
+    tail = slice(blocks * size, None)
+    low[tail] = y[tail] - slope * x[tail] < level[-1]
     return low if low.sum() <= max(3, _FEW * len(x)) else none
 
 
@@ -128,25 +222,3 @@ def _may_be_corners(x: Array, y: Array) -> tuple[Array, Array]:
     over = np.interp([x[begins], x[begins + _HULL_BLOCK - 1]], *lower_hull(x[kept], y[kept])).max(axis=0)
     kept[: blocks * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK)[y[lowest] <= over] = True
     return x[kept], y[kept]
-
-
-def _broken(x: Array, y: Array, knots: Array) -> Array:
-    """Heights (k,) at the knots of the broken line under all points that lies closest to them on average.
-
-    A line lies under the points of its window where it lies under the corners of their hull: a small linear program.
-    """
-    edges = np.searchsorted(x, knots[1:-1], side="left")
-    windows = list(zip(np.split(x, edges), np.split(y, edges), strict=True))
-    corners = [lower_hull(*window) for window in windows if len(window[0])]
-    corner_x, corner_y = (np.concatenate(of) for of in zip(*corners, strict=True))
-    pull = np.zeros(len(knots))
-    for k, (inside, _) in enumerate(windows):
-        # A point pulls the knots left and right of it, each by its share.
-        share = float((inside - knots[k]).sum() / (knots[k + 1] - knots[k]))
-        pull[k : k + 2] += len(inside) - share, share
-    offset, rate = lower_line(corner_x, corner_y)
-    right = np.clip(np.searchsorted(knots, corner_x), 1, len(knots) - 1)
-    share_at = (corner_x - knots[right - 1]) / (knots[right] - knots[right - 1])
-    heights = highest_under(pull, right, share_at, corner_y - offset - rate * corner_x)
-    straight = offset + rate * knots
-    return straight if heights is None else straight + heights

@@ -32,29 +32,24 @@ def rule_of(run: Run) -> Rule:
     if "robot" not in run.streams:
         raise FileError(where, "holds a table and no robot stream", "give a run that rigd recorded")
     if manifest.test in OF_ISO9283:
-        what = f"is a {manifest.test} test, which rigd cannot record"
-        raise FileError(where, what, "give a recorded run of another test")
+        problem = f"is a {manifest.test} test, which rigd cannot record"
+        raise FileError(where, problem, "give a recorded run of another test")
     robot = run.streams["robot"]
     t_s = (robot["last_byte_ns"] - robot["last_byte_ns"][:1]) / 1e9
     q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])
     kept = np.unique(t_s // _STEP_S, return_index=True)[1]  # enough to see a stand
     t_s, q_deg = t_s[kept], q_deg[kept]
-    when = _signal(robot) or _departure(t_s, q_deg, where)
+    # The value that the signal had longest after it changed, where it has one and ever changed.
+    signal = robot[SIGNAL][np.isfinite(robot[SIGNAL])] if SIGNAL in robot else np.empty(0)
+    values, counts = np.unique(signal[signal != signal[:1]], return_counts=True)
+    when = {"signal": int(values[counts.argmax()])} if len(values) else _departure(t_s, q_deg, where)
     direction = manifest.direction if manifest.test in CIRCLES else None  # of another test it means nothing
     still_s = _patience_s(t_s, q_deg, when)
     try:
         return Rule.model_validate({"when": when, "test": manifest.test, "direction": direction, "still_s": still_s})
     except ValidationError as error:
-        raise FileError(
-            where, f"cannot be turned into a rule: {first_error(error)}", "record its program again"
-        ) from None
-
-
-def _signal(robot: dict[str, np.ndarray[Any, Any]]) -> dict[str, Any]:
-    """The value that the signal had longest after it changed; nothing where it has none or never changed."""
-    values = robot[SIGNAL][np.isfinite(robot[SIGNAL])] if SIGNAL in robot else np.empty(0)
-    others, counts = np.unique(values[values != values[:1]], return_counts=True)
-    return {"signal": int(others[counts.argmax()])} if len(others) else {}
+        problem = f"cannot be turned into a rule: {first_error(error)}"
+        raise FileError(where, problem, "record its program again") from None
 
 
 def _departure(t_s: Array, q_deg: Array, where: str) -> dict[str, Any]:

@@ -33,6 +33,6 @@ def motion_in(run: Run) -> RobotMotion:
         return RobotMotion(str(path), t_s, q, direction, doubts)
     table = table_from(run.table, run.manifest.test, direction, str(path))
     if not isinstance(table, CircleTable):
-        what = f"is a {run.manifest.test} table: it has single readings and no motion"
-        raise FileError(str(path), what, "give a run of the circle, or a recorded run")
+        problem = f"is a {run.manifest.test} table: it has single readings and no motion"
+        raise FileError(str(path), problem, "give a run of the circle, or a recorded run")
     return RobotMotion(str(path), table.t_s, table.q, direction)

@@ -38,8 +38,9 @@ class Table:
 
     @property
     def rows(self) -> Integers:
-        """The row of the file (n,) that each reading is."""
-        return np.arange(1, len(self.q) + 1)
+        """The row of the file (n,) that each reading is, or the first of several that are one."""
+        row: Integers | None = getattr(self, "row", None)
+        return np.arange(1, len(self.q) + 1) if row is None else row
 
 
 @dataclass(frozen=True)
@@ -111,11 +112,6 @@ class PoseTable(Table):
     rail: bool = False
     came_from: Array | None = None
 
-    @property
-    def rows(self) -> Integers:
-        """The row of the file (n,) that each pose is."""
-        return np.arange(1, len(self.q) + 1) if self.row is None else self.row
-
 
 @dataclass(frozen=True)
 class TouchTable(Table):
@@ -130,11 +126,6 @@ class TouchTable(Table):
     came_from: Array | None = None
     row: Integers | None = None
     rail: bool = False
-
-    @property
-    def rows(self) -> Integers:
-        """The row of the file (n,) that each touch is."""
-        return np.arange(1, len(self.q) + 1) if self.row is None else self.row
 
     @property
     def xyz_mm(self) -> Array:

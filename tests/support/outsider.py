@@ -79,7 +79,7 @@ class Case:
     def predicted(self, effects: Sequence[Effect], setup: SetUp) -> Array:
         """Return the places (n, 3) mm that the forward model gives."""
         model = replace(self.run.model, effects=tuple(effects))
-        return predict(model, self.run.one.table, self.run.one.path, setup)[:, [3, 7, 11]]
+        return predict(model, self.run.table, self.run.path, setup)[:, [3, 7, 11]]
 
 
 def case(seed: int) -> Case:
@@ -167,7 +167,7 @@ class Stated:
         sizes, moves = values[-9 - len(BESIDE) : -9], values[-9:]
         effects += [scaled(one, float(size)) for one, size in zip(BESIDE, sizes, strict=True)]
         (setup,) = self.linear.setups.values()
-        one = self.case.run.one
+        one = self.case.run
         left = one.values - self.case.predicted(effects, moved_setup(setup, one.table, moves))
         mean, sd = self._prior
         away = (values - mean) / sd

@@ -580,7 +580,7 @@ def agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> M
     status, turn = values
     signs = (turn >> np.arange(6)) & 1
     good: Mask = np.all(np.where(signs == 1, q < slack_rad, q > -slack_rad), axis=1)
-    overhead = np.array([not wrist_in_front(arm, angles) for angles in q])
-    beyond = np.array([beyond_stretch(arm, angles) for angles in q])
-    good &= (overhead == bool(status & 1)) & (beyond == bool(status >> 1 & 1))
+    sides = not status & 1, bool(status >> 1 & 1)
+    for k in np.flatnonzero(good):
+        good[k] = (wrist_in_front(arm, q[k]), beyond_stretch(arm, q[k])) == sides
     return good

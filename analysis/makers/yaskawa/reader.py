@@ -9,6 +9,7 @@ are called there. P variables belong to the controller. A file can have several 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -80,6 +81,18 @@ _SWITCHES = {
     "SYSTART": ("tracking", "on"), "SYEND": ("tracking", OFF), "COMARCON": ("tracking", "on"),
     "COMARCOF": ("tracking", OFF), "MTOFON": ("shift", "on"), "MTOFOF": ("shift", OFF),
 }  # fmt: skip
+
+_FLOW: dict[str, tuple[Callable[[Blocks], None], ...]] = {
+    **dict.fromkeys(("IFTHEN", "IFTHENEXP", "IF"), (Blocks.branch,)),
+    "SWITCH": (Blocks.cases,),
+    **dict.fromkeys(("ELSEIF", "ELSEIFEXP", "CASE"), (Blocks.other, Blocks.guard)),
+    **dict.fromkeys(("ELSE", "DEFAULT"), (Blocks.other,)),
+    **dict.fromkeys(("WHILE", "WHILEEXP", "FOR"), (Blocks.loop, Blocks.may_leave)),
+    **dict.fromkeys(("ENDIF", "ENDSWITCH", "ENDWHILE", "NEXT", "ENDFOR"), (Blocks.close,)),
+    "BREAK": (Blocks.leave,),
+    "CONTINUE": (Blocks.again,),
+}
+"""What the words of a block do."""
 
 
 @dataclass
@@ -251,31 +264,12 @@ def _instruction(reader: _Reader, text: str) -> None:
 
 def _flow(blocks: Blocks, word: str, text: str) -> bool:
     """Take a word of a block of the language, if it is one."""
-    match word:
-        case "IFTHEN" | "IFTHENEXP" | "IF":
-            blocks.branch()
-        case "SWITCH":
-            blocks.cases()
-            if re.search(r"\bCASE\b", text, re.IGNORECASE):  # the first one on the same line
-                blocks.other()
-                blocks.guard()
-        case "ELSEIF" | "ELSEIFEXP" | "CASE":
-            blocks.other()
-            blocks.guard()
-        case "ELSE" | "DEFAULT":
-            blocks.other()
-        case "ENDIF" | "ENDSWITCH" | "ENDWHILE" | "NEXT" | "ENDFOR":
-            blocks.close()
-        case "WHILE" | "WHILEEXP" | "FOR":
-            blocks.loop()
-            blocks.may_leave()
-        case "BREAK":
-            blocks.leave()
-        case "CONTINUE":
-            blocks.again()
-        case _:
-            return False
-    return True
+    for take in _FLOW.get(word, ()):
+        take(blocks)
+    if word == "SWITCH" and re.search(r"\bCASE\b", text, re.IGNORECASE):  # the first one on the same line
+        blocks.other()
+        blocks.guard()
+    return word in _FLOW
 
 
 def _jump(reader: _Reader, text: str, *, falls: bool) -> None:

@@ -121,6 +121,8 @@ class Program:
         self.routines: dict[str, _Routine] = {}
         self.written: dict[str, set[Place]] = {}
         self.data: list[_Line] = []
+        self.made: dict[int, dict[str, Value]] = {}
+        """The data as a world makes them: no statement changes a value, it puts another in its place."""
         self.main = ""
         for name, text in sorted(files.items(), key=lambda one: one[0].lower().endswith(".src")):
             self._at, self._lines = 0, _lines(name, text)
@@ -263,11 +265,16 @@ class Machine:
         self.scopes: list[dict[str, Value]] = [{}]
         self.handlers: dict[str, str] = {}
         self.armed: list[str] = []
+        if world.seed in program.made:
+            self.scopes[0] |= program.made[world.seed]
+            return
         self.scopes[0]["$TOOL"] = (as_frame(world.shift("$TOOL")), _NOWHERE)
         self.scopes[0]["$BASE"] = (as_frame(world.shift("$BASE")), _NOWHERE)
         self.scopes[0]["$IPO_MODE"] = ("#BASE", _NOWHERE)
         for line in program.data:
             self.declare(line.text, line)
+        if not ways.taken:
+            program.made[world.seed] = dict(self.scopes[0])
 
     def run(self) -> None:
         """Drive the module's first routine."""

@@ -144,8 +144,13 @@ class Machine:
         unit = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]]
         self.scopes[0]["TOOL0"] = ([True, unit, []], _NOWHERE)
         self.scopes[0]["WOBJ0"] = ([False, True, "", unit, unit], _NOWHERE)
+        if world.seed in program.made:
+            self.scopes[0] |= program.made[world.seed]
+            return
         for name, value in program.data:
             self.scopes[0][name] = copied(value(self))
+        if not ways.taken:
+            program.made[world.seed] = dict(self.scopes[0])
 
     def run(self) -> None:
         """Drive the program from main."""

@@ -68,6 +68,8 @@ class Program:
         self.routines: dict[str, _Routine] = {}
         self.written: dict[str, set[Place]] = {}
         self.data: list[tuple[str, Callable[[Any], Value]]] = []
+        self.made: dict[int, dict[str, Value]] = {}
+        """The data as a world makes them: no statement changes a value, it puts another in its place."""
         for name, text in files.items():
             self._tokens = lined(name, text)
             self._module()

@@ -150,8 +150,7 @@ _KNOWN = {
     "session/processes.py": "the log of a process, which grows line by line",
     "session/state.py": "the directory of a session, whose files durable.replace and writers above write",
     "reporting/html_page.py": "the parent of a file that durable.replace writes",
-    "reporting/page/pdf.py": "the same",
-    "reporting/page/still_chart.py": "a picture in memory",
+    "reporting/still_chart.py": "a picture in memory",
     "window/made.py": "directories in a temporary one",
 }
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from analysis.conventions.repeats import repeat_findings
+from analysis.conventions.gauge_sign import repeat_findings
 from analysis.inference.prepared_runs import prepare_runs
 from analysis.simulation.simulate import simulate
 from analysis.traces.loading import Measured

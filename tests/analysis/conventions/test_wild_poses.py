@@ -59,7 +59,7 @@ def test_wild_rows_are_named_when_they_are_imported_and_left_out_of_every_fit(sp
     (line,) = [one.words for one in findings_of([run]) if one.convention == WILDNESS]
     assert all(str(row) in line for row in (rows[0], rows[-1])) and f"{len(rows)} of 60 poses left out" in line
     (kept,), said = prepare_runs(RIG, [run])
-    assert (np.setdiff1d(np.arange(60), kept[0].one.rows) + 1).tolist() == rows and line.split(";")[0] in said[0]
+    assert (np.setdiff1d(np.arange(60), kept[0].rows) + 1).tolist() == rows and line.split(";")[0] in said[0]
     clean, _ = _run(seed, "none")
     spoilt_mm, clean_mm = (result_of(one).figures["rms_mm"].value for one in (run, clean))
     assert spoilt_mm == pytest.approx(clean_mm, rel=0.1)

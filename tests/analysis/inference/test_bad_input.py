@@ -221,4 +221,4 @@ def test_one_reading_in_a_hundred_that_is_wild_is_counted_and_follows_its_neighb
     assert abs(int(words.split()[0]) - hits) < 0.1 * hits
     for one, other in zip(found, sound, strict=True):
         # Two wild neighbours out of seven still leave their median; more, now and then, do not.
-        assert float(np.mean(np.abs(one.one.values - other.one.values) > 0.02)) < 0.002
+        assert float(np.mean(np.abs(one.values - other.values) > 0.02)) < 0.002

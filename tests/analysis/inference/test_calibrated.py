@@ -48,7 +48,7 @@ def test_the_effects_do_what_the_columns_say() -> None:
     result = _searched()
     columns = result.posterior.background.columns
     said = columns.X[:, : columns.set_ups.start] @ result.posterior.mean[: columns.set_ups.start]
-    names = result.state.refined.effects
+    names = result.effects
     both = (result.linear.residual(names), result.linear.residual((*names, *background_effects(result.posterior))))
     done = result.linear.without_set_up(both[0] - both[1])
     expected = result.linear.without_set_up(said)
@@ -59,14 +59,14 @@ def test_the_effects_do_what_the_columns_say() -> None:
 
 def test_the_covariance_is_one() -> None:
     result = _searched()
-    covariance = covariance_of(result.posterior, result.state.refined.unknowns)
+    covariance = covariance_of(result.posterior, result.fit.unknowns)
     sd = np.sqrt(np.diag(covariance))
     assert np.isfinite(covariance).all() and (sd >= 0).all()
     np.testing.assert_allclose(covariance, covariance.T, atol=1e-9 * sd.max() ** 2)
     unit = np.where(sd > 0, sd, 1.0)
     assert np.linalg.eigvalsh(covariance / unit[:, None] / unit).min() > -1e-6
     columns = result.posterior.background.columns
-    fitted = len(result.state.refined.unknowns)
+    fitted = len(result.fit.unknowns)
     forms = result.posterior.covariance_among(np.arange(columns.set_ups.start))
     sizes = np.repeat([form.size for form in columns.forms], [len(form.columns) for form in columns.forms])
     np.testing.assert_allclose(covariance[fitted:, fitted:], forms / sizes[:, None] / sizes, rtol=1e-6, atol=1e-9)

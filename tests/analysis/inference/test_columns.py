@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.inference.candidates import Candidate, columns_for, order_of
+from analysis.inference.responses import linearise
 from analysis.inference.selection import Selection
 from analysis.inference.state import Backgrounds, Hyperparameters
 from rigs.effects import Backlash, ServoLag, TransmissionError
@@ -79,7 +80,7 @@ def test_what_the_model_contains_already_may_lack_either_sign() -> None:
     linear = healthy()
     blocks = tuple(replace(one, model=replace(one.model, effects=(lag,))) for one in linear.blocks)
     candidates = [Candidate(f"servo_lag {axis}", (ServoLag(axis=axis, lag_s=5e-4),)) for axis in (2, 3)]
-    columns = columns_for(replace(linear, blocks=blocks), candidates)
+    columns = columns_for(linearise(blocks, linear.setups), candidates)
     assert columns.mean(1.0)[:2] == pytest.approx([0.0, MEAN])
     assert columns.variance(1.0)[:2] == pytest.approx([1.0, 1 - MEAN**2])
 

@@ -73,7 +73,7 @@ def test_forms_grow_with_the_effect(effect: TransmissionError | GaugeCyclic | Ba
 def test_a_spike_may_come_a_sample_sooner_or_later_at_every_turn() -> None:
     linear = healthy()
     spike = ReversalSpike(axis=2, amplitude_deg=0.02, decay_s=0.2)
-    turned = sum(len(turns(block.one.path.t_s, block.one.path.q[:, 1])) for block in linear.blocks)
+    turned = sum(len(turns(block.path.t_s, block.path.q[:, 1])) for block in linear.blocks)
     found = departure_columns(linear, spike)
     assert turned >= 4 and found.shape[1] >= 2 * turned
     other = departure_columns(linear, spike.model_copy(update={"amplitude_deg": -0.04}))
@@ -137,7 +137,7 @@ def test_stamps_that_scatter_make_a_quick_wave_smaller() -> None:
         return turned
 
     def lost(block: Block) -> Array:
-        t, q = block.one.path.t_s, block.one.path.q[:, 0]
+        t, q = block.path.t_s, block.path.q[:, 0]
         scatter = rng.normal(0.0, np.median(np.diff(t)) / 4, (200, len(t)))
         mean: Array = np.mean([wave(np.interp(t + one, t, q)) for one in scatter], axis=0)
         return (mean - wave(q))[:, None]
@@ -183,7 +183,7 @@ def test_a_spike_of_a_joint_that_does_not_turn_back_in_some_circle_has_no_column
     runs = seen([replace(run, table=short)])
     setups, _ = fit_run_setups(runs)
     linear = linearise(blocks_of(runs, setups), setups)
-    turning = [axis for axis in range(1, 7) if linear.blocks[0].one.path.motion.reversals(axis)]
+    turning = [axis for axis in range(1, 7) if linear.blocks[0].path.motion.reversals(axis)]
     assert 4 not in turning and len(turning) > 3
     for axis in range(1, 7):
         found = departure_columns(linear, ReversalSpike(axis=axis, amplitude_deg=0.02))
@@ -194,7 +194,7 @@ def test_a_spike_that_begins_later_is_larger_from_then_on() -> None:
     linear, decay_s = healthy(), 0.5
     spike = ReversalSpike(axis=2, amplitude_deg=0.02, decay_s=decay_s)
     found, whole = departure_columns(linear, spike), linear.columns([spike])[:, 0]
-    step_s = float(np.median(np.diff(linear.blocks[0].one.path.t_s)))
+    step_s = float(np.median(np.diff(linear.blocks[0].path.t_s)))
     weights, *_ = np.linalg.lstsq(found, whole, rcond=None)
     assert np.linalg.norm(whole - found @ weights) < 1e-6 * np.linalg.norm(whole), "each of its turns has its own size"
     later = np.abs(weights).max()
@@ -217,7 +217,7 @@ def test_a_run_may_have_begun_anywhere_in_a_play(begin: float) -> None:
     linear, half = healthy(), np.radians(0.3)
 
     def off(block: Block) -> Array:
-        x = block.one.path.q[:, 1]
+        x = block.path.q[:, 1]
         return (play(x, half, begin) - play(x, half))[:, None]
 
     added = linear.by_joint(2, off)[:, 0]

@@ -27,11 +27,11 @@ def _beside(linear: Linearisation, left: Array, known: Array | None = None, more
 
 
 def _rates(block: Block) -> Array:
-    return np.asarray(np.gradient(block.one.path.q, block.one.path.t_s, axis=0), dtype=float)
+    return np.asarray(np.gradient(block.path.q, block.path.t_s, axis=0), dtype=float)
 
 
 def _slips(block: Block) -> Array:
-    q = block.one.path.q[:, 1]
+    q = block.path.q[:, 1]
     return np.where(q > q.min() + 0.4 * np.ptp(q), 2e-5, 0.0)[:, None]
 
 
@@ -55,7 +55,7 @@ def test_an_error_that_no_effect_describes_is_reported_by_what_it_goes_with(word
     added = linear.without_set_up(linear.by_joint(axis, off))[:, 0]
     left = white(linear, 1) + added * 30 / np.linalg.norm(added)
     found = best_free_form(tuple(free_forms_of(linear)), _beside(linear, left))
-    assert found.form.words == words and found.gain > 4 * _SURE
+    assert found.words == words and found.gain > 4 * _SURE
     beside = best_free_form(tuple(free_forms_of(linear)), _beside(linear, left, added[:, None]))
     assert beside.gain < _SURE, "what a name does is not done again"
 
@@ -70,7 +70,7 @@ def test_beside_names_and_a_background_a_form_gains_what_the_density_gains() -> 
     added = linear.by_joint(4, ERRORS[words][1])[:, 0]
     y = np.random.default_rng(5).normal(size=len(free)) + added * 200 / np.linalg.norm(added)
     found = best_free_form(tuple(free_forms_of(linear)), _beside(linear, y, free, other))
-    form = next(form for form in free_forms_of(linear) if form.words == found.form.words).columns
+    form = next(form for form in free_forms_of(linear) if form.words == found.words).columns
     densities = [_log_density(y, C + s * form @ form.T) for s in 4.0 ** np.arange(-4, 11)]
     assert (
         found.gain == pytest.approx(max(densities) - _log_density(y, C) - FREE_PRICE, rel=1e-2) and found.gain > _SURE
@@ -86,27 +86,27 @@ def test_what_changes_with_time_is_reported_by_the_gauge() -> None:
     linear = healthy()
 
     def settles(block: Block) -> Array:
-        t = block.one.path.t_s
+        t = block.path.t_s
         return np.where(t > 0.3 * t[-1], 1e-3, 0.0)[:, None]
 
     added = linear.without_set_up(linear.by_gauge((0.0, 1.0), settles))[:, 0]
     left = white(linear, 2) + added * 30 / np.linalg.norm(added)
     found = best_free_form(tuple(free_forms_of(linear)), _beside(linear, left))
-    assert found.form.words == "something that changes with time in gauge 2" and found.gain > 4 * _SURE
+    assert found.words == "something that changes with time in gauge 2" and found.gain > 4 * _SURE
 
 
 def test_a_dent_is_attributed_to_the_ball() -> None:
     linear = healthy()
 
     def dented(block: Block) -> Array:
-        lap = np.linspace(0, 2 * np.pi, len(block.one.path.t_s))
+        lap = np.linspace(0, 2 * np.pi, len(block.path.t_s))
         lap = lap if block.name.endswith("acw") else -lap
         return -1e-3 * np.exp(-0.5 * ((lap % (2 * np.pi) - 2.0) / 0.1) ** 2)[:, None]
 
     added = linear.without_set_up(linear.by_gauge((1.0, 1.0), dented))[:, 0]
     left = white(linear, 3) + added * 30 / np.linalg.norm(added)
     found = best_free_form(tuple(free_forms_of(linear)), _beside(linear, left))
-    assert found.form.words == "something of the ball that goes with where the link is" and found.gain > 4 * _SURE
+    assert found.words == "something of the ball that goes with where the link is" and found.gain > 4 * _SURE
 
 
 def test_noise_alone_has_no_form() -> None:

@@ -59,11 +59,11 @@ def _simulated(linear: Linearisation, effects: tuple[Effect, ...]) -> Array:
     """Noise-free readings of a robot with effects, less those of a healthy one, by `simulate` alone."""
     parts = []
     for block in linear.blocks:
-        table = block.one.table
+        table = block.table
         assert isinstance(table, CircleTable)
         plain, grown = (table_of("yaw", table.direction, None, which) for which in ((), effects))
         assert isinstance(plain, CircleTable) and isinstance(grown, CircleTable)
-        parts.append(block.whitened((grown.g_mm - plain.g_mm)[block.one.rows]))
+        parts.append(block.whitened((grown.g_mm - plain.g_mm)[block.rows]))
     return np.concatenate(parts)
 
 
@@ -92,7 +92,7 @@ def left_at(linear: Linearisation, effects: Sequence[Effect], setups: Mapping[st
 
 def test_what_a_ball_or_a_zero_can_do_leaves_nothing() -> None:
     linear = healthy()
-    assert linear.U.shape[1] == linear.blocks[0].one.table.kind.setup_terms == 5
+    assert linear.U.shape[1] == linear.blocks[0].table.kind.setup_terms == 5
     for term, moved in enumerate(0.02 * np.eye(5)):
         there = linear.responses((), linear.setups_moved_by(moved))
         shift = np.concatenate([block.white(added) for block, added in zip(linear.blocks, there, strict=True)])
@@ -122,12 +122,12 @@ def test_the_residual_is_exact_for_large_effects_and_moved_set_ups() -> None:
     linear, effects = healthy(), (JointOffset(axis=3, offset_deg=1.0), Backlash(axis=2, width_deg=0.5))
     parts = []
     for block in linear.blocks:
-        table = block.one.table
+        table = block.table
         assert isinstance(table, CircleTable)
         grown = table_of("yaw", table.direction, None, effects)
         assert isinstance(grown, CircleTable)
-        base = predicted(block.model, block.one, linear.setups["yaw"])
-        parts.append(block.whitened(grown.g_mm[block.one.rows] - base))
+        base = predicted(block, linear.setups["yaw"])
+        parts.append(block.whitened(grown.g_mm[block.rows] - base))
     there = holding(linear, np.concatenate(parts))
     whole = np.linalg.norm(np.concatenate(parts))
     assert np.linalg.norm(left_at(there, effects, {"yaw": planted()})) < 1e-3 * whole
@@ -172,7 +172,7 @@ def test_placements_of_poses_are_moved_with_one_tool() -> None:
     """Two placements of an instrument, and a zero that is wrong by half a degree: the same tool in both."""
     zero = JointOffset(axis=3, offset_deg=0.5)
     runs = seen([poses(1, zero), poses(2, zero)])
-    runs = [replace(run, one=replace(run.one, setup=f"pose at {name}")) for run, name in zip(runs, "AB", strict=True)]
+    runs = [replace(run, setup=f"pose at {name}") for run, name in zip(runs, "AB", strict=True)]
     setups, _ = fit_run_setups(runs)
     linear = linearise(blocks_of(runs, setups), setups)
     left = linear.residual([zero])
@@ -203,7 +203,7 @@ def test_jolts_at_every_sample_are_an_offset() -> None:
     linear, angle = healthy(), 0.002
     whole = np.zeros(len(linear.y))
     block = linear.blocks[1]
-    for sample in block.one.path.rows[block.one.rows]:
+    for sample in block.path.rows[block.rows]:
         whole += linear.jolt(1, 3, int(sample), angle)
     first = len(linear.blocks[0].y_mm)
     assert not whole[:first].any()

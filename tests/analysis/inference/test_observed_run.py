@@ -125,7 +125,7 @@ def test_stands_at_both_ends_are_found_and_their_readings_averaged() -> None:
     assert len(first) == pytest.approx(60, abs=2) and len(last) == pytest.approx(40, abs=2)
     lap = len(one.sampling.phi)  # of two laps
     np.testing.assert_allclose(one.sampling.stand_share, np.array([len(first), len(last)]) * GRID * 2 / lap)
-    values = np.zeros((len(one.one.rows), 2))
+    values = np.zeros((len(one.rows), 2))
     values[first] = [1.0, 3.0]
     entries = one.sampling.vector(values)
     stands = entries[2 * HALF : 2 * HALF + 4]  # what follows is the trend of the laps
@@ -178,7 +178,7 @@ def test_half_a_circle_is_refused() -> None:
 def test_a_gauge_that_drifts_shows_from_lap_to_lap_and_a_form_of_the_circle_does_not() -> None:
     run = observe_run(model_of(RIG), _circle("cw"), "run")
     assert run.sampling and len(run.sampling.trend) == 2
-    phi, rows = run.sampling.phi, len(run.one.rows)
+    phi, rows = run.sampling.phi, len(run.rows)
     trend = slice(-len(ORDER_OF_TREND), None)
     lap = np.zeros((rows, 2))
     lap[: len(phi), 0] = 1 + np.cos(phi) + np.sin(3 * phi)

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from analysis import calibrate
 from analysis.cli import app
-from analysis.inference.observation import Observation, observe
+from analysis.inference.observation import ObservedRun, observe
 from analysis.inference.placements import split_by_frame
 from analysis.model.predict import model_of
 from analysis.simulation.simulate import simulate
@@ -102,7 +102,7 @@ def test_runs_of_two_robots_are_reported_in_one_line(tmp_path: Path, arm: tuple[
         calibrate([load_measured(path) for path in (first, other)], "joint_offset", rig=RIG)
 
 
-def _circles(rig_ball: tuple[float, float, float], seed: int) -> list[Observation]:
+def _circles(rig_ball: tuple[float, float, float], seed: int) -> list[ObservedRun]:
     rig = load("paper-fanuc")[0].model_copy(update={"effects": ()})
     assert rig.tests.circle
     circle = rig.tests.circle.model_copy(update={"eccentricity_mm": rig_ball})
@@ -112,10 +112,9 @@ def _circles(rig_ball: tuple[float, float, float], seed: int) -> list[Observatio
 
 
 def test_a_ball_that_was_moved_is_another_set_up_and_its_scatter_is_not() -> None:
-    model = model_of(load("paper-fanuc")[0].model_copy(update={"effects": ()}))
     same = [*_circles((0.3, 0.2, 0.0), 1), *_circles((0.3, 0.2, 0.0), 11)]
-    assert split_by_frame(model, same, list("abcd")) == (same, [])
-    found, told = split_by_frame(model, [*same[:2], *_circles((1.3, -0.2, 0.0), 21)], list("abcd"))
+    assert split_by_frame(same, list("abcd")) == (same, [])
+    found, told = split_by_frame([*same[:2], *_circles((1.3, -0.2, 0.0), 21)], list("abcd"))
     assert [one.setup for one in found] == ["yaw", "yaw", "yaw, frame 2", "yaw, frame 2"]
     assert "fitted as 2 placements (a, b; c, d)" in told[0]
 

@@ -39,7 +39,7 @@ def _driven(way: Direction, seed: int, ball_mm: tuple[float, float, float], effe
 def test_a_set_up_has_one_name_whatever_its_runs_are_used_for() -> None:
     first, second, third, fourth = circles(seed=31)
     (used, judges, unseen), told = prepare_runs(RIG, [first, _elsewhere(second)], [_elsewhere(third)], [fourth])
-    assert [run.one.setup for run in (*used, *judges, *unseen)] == ["yaw", "yaw 2", "yaw 2", "yaw"]
+    assert [run.setup for run in (*used, *judges, *unseen)] == ["yaw", "yaw 2", "yaw 2", "yaw"]
     assert told == []
 
 
@@ -50,7 +50,7 @@ def test_a_circle_with_another_tool_on_the_same_arm_is_a_set_up_and_not_a_robot(
     beside = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"tool": tool})})
     other = replace(measured(simulate(beside, "yaw", "acw", 35), "yaw", "yaw-acw-9"), rig=beside)
     (used,), told = prepare_runs(RIG, [run, other])
-    assert [one.one.setup for one in used] == ["yaw", "yaw 2"] and told == []
+    assert [one.setup for one in used] == ["yaw", "yaw 2"] and told == []
     assert [one.model.arm.T_flange_tool[0, 3] for one in used] == [0.0, 40.0]
     with pytest.raises(FileError, match="another robot"):
         prepare_runs(beside, [run, like])
@@ -92,5 +92,5 @@ def test_a_placement_that_takes_up_all_its_readings_is_left_out() -> None:
     placed = two.run.manifest.model_copy(update={"placement": "wall"})
     two = replace(two, run=replace(two.run, manifest=placed))
     (used,), told = prepare_runs(RIG, [run, two])
-    assert [run.one.setup for run in used] == ["pose"]
+    assert [run.setup for run in used] == ["pose"]
     assert told == ["pose at wall is left out: its 6 readings are too few for the 6 terms of the set-up alone"]

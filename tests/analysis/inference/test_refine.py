@@ -175,7 +175,7 @@ def test_a_play_has_its_width_and_its_whole_height_however_it_is_crossed(roundne
     truth = Backlash(axis=1, width_deg=0.05)
 
     def off(block: Block) -> Array:
-        return lagging(block.one.path.q[:, 0], np.radians(truth.width_deg) / 2, roundness)[:, None]
+        return lagging(block.path.q[:, 0], np.radians(truth.width_deg) / 2, roundness)[:, None]
 
     shown = healthy().by_joint(1, off)[:, 0]
     linear = holding(healthy(), shown + white(healthy(), 7))

@@ -42,7 +42,7 @@ def test_each_reflector_has_a_place_of_its_own(seed: int, named: bool) -> None:
     placed, left = fit_run_setups(kept)
     alone = [rms(fit_run_setups([run])[1]) for run in kept]
     assert all(rms([one]) < 1.1 * each for one, each in zip(left, alone, strict=True))
-    targets = np.array([placed[run.one.setup].T_tool_target[:3, 3] for run in kept])
+    targets = np.array([placed[run.setup].T_tool_target[:3, 3] for run in kept])
     apart = np.linalg.norm(targets - targets[0], axis=1)
     truth = np.linalg.norm(TARGETS[[0, 1, 2, 1]] - TARGETS[0], axis=1)
     assert apart == pytest.approx(truth, abs=3.0 if seed else 0.5) and targets[1] == pytest.approx(targets[3])
@@ -50,7 +50,7 @@ def test_each_reflector_has_a_place_of_its_own(seed: int, named: bool) -> None:
     assert "3 places of the target on the tool (t0; t1, t3; t2)" in line
     assert f"and {4 if named else 2} places of the instrument" in line
     if not named:
-        stood = [placed[run.one.setup].T_instrument_world for run in kept[:3]]
+        stood = [placed[run.setup].T_instrument_world for run in kept[:3]]
         assert np.abs(np.array(stood) - stood[0]).max() < 1e-9
 
 
@@ -59,4 +59,4 @@ def test_one_reflector_is_one_set_up() -> None:
     parts = np.array_split(postures("ur10e", 120, rng), 3)
     runs = [_run(there.seen(part, rng), f"s{k}") for k, part in enumerate(parts)]
     (kept,), said = prepare_runs(RIG, runs)
-    assert {run.one.setup for run in kept} == {"pose"} and not said
+    assert {run.setup for run in kept} == {"pose"} and not said

@@ -183,7 +183,7 @@ def test_scatter_shows_as_far_as_it_moves_the_tool() -> None:
     table = table_of("radial", None, None)
     model = model_of(circles()[0].rig)
     one = observe(model, table, "run")
-    response = scatter_response(model, one, nominal_setup(model.rig, table))[:, 0]
+    response = scatter_response(one, nominal_setup(model.rig, table))[:, 0]
     assert response.shape == (len(one.rows), 9)
     np.testing.assert_allclose(np.linalg.norm(response[:, 6:], axis=1), 0.001, rtol=1e-3)
     assert 0.5 < np.abs(response[:, 0]).max() / (np.radians(2e-4) * np.hypot(930.8, 87.8)) < 1.01
@@ -213,7 +213,7 @@ def test_a_ball_that_drifts_along_its_runs_does_not_count_as_noise() -> None:
         table = run.table
         assert isinstance(table, CircleTable)
         one = observe(model_of(run.rig), table, "run")
-        response = scatter_response(model_of(run.rig), one, planted())[:, :, 6:] / SCATTER_MM
+        response = scatter_response(one, planted())[:, :, 6:] / SCATTER_MM
         rows = one.path.rows[one.rows]
         waves = drift_waves((table.t_s[rows] - table.t_s[0]) / np.ptp(table.t_s))
         drift_mm = 0.010 * np.einsum("wm,wc->mc", waves, rng.normal(size=(len(waves), 3)))

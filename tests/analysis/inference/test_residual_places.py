@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.inference.blocks import Block, blocks_of, entries
+from analysis.inference.blocks import Block, blocks_of
 from analysis.inference.observation import GRID
 from analysis.inference.residuals import places, reversals_of
 from analysis.inference.setups import fit_run_setups
@@ -24,7 +24,7 @@ def _shown(effect: Effect) -> list[Array]:
 def _wave(block: Block, cycles: int, size_mm: float) -> Array:
     assert block.sampling
     phi = block.sampling.phi
-    return entries(size_mm * np.cos(cycles * phi)[:, None] * np.ones(2), block.sampling)
+    return block.entries(size_mm * np.cos(cycles * phi)[:, None] * np.ones(2))
 
 
 def test_noise_is_no_place() -> None:
@@ -48,8 +48,8 @@ def test_a_step_at_a_reversal_is_placed_there_with_its_joint() -> None:
 @pytest.mark.parametrize("axis", range(1, 7))
 def test_turns_are_where_a_joint_is_furthest(axis: int) -> None:
     for block in healthy().blocks:
-        lap = block.one.rows
-        q = block.one.path.q[block.one.path.rows[lap], axis - 1]
+        lap = block.rows
+        q = block.path.q[block.path.rows[lap], axis - 1]
         assert block.sampling
         ends = {np.degrees(block.sampling.phi[k]) % 360 for k in (int(np.argmin(q)), int(np.argmax(q)))}
         own = [phi for phi, joint in reversals_of(block) if joint == axis]
@@ -85,7 +85,7 @@ def test_targets_that_are_off_are_counted_and_the_worst_is_named() -> None:
     assert places([block], [left]) == ()
     left[[4, 9]] = [0.05, -0.08]
     (place,) = places([block], [left])
-    table = block.one.table
+    table = block.table
     numbers = getattr(table, "target", np.empty(0))[[4, 9]]
     assert (place.test, place.direction, place.joint) == ("radial", None, None)
     assert (place.from_deg, place.to_deg) == (min(numbers), max(numbers))

@@ -37,7 +37,7 @@ def test_a_ball_and_zeros_that_are_off_are_found(off_mm: float, way: str) -> Non
 def test_without_a_start_the_ball_is_found_from_the_rig_file() -> None:
     runs = seen(circles(seed=4, count=1))
     found, left = fit_run_setups(runs)
-    assert set(found) == {"yaw"} and len(left) == 2 and left[0].shape == (len(runs[0].one.rows), 2)
+    assert set(found) == {"yaw"} and len(left) == 2 and left[0].shape == (len(runs[0].rows), 2)
     assert rms(left) < 0.005
 
 

@@ -23,7 +23,7 @@ SELECTING = "selecting effects"
 def test_an_arm_without_faults_needs_one_search() -> None:
     said: list[str] = []
     result = search(seen(circles(seed=93)), said.append)
-    assert result.state.refined.effects == () and said.count(SELECTING) == 1
+    assert result.effects == () and said.count(SELECTING) == 1
 
 
 def test_columns_contain_what_the_faults_change() -> None:
@@ -31,7 +31,7 @@ def test_columns_contain_what_the_faults_change() -> None:
     runs = seen(circles((TransmissionError(axis=4, order=30, amplitude_deg=0.3, phase_deg=60),), seed=94))
     said: list[str] = []
     result = search(runs, said.append)
-    effects = result.state.refined.effects
+    effects = result.effects
     assert {name_of(effect) for effect in effects} == {"transmission_error 4"} and said.count(SELECTING) == 2
     without = linearise(blocks_of(runs, result.linear.setups), result.linear.setups)
     longer = LinkGeometry(axis=5, field="a", delta=0.2)
@@ -81,7 +81,7 @@ def _selection(effects: tuple[Effect, ...], *known: Effect) -> Selection:
 
 
 def _orders(state: SelectionState) -> list[tuple[str, int]]:
-    return sorted((name_of(effect), round(getattr(effect, "order", 0))) for effect in state.refined.effects)
+    return sorted((name_of(effect), round(getattr(effect, "order", 0))) for effect in state.effects)
 
 
 def test_a_selection_stops_at_a_new_fault_beside_which_its_columns_do_not_hold() -> None:
@@ -90,13 +90,13 @@ def test_a_selection_stops_at_a_new_fault_beside_which_its_columns_do_not_hold()
     selection = _selection(faults)
     begun = selection.initial_state()
     first = selection.select(begun, stops=True)
-    assert len(first.refined.effects) == 1 and not selection.holds_for(first)
-    second = _selection(faults, *first.refined.effects)
-    both = second.select(second.initial_state(first.refined.effects), stops=True)
+    assert len(first.effects) == 1 and not selection.holds_for(first)
+    second = _selection(faults, *first.effects)
+    both = second.select(second.initial_state(first.effects), stops=True)
     assert _orders(both) == [("transmission_error 4", 30), ("transmission_error 4", 116)]
     assert not second.holds_for(both)
-    last = _selection(faults, *both.refined.effects)
-    complete = last.select(last.initial_state(both.refined.effects), stops=True)
+    last = _selection(faults, *both.effects)
+    complete = last.select(last.initial_state(both.effects), stops=True)
     assert set(_orders(complete)) >= set(_orders(both)) and last.holds_for(complete)
 
 
@@ -107,7 +107,7 @@ def test_a_selection_does_not_stop_at_effects_of_healthy_size() -> None:
     )
     selection = _selection(small)
     state = selection.select(selection.initial_state(), stops=True)
-    assert {name_of(effect) for effect in state.refined.effects} >= {name_of(effect) for effect in small}
+    assert {name_of(effect) for effect in state.effects} >= {name_of(effect) for effect in small}
 
 
 def _missed(linear: Linearisation, effect: Effect, faults: tuple[Effect, ...]) -> float:

@@ -15,7 +15,7 @@ from analysis.inference.responses import linearise, worth
 from analysis.inference.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.inference.selection import Selection
 from analysis.inference.setups import fit_run_setups
-from analysis.inference.state import SelectionState, combined_effect, is_alike, is_one, is_same, is_twice
+from analysis.inference.state import SelectionState, combined_effect, is_alike, is_one, is_twice
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError
 from rigs.schema.effect import name_of, size_of
 from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, poses, seen, shown_by, white
@@ -27,12 +27,12 @@ def _searched(y: Array) -> tuple[Selection, SelectionState]:
 
 
 def _found(state: SelectionState) -> dict[str, Effect]:
-    return {name_of(effect): effect for effect in state.refined.effects}
+    return {name_of(effect): effect for effect in state.effects}
 
 
 def test_nothing_is_found_in_noise() -> None:
     _, state = _searched(white(healthy(), 11))
-    assert state.refined.effects == () and state.free_forms == ()
+    assert state.effects == () and state.free_forms == ()
     assert state.level < 0.1, "an arm without effects is far below a healthy one"
 
 
@@ -40,7 +40,7 @@ def test_a_fault_is_found_in_its_form_and_has_no_rival() -> None:
     truth = Backlash(axis=1, width_deg=0.2, transit=0.35)
     selection, state = _searched(white(healthy(), 12) + shown_by(healthy(), [truth]))
     found = _found(state)["backlash 1"]
-    place = state.refined.effects.index(found)
+    place = state.effects.index(found)
     assert state.is_fault(place) and size_of(found) == pytest.approx(20, rel=0.05)
     assert getattr(found, "transit", 0.0) == pytest.approx(0.35, abs=0.1)
     one = rival_odds(selection, state, place)
@@ -77,10 +77,12 @@ def test_a_fault_that_was_fitted_again_before_is_left_alone(monkeypatch: pytest.
     selection = Selection(holding(healthy(), shown_by(healthy(), [first, second])), healthy_columns())
     state, tried = selection.initial_state((first, second)), list[str]()
 
-    def never(_: Selection, of: SelectionState, place: int) -> None:
-        tried.append(name_of(of.refined.effects[place]))
+    def recorded(_: Selection, of: SelectionState, place: int) -> SelectionState:
+        tried.append(name_of(of.effects[place]))
+        return of
 
-    monkeypatch.setattr(Selection, "_begun_again", never)  # private: what is fitted again does not show in a state
+    monkeypatch.setattr(Selection, "without", recorded)  # what is fitted again does not show in a state
+    monkeypatch.setattr(Selection, "with_form", lambda _, of, posterior, k: of)
     assert selection.fitted_again(state, (first.model_copy(update={"offset_deg": 0.3}),)) is state
     assert tried == ["joint_offset 3"]
 
@@ -162,13 +164,13 @@ def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(mon
 
     def moving(selection: Selection, state: SelectionState, place: int) -> SelectionState:
         rest = without(selection, state, place)
-        (left,) = rest.refined.effects
+        (left,) = rest.effects
         effects = (left.model_copy(update={"order": 40.0}),)
         refined = replace(rest.refined, effects=effects, residual=selection.linear.residual(effects))
         return replace(rest, refined=refined)
 
     def of_that_wave(selection: Selection, of: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
-        own = [is_same(form, wave) for form in selection.columns.forms]
+        own = [is_alike(form.effect, wave) for form in selection.columns.forms]
         fault, alone = gains(selection, of, posterior)
         return (fault, alone) if of is state else (np.where(own, 1e6, -np.inf), np.where(own, alone, -np.inf))
 
@@ -176,7 +178,7 @@ def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(mon
     monkeypatch.setattr(Selection, "gains", of_that_wave)
     monkeypatch.setattr("analysis.inference.rivals._DOUBT", np.inf)  # private: every fault that helps is tried
     one = rival_odds(selection, state, 0)
-    assert [name_of(tried.refined.effects[-1]) for tried, _ in one.rivals] == ["transmission_error 1"]
+    assert [name_of(tried.effects[-1]) for tried, _ in one.rivals] == ["transmission_error 1"]
     assert one.odds + one.healthy_odds + one.rivals[0][1] == pytest.approx(1.0)
 
 
@@ -190,13 +192,13 @@ def test_only_what_is_a_fault_in_a_quiet_arm_alone_has_no_rivals_below_the_limit
     state = replace(selection.initial_state((zero,)), level=level)
 
     def odds(_: Selection, of: SelectionState, place: int) -> RivalOdds:
-        compared.append(name_of(of.refined.effects[place]))
+        compared.append(name_of(of.effects[place]))
         return RivalOdds(1.0)
 
     monkeypatch.setattr("analysis.inference.rivals.rival_odds", odds)
     for limit in (1.1, 0.9):  # of what the readings of the test change by that shows it most
         found, _ = compare_with_rivals(selection, state, limit * worth(linear, shown_by(linear, [zero])).um.max())
-        assert [name_of(effect) for effect in found.refined.effects] == ["joint_offset 3"]
+        assert [name_of(effect) for effect in found.effects] == ["joint_offset 3"]
         assert compared == ["joint_offset 3"] * (limit < 1 or level == 1.0)
         compared.clear()
 

@@ -13,7 +13,7 @@ import pytest
 from analysis.inference.blocks import Block, blocks_of
 from analysis.inference.candidates import candidates_for, columns_for
 from analysis.inference.expected import planned_blocks
-from analysis.inference.noise import RunScatter, ScatteredRuns, stamp_noise
+from analysis.inference.noise import Repeated, RunScatter, stamp_noise
 from analysis.inference.observation import GRID, ORDER_OF, STAMP_SCATTER, Sampling, curve, sampling_of
 from analysis.inference.residuals import places
 from analysis.inference.responses import Linearisation, linearise, noise_um, scatter_um
@@ -122,12 +122,13 @@ def test_periods_of_standing_have_no_such_noise() -> None:
     assert found.shape[0] == len(ORDER_OF) + 4 and not found[len(ORDER_OF) :].any()
 
 
-def _scattered(size: Array, seed: int = 4) -> ScatteredRuns:
+def _scattered(size: Array, seed: int = 4) -> Repeated:
     """A thousand runs with noise of `size` (N,) mm, of what a crossing shows of stamps, and with no other scatter."""
     rng, stamps = np.random.default_rng(seed), _columns(_crossing(T_S))
     noise = size * rng.standard_normal((1000, len(size)))
     none = np.zeros((len(size), 9))
-    return ScatteredRuns(noise + rng.standard_normal((1000, stamps.shape[1])) @ stamps.T, none, none[None], stamps)
+    rows = noise + rng.standard_normal((1000, stamps.shape[1])) @ stamps.T
+    return Repeated("yaw", rows, none, none[None], 1, stamps)
 
 
 @pytest.mark.parametrize("slow_mm", [0.0003, 0.005])
@@ -147,12 +148,12 @@ def test_deviations_without_stamps_keep_the_noise() -> None:
     runs = _scattered(size)
     assert np.std(runs.without_stamps(STILL, size)) == pytest.approx(0.001, rel=0.02)
     unstamped = replace(runs, stamps=runs.stamps[:, :0])
-    assert unstamped.without_stamps(STILL, size) is runs.apart
+    assert unstamped.without_stamps(STILL, size) is unstamped.apart
 
 
 def test_whitened_runs_have_a_deviation_of_one() -> None:
     size = np.where(ORDER_OF < 8, 0.005, 0.001)
-    assert np.cov(_scattered(size).whitened(size).apart.T) == pytest.approx(np.eye(len(size)), abs=0.2)
+    assert np.cov(_scattered(size).whitened(size)[0].T) == pytest.approx(np.eye(len(size)), abs=0.2)
 
 
 def _late(run: Measured, rng: np.random.Generator) -> Measured:

@@ -72,7 +72,7 @@ def test_each_socket_has_a_place_and_all_share_the_ball(rig: Rig, run: Measured)
         "touch, socket A": [0, 1, 2, 3, 4, 5],
         "touch, socket B": [6, 7, 8, 3, 4, 5],
     }
-    placed = fit_setups([(model, one) for one in pieces])
+    placed = fit_setups(pieces)
     assert isinstance(run.table, TouchTable)
     ours = evaluate(run.table, model)
     for one in pieces:

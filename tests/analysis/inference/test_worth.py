@@ -28,17 +28,15 @@ def _with_apart(um: float) -> Linearisation:
 @pytest.mark.parametrize("um", [5.0, 50.0])
 def test_the_scatter_of_a_run_is_what_its_repeats_show(um: float) -> None:
     np.testing.assert_allclose(scatter_um(_with_apart(um)), um, rtol=0.05)
-    np.testing.assert_allclose(limits_um(_with_apart(um), None), um, rtol=0.05)
-    np.testing.assert_allclose(limits_um(_with_apart(um), 7.0), 7.0)
+    np.testing.assert_allclose(limits_um(_with_apart(um)), um, rtol=0.05)
 
 
 def test_the_limit_of_a_name_is_the_scatter_that_others_make() -> None:
     linear = _with_apart(50.0)
-    setup = linear.blocks[0].one.setup
-    np.testing.assert_allclose(limits_um(linear, None, {setup: 40.0}), 30.0, rtol=0.08)
-    np.testing.assert_allclose(limits_um(linear, None, {setup: 60.0}), LEAST_MATERIAL_UM)
-    np.testing.assert_allclose(limits_um(linear, None, {"another": 40.0}), 50.0, rtol=0.05)
-    np.testing.assert_allclose(limits_um(linear, 7.0, {setup: 40.0}), 7.0)
+    setup = linear.blocks[0].setup
+    np.testing.assert_allclose(limits_um(linear, {setup: 40.0}), 30.0, rtol=0.08)
+    np.testing.assert_allclose(limits_um(linear, {setup: 60.0}), LEAST_MATERIAL_UM)
+    np.testing.assert_allclose(limits_um(linear, {"another": 40.0}), 50.0, rtol=0.05)
 
 
 @pytest.mark.parametrize(("runs", "ways", "rel"), [(3, 2, 0.3), (2, 2, 0.4), (6, 1, 0.3)])
@@ -51,7 +49,7 @@ def test_the_limit_is_lessened_by_what_few_repeats_leave_open(runs: int, ways: i
         blocks = [_elsewhere(block, length) for block, length in zip(linear.blocks, own, strict=True)]
         shown = linearise(blocks, linear.setups)
         squares.append(scatter_um(shown)[0] ** 2)
-        less.append(squares[-1] - limits_um(shown, None)[0] ** 2)
+        less.append(squares[-1] - limits_um(shown)[0] ** 2)
     assert np.sqrt(np.mean(np.square(less))) == pytest.approx(np.std(squares), rel=rel)
 
 
@@ -67,7 +65,7 @@ def test_two_runs_leave_no_uncertainty_to_lessen_by() -> None:
         replace(block, steady_mm=np.array([[-1.0], [1.0]]) * np.ones(len(block.y_mm))) for block in linear.blocks[:1]
     ]
     alone = linearise(two, linear.setups)
-    np.testing.assert_allclose(limits_um(alone, None), scatter_um(alone))
+    np.testing.assert_allclose(limits_um(alone), scatter_um(alone))
 
 
 def test_the_noise_of_a_run_contains_what_stamps_add() -> None:
@@ -80,7 +78,7 @@ def test_the_noise_of_a_run_contains_what_stamps_add() -> None:
 def test_both_directions_of_a_set_up_have_one_limit() -> None:
     found = scatter_um(healthy())
     assert found[0] == pytest.approx(found[1]) and found[0] > 0
-    assert (limits_um(healthy(), None) >= LEAST_MATERIAL_UM).all()
+    assert (limits_um(healthy()) >= LEAST_MATERIAL_UM).all()
 
 
 def test_a_circle_that_was_not_repeated_scatters_as_its_noise_does() -> None:

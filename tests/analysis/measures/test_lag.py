@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from analysis import evaluate, load_run
-from analysis.measures.lag import lag_of
+from analysis.measures.direction_pair import lag_of
 from analysis.measures.lap_curve import LapCurve, curve_of
 from analysis.measures.reduction import reduced
 from analysis.reporting.run_object import as_object, compare, verdict

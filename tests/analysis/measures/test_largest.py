@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analysis.measures.direction_pair import largest
 from analysis.measures.lap_curve import at_resolution
-from analysis.measures.largest import largest
 from analysis.measures.reduction import PHI
 from analysis.noise.readings import noise_beneath, rounding_error
 from analysis.noise.spectrum import DRAWS, NODES

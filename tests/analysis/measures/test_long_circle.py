@@ -8,7 +8,6 @@ import pytest
 
 from analysis.measures import long_circle
 from analysis.measures.results import Result, figures_alone, read_and_evaluated
-from analysis.traces import run_parts
 from rigs.errors import DirectionError
 from tests.support.streamed_circle import Trouble, streamed_circle
 
@@ -29,8 +28,8 @@ TROUBLES = {
 @pytest.fixture(autouse=True)
 def _short_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     # private _ROWS, _MARGIN_NS, _SHOWN: parts of a run that a test can afford
-    monkeypatch.setattr(run_parts, "_ROWS", 3000)
-    monkeypatch.setattr(run_parts, "_MARGIN_NS", 1e9)
+    monkeypatch.setattr(long_circle, "_ROWS", 3000)
+    monkeypatch.setattr(long_circle, "_MARGIN_NS", 1e9)
     monkeypatch.setattr(long_circle, "_SHOWN", 15_000)
 
 

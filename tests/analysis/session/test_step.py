@@ -163,5 +163,6 @@ def test_the_page_is_the_end(at_start: Session) -> None:
 def test_a_run_that_was_recorded_before_a_cut_is_taken_by_the_step_that_is_driven(at_start: Session) -> None:
     state, actions = stepped(State(at_start), Present("r", ACW))
     assert (state.session.steps[0].run, actions) == ("r", ())
-    state, actions = stepped(state, Present("s"))
-    assert (state.session.left_alone, actions) == (("s",), ())
+    state, _ = stepped(state, Present("s"))
+    state, actions = stepped(state, Present("t", "p99-roll-cw"))
+    assert (state.session.left_alone, actions) == (("s", "t"), ())

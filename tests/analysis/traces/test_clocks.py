@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from analysis.traces import clocks
-from analysis.traces.line_heights import highest_under
-from analysis.traces.lower_hull import floor, low_outliers, lower_hull, lower_line
-from analysis.traces.own_clock import through_clock
-from analysis.traces.steady_pace import numbered, through_pace
+from analysis.traces.lower_hull import floor, highest_under, low_outliers, lower_hull, lower_line
+from analysis.traces.own_clock import numbered, through_clock, through_pace
 
 Array = np.ndarray[Any, Any]
 LEAST_MS = 0.2

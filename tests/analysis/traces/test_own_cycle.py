@@ -11,8 +11,7 @@ import pytest
 from analysis.measures.evaluate import evaluate
 from analysis.simulation.emulated_robot import truth
 from analysis.traces.loading import measured_of
-from analysis.traces.own_cycle import anywhere_in_a_cycle, through_cycle
-from analysis.traces.value_changes import changes
+from analysis.traces.own_cycle import anywhere_in_a_cycle, changes, through_cycle
 from daq.store import read_run
 from rigs.schema.gauges import SylvacOptoRS
 from rigs.schema.probe import Timing

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.measures import pose
-from analysis.traces.single_stands import one_row_a_stand, rows_a_stand
+from analysis.traces.stands import one_row_a_stand, rows_a_stand
 from analysis.traces.tables import PoseTable, RepeatabilityTable
 from dev.trials import planted
 from tests.analysis.conventions.test_lost_poses import table

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from analysis.traces import align
 from analysis.traces.clocks import Instants
-from analysis.traces.steady_pace import numbered, through_pace
+from analysis.traces.own_clock import numbered, through_pace
 
 Array = np.ndarray[Any, Any]
 AHEAD, EARLY = 32, 0.15

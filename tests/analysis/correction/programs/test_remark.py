@@ -43,7 +43,7 @@ def test_a_program_with_a_remark_does_what_it_did(dialect: str) -> None:
     ):
         program = MACHINES[dialect].Program({name: data.decode("latin-1") for name, data in files.items()}, draft.main)
         world = World(0, {("tool", name.lower()): T for name, T in draft.tools.items()})
-        ways.append([(one.place, one.q.tolist()) for one in reached(draft, files, program, world, Ways())])
+        ways.append([(one.place, one.q.tolist()) for one in reached(draft, program, world, Ways())])
     assert ways[0] and [q for _, q in ways[0]] == [q for _, q in ways[1]]
 
 
