@@ -126,9 +126,10 @@ class CalibratedModel(Part):
 
     `factor` is the lower triangle, row by row, of a root L of the covariance L L' of the `parameters`: little-endian
     float32, base64. `joints_deg` has the lowest and the highest angle of each joint in the runs, and `rail_mm` where a
-    rail stood, of an arm on one; outside it the terms are what they were expected to be. `held_out_um` is the rms in µm
-    that the model left at places that had no part in it, None where none were left out. `widened` is the factor in L by
-    which such places, or neighbourhoods of poses beside all others, were missed by more than the readings that were
+    rail stood, of an arm on one; outside it the terms are what they were expected to be. `reach_mm`, of touches alone,
+    is the farthest that a placement that judged the model was from the sockets of others. `held_out_um` is the rms in
+    µm that the model left at places that had no part in it, None where none were left out. `widened` is the factor in L
+    by which such places, or neighbourhoods of poses beside all others, were missed by more than the readings that were
     used explain. `judged` is what the diagnosis said of the model, None in files of earlier versions.
     """
 
@@ -139,6 +140,7 @@ class CalibratedModel(Part):
     runs: tuple[CalibratedRun, ...]
     joints_deg: tuple[tuple[float, float], ...] = Field(min_length=FEWEST_AXES, max_length=MOST_AXES)
     rail_mm: tuple[float, float] | None = Field(default=None, exclude_if=lambda value: value is None)
+    reach_mm: float | None = Field(default=None, ge=0, exclude_if=lambda value: value is None)
     setups: dict[str, PlacedSetUp]
     before_um: float
     calibrated_um: float
@@ -169,6 +171,10 @@ class CalibratedModel(Part):
             effect = self.terms[parameter.term].effect
             if parameter.field != TIMES and not isinstance(getattr(effect, parameter.field, None), float):
                 raise ValueError(f"a parameter is {parameter.field} of {effect.effect}, which has no such number")
+        frames = [frame for setup in self.setups.values() for frame in (setup.T_instrument_world, setup.T_tool_target)]
+        sizes = {(len(frame or ()), *map(len, frame or ())) for frame in frames}
+        if self.reach_mm is not None and sizes != {(4, 4, 4, 4, 4)}:
+            raise ValueError("reach_mm is of touches, and a set-up has no frames of instrument and target")
         count = len(self.parameters)
         try:
             packed = base64.b64decode(self.factor, validate=True)
