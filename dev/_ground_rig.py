@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 
 from analysis import Diagnosis, Measured, RigError, calibrate, diagnose, read_table
-from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm
+from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm, where_known
 from analysis.model.predict import SetUp, model_of, path_of, predict
 from analysis.traces.tables import PoseTable
 from dev.trials.ground.plain_arm import Array, PlainArm, Poses, joints, read_arm, read_columns, read_poses, write_rows
@@ -127,7 +127,7 @@ def run_of(given: Poses, placement: str, rig_file: Path, work: Path) -> Measured
 
 def predicted(found: Diagnosis, rig: Rig, placement: str, q: Array, taught: Array) -> tuple[Array, Array]:
     """Return where the instrument of a placement sees its target (m, 3) mm at joint angles q (m, 6) rad by what was
-    found, and u (m,) mm; taught (k, 6) rad: the poses by which its frame is known."""
+    found, and u (m,) mm, NaN where it is not known; taught (k, 6) rad: the poses by which its frame is known."""
     assert found.calibrated is not None
     model = model_of(rig, [*rig.effects, *(one.effect for one in found.standing), *found.calibrated.effects])
     placed_at = next(one for name, one in found.calibrated.setups.items() if name.endswith(f"at {placement}"))
@@ -137,7 +137,7 @@ def predicted(found: Diagnosis, rig: Rig, placement: str, q: Array, taught: Arra
     places = predict(model, table, path_of(model, table), setup).reshape(-1, 4, 4)[:, :3, 3]
     known = CalibratedUncertainty(rig, found.calibrated)
     noise = 1e-3 * found.train.noise_floor_um
-    return places, np.hypot(frame_u_mm(rig, known, q, taught), noise)
+    return places, where_known(known, q, np.hypot(frame_u_mm(rig, known, q, taught), noise))
 
 
 # ----------------------------------------------------------------------------------------------------------------------

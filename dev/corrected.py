@@ -96,7 +96,7 @@ def judged(name: str, seed: int, place: Path) -> Judged:
     wanted, was, stands = (one[done] for one in (right.tool_mm(sent), arm.tool_mm(sent), arm.tool_mm(told)))
     kept, turns = marked[done], right.frames(sent[done])[:, -1, :3, :3]
     u, u_frame = (
-        np.array([float(row[column]) for row, good in zip(rows, done, strict=True) if good]) / 1e3
+        np.array([float(row[column] or "nan") for row, good in zip(rows, done, strict=True) if good]) / 1e3
         for column in ("u_um", "u_frame_um")
     )
     return Judged(

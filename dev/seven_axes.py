@@ -170,8 +170,7 @@ def _unseen_mm(rig: Rig, truth: Truth, effects: list[Effect], seed: int) -> floa
 
 
 def _posed(model: Model, table: PoseTable | TouchTable) -> Array:
-    path = path_of(model, table)
-    return moved(model, path).T[path.rows]
+    return moved(model, path_of(model, table)).T
 
 
 def _squares(rig: Rig, run: Measured) -> list[Effect]:

@@ -82,7 +82,7 @@ def errors_um(rig: Rig, case: Case) -> tuple[float, float]:
     errors = []
     for effects in ([], found):
         model = model_of(rig, effects)
-        T = moved(model, path := path_of(model, unseen)).T[path.rows]
+        T = moved(model, path_of(model, unseen)).T
         missed = position_error(T, unseen.xyz_mm, fit_setup(T, unseen.xyz_mm))
         errors.append(1e3 * float(np.sqrt(np.mean(np.sum(missed**2, axis=1)))))
     return errors[0], errors[1]

@@ -15,7 +15,7 @@ import datetime as dt
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,9 +126,10 @@ class CalibratedModel(Part):
 
     `factor` is the lower triangle, row by row, of a root L of the covariance L L' of the `parameters`: little-endian
     float32, base64. `joints_deg` has the lowest and the highest angle of each joint in the runs, and `rail_mm` where a
-    rail stood, of an arm on one; outside it the terms are what they were expected to be. `held_out_um` is the rms in µm
-    that the model left at places that had no part in it, None where none were left out. `widened` is the factor in L by
-    which such places, or neighbourhoods of poses beside all others, were missed by more than the readings that were
+    rail stood, of an arm on one; outside it the terms are what they were expected to be. `reach_mm`, of touches alone,
+    is the farthest that a placement that judged the model was from the sockets of others. `held_out_um` is the rms in
+    µm that the model left at places that had no part in it, None where none were left out. `widened` is the factor in L
+    by which such places, or neighbourhoods of poses beside all others, were missed by more than the readings that were
     used explain. `judged` is what the diagnosis said of the model, None in files of earlier versions.
     """
 
@@ -139,6 +140,7 @@ class CalibratedModel(Part):
     runs: tuple[CalibratedRun, ...]
     joints_deg: tuple[tuple[float, float], ...] = Field(min_length=FEWEST_AXES, max_length=MOST_AXES)
     rail_mm: tuple[float, float] | None = Field(default=None, exclude_if=lambda value: value is None)
+    reach_mm: float | None = Field(default=None, ge=0, exclude_if=lambda value: value is None)
     setups: dict[str, PlacedSetUp]
     before_um: float
     calibrated_um: float
@@ -169,6 +171,10 @@ class CalibratedModel(Part):
             effect = self.terms[parameter.term].effect
             if parameter.field != TIMES and not isinstance(getattr(effect, parameter.field, None), float):
                 raise ValueError(f"a parameter is {parameter.field} of {effect.effect}, which has no such number")
+        frames = [frame for setup in self.setups.values() for frame in (setup.T_instrument_world, setup.T_tool_target)]
+        sizes = {(len(frame or ()), *map(len, frame or ())) for frame in frames}
+        if self.reach_mm is not None and sizes != {(4, 4, 4, 4, 4)}:
+            raise ValueError("reach_mm is of touches, and a set-up has no frames of instrument and target")
         count = len(self.parameters)
         try:
             packed = base64.b64decode(self.factor, validate=True)
@@ -242,8 +248,10 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
         effect = term.model_copy(update={"found": None})  # it says nothing of the arm, and has no hash
         if is_nothing(effect, times):
             continue
-        if _is_sine(effect):
-            waves.setdefault(getattr(effect, "axis", 0), []).append(_wave(effect, times))
+        if is_sine(effect):
+            axis, order, phase, size = sine_of(effect)
+            amplitude = times * math.degrees(size)
+            waves.setdefault(axis, []).append((order, amplitude * math.cos(phase), amplitude * math.sin(phase)))
         else:
             # Of constants the terms of one seat add up, whatever their reference sizes.
             unit = healthy(effect) if effect.STAGE == "arm" else effect
@@ -263,17 +271,17 @@ def effects_of(terms: Sequence[tuple[Effect, float]]) -> list[Effect]:
     return [*whole, *curves, *together, *([GaugePortions(portions=tuple(gauges))] if gauges else [])]
 
 
-def _is_sine(effect: Effect) -> bool:
+def is_sine(effect: Effect) -> bool:
     """Return whether it turns a joint by a sine of its angle: a wave with an order, and with no other shape."""
     if effect.STAGE != "joint" or not is_wave(effect) or not hasattr(effect, "order"):
         return False
     return not any(getattr(effect, shape.field) for shape in effect.FREE)
 
 
-def _wave(effect: Effect, times: float) -> tuple[float, float, float]:
-    """Return order, sine and cosine in degrees of a wave."""
-    amplitude, phase = times * float(getattr(effect, size_field(effect))), math.radians(getattr(effect, PHASE))
-    return float(getattr(effect, "order", 0.0)), amplitude * math.cos(phase), amplitude * math.sin(phase)
+def sine_of(effect: Effect) -> tuple[int, float, float, float]:
+    """Return the axis of a sine, its order in cycles a turn, and its phase and amplitude in rad."""
+    wave: Any = effect
+    return wave.axis, wave.order, math.radians(getattr(wave, PHASE)), math.radians(getattr(wave, size_field(wave)))
 
 
 class _Calibrated(Effect):

@@ -10,9 +10,7 @@ import os
 import re
 import shlex
 import sys
-import tomllib
 from contextlib import suppress
-from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -24,6 +22,8 @@ _OF_UVX = ("archive-v", "environments-v")
 
 def version() -> str:
     """Return the version that is installed, `not installed` for sources that were only copied."""
+    from importlib import metadata  # noqa: PLC0415 - a tenth of the start of a command that needs none
+
     with suppress(metadata.PackageNotFoundError):
         return metadata.version(NAME)
     return "not installed"
@@ -54,6 +54,8 @@ def to_install(*packages: str) -> str:
 
 def _required(package: str) -> str:
     """A package with the versions of it that rig asks for; as it is where rig does not ask for it."""
+    from importlib import metadata  # noqa: PLC0415 - as above
+
     with suppress(metadata.PackageNotFoundError):
         for line in metadata.requires(NAME) or ():
             requirement = line.partition(";")[0].strip()
@@ -65,6 +67,8 @@ def _required(package: str) -> str:
 def _of_uv(receipt: Path) -> list[str]:
     """What `uv tool` was given: rig by its name or place, then what was added, which uv removes unless named again; of
     a receipt that is damaged, which uv passes by as well, the name alone."""
+    import tomllib  # noqa: PLC0415 - as above
+
     places = ("path", "directory", "editable")
     with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
         requirements = tomllib.loads(receipt.read_text(encoding="utf-8"))["tool"]["requirements"]

@@ -19,10 +19,11 @@ _FEWEST_ROWS, _SPLITS = 4, 24
 """Rows of a part, of which the nine unknowns of a placing leave three readings, and how many are tried as its first."""
 SPARE, FITTED = 30, 300
 """Readings beyond the unknowns without which a fit of all constants shows nothing, and poses that are enough for it."""
-_SHARE, _FEW_ROWS, _SHARE_OF_FEW = 0.6, 8, 0.3
-"""Share of what remains that a second placing has to leave at most, and of a part of fewer rows than so many. Of a UR10
-and a UR5, measured over hours, the best of all splits leaves 0.86 and more of 30 to 1495 poses; of 20 to 40 poses 0.67,
-and with parts of 4 to 7 rows SHARE_MEASURED."""
+_SHARE, _SHARE_OF_FEW = 0.6, 0.3
+"""Share of what remains that a second placing has to leave at most, and of fewer rows or readings to spare than these
+two. Of a UR10 and a UR5, measured over hours, the best of all splits leaves 0.86 and more of 30 to 1495 poses in their
+order; of 272 sets of 20 to 40 poses, every split tried, 0.51 and more."""
+_MANY_ROWS, _MANY_SPARE = 8, 120
 _LEAST_MM = 0.05
 """Below what the noise of a tracker is, nothing was moved."""
 
@@ -39,10 +40,10 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
     if fitted.spare < SPARE or fitted.rms_mm < _LEAST_MM:
         return ""
     T = forward(fitted.arm, q)
-    best, words = np.inf, ""
+    best, words, many = np.inf, "", _MANY_ROWS if fitted.spare >= _MANY_SPARE else count
     for part, called in _parts(rows, lambda part: _left_mm(fitted, T, part)):
         after, few = _left_mm(fitted, T, part), min(part.sum(), (~part).sum())
-        if after < min(best, (_SHARE if few >= _FEW_ROWS else _SHARE_OF_FEW) * fitted.rms_mm):
+        if after < min(best, (_SHARE if few >= many else _SHARE_OF_FEW) * fitted.rms_mm):
             best, words = after, called
     if not words:
         return ""

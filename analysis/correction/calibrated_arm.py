@@ -12,7 +12,13 @@ from functools import cached_property
 import numpy as np
 
 from analysis.correction.corrected_targets import reached_angles
-from analysis.correction.pose_uncertainty import PoseUncertainty, covered, pose_uncertainty, position_u_mm
+from analysis.correction.pose_uncertainty import (
+    PoseUncertainty,
+    covered,
+    pose_uncertainty,
+    position_u_mm,
+    where_known,
+)
 from analysis.correction.support import supports
 from analysis.correction.work import left_out_mm, tool_poses
 from analysis.kinematics.arm import Array, Mask, arm_of
@@ -38,8 +44,9 @@ _UNTURNED_DEG, _UNTURNED_DIGITS, _ALIKE_DIGITS = 1e-6, 6, 3
 @dataclass(frozen=True)
 class ArmPoses:
     """Where the tool is. T (n, 4, 4): its poses in the world of the rig file, lengths in mm. u_mm (n,): the standard
-    uncertainty of the place, all three coordinates together, NaN where the rig file says nothing of it. covered (n,):
-    whether all joints stand where the runs behind the model drove them, None where that is unknown."""
+    uncertainty of the place, all three coordinates together, NaN where the rig file says nothing of it, and where the
+    posture is not covered (n,): a joint stands where the runs behind the model did not drive it, or the tool farther
+    from what they touched than they judged the model; None where that is unknown."""
 
     T: Array
     u_mm: Array
@@ -115,7 +122,7 @@ class CalibratedArm:
         uncorrected = [effect for effect in model_of(self.rig).effects if effect.compensation().use == "none"]
         stays = left_out_mm(self.rig, uncorrected, q)
         u_mm: Array = np.hypot(position_u_mm(self._known, q), np.linalg.norm(stays, axis=1))
-        return u_mm
+        return where_known(self._known, q, u_mm)
 
     def _columns(self, q_deg: Array) -> Array:
         """The angles of the joints, checked. Raises FileError."""

@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.correction.corrected_targets import Corrected
-from analysis.correction.pose_uncertainty import displacements, places_u_mm, pose_uncertainty
+from analysis.correction.pose_uncertainty import places_u_mm, pose_uncertainty
 from analysis.correction.support import Support
 from analysis.correction.work import (
     base_u_um,
@@ -264,7 +264,7 @@ def controller_entries(
     )
     spread, q = spread_angles(rig, uncertainty.joints_rad), work_or_spread(rig, uncertainty.joints_rad)
     projection = project(rig, used, _constants(rig, controller), q, spread)
-    u = projection.u(displacements(uncertainty, np.concatenate([q, spread])))
+    u = projection.u(uncertainty.pose_displacements(np.concatenate([q, spread])))
     sizes = zip(
         projection.constants, projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True
     )

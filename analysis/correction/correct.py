@@ -11,7 +11,7 @@ import numpy as np
 from analysis.correction.controller_entries import ControllerEntries, as_entered, controller_entries
 from analysis.correction.corrected_program import CorrectedProgram, Programs, correct_program
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
-from analysis.correction.pose_uncertainty import places_u_mm, pose_uncertainty
+from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
 from analysis.correction.support import Correction, Support, joint_zeros, link_constants, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from analysis.correction.work import (
@@ -39,7 +39,9 @@ class WorkError:
     """The error of the tool's place over the work of a rig, root mean square in µm, in a frame that is taught with the
     robot there: `before_um` as it is, and `after_um` with corrected targets, which is its standard uncertainty: `u_um`
     of the model and the rest of what no target holds. `model_um` is what of it can be corrected. `base` is the same in
-    the robot's own base, and `base_u_um` what the place of the whole arm on its base adds to the uncertainty."""
+    the robot's own base, and `base_u_um` what the place of the whole arm on its base adds to the uncertainty. `unknown`
+    is the share of the work at which no run says how well the arm is known: these figures are the model's guess there.
+    """
 
     before_um: float
     after_um: float
@@ -47,6 +49,7 @@ class WorkError:
     base: InBase
     base_u_um: float
     model_um: float
+    unknown: float
 
 
 @dataclass(frozen=True)
@@ -131,7 +134,11 @@ def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
 
     in_base = InBase(*errors(np.linalg.norm(is_at - nominal, axis=1), u_mm))
     rest_of_place = rest_mm(is_at, tool_poses(model_of(rig, ()), q))
-    return WorkError(*errors(rest_of_place, u_frame_mm), in_base, base_u_um(u_mm, u_frame_mm), rms_um(rest_of_place))
+    inside = covered(uncertainty, q)
+    return WorkError(
+        *errors(rest_of_place, u_frame_mm), in_base, base_u_um(u_mm, u_frame_mm), rms_um(rest_of_place),
+        0.0 if inside is None else float(np.mean(~inside)),
+    )  # fmt: skip
 
 
 def _targets(

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.correction.corrected_targets import corrected
+from analysis.correction.corrected_targets import Corrected, NotCorrected, corrected
 from analysis.correction.support import Support
-from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward, pose_error, transform
+from analysis.kinematics.arm import Arm, Array, arm_of, forward, pose_error, transform
 from analysis.makers.machine import Unknown
 from analysis.makers.numbers import (
     frame_numbers,
@@ -76,14 +76,14 @@ class CorrectedProgram:
     """A program with corrected targets.
 
     `files` are its bytes by name. `names` and `places` (n,), a file and a line each, are those of the n targets that
-    were corrected, `moved_mm` (n,) how far they moved, `u_mm` (n,) their standard uncertainty in the
-    robot's base and `u_frame_mm` (n,) with frame and tool taught with the robot over them, `outside` (n,) whether
-    they stand beyond the joint angles that were driven, and `rounded_um` (n,) how far the numbers' decimals put them
-    off. `left` is what stayed as it was. `beside_left_mm` (m,) is how far corrected targets moved against a neighbour
-    that was left, for each move between two such. `sources` are the names of the files that `left` counts, and
-    `overruled` the tools and frames that a person stated, and that the program gives other numbers. Where it is `held`,
-    the program is not written, since it would be half corrected. `start` are the joint angles (6,) rad at which a
-    person states that the arm stands when it begins, where a target's posture can come from them.
+    were corrected, `moved_mm` (n,) how far they moved, `u_mm` (n,) their standard uncertainty in the robot's base and
+    `u_frame_mm` (n,) with frame and tool taught with the robot over them, `outside` (n,) whether they stand where no
+    run says how well they are reached, so that both are NaN, and `rounded_um` (n,) how far the numbers' decimals put
+    them off. `left` is what stayed as it was. `beside_left_mm` (m,) is how far corrected targets moved against a
+    neighbour that was left, for each move between two such. `sources` are the names of the files that `left` counts,
+    and `overruled` the tools and frames that a person stated, and that the program gives other numbers. Where it is
+    `held`, the program is not written, since it would be half corrected. `start` are the joint angles (6,) rad at which
+    a person states that the arm stands when it begins, where a target's posture can come from them.
     """
 
     path: Path
@@ -140,12 +140,12 @@ def correct_program(
     reasons |= {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
     from_begin = [(targets[step.target], step) for step in parsed.steps if AT_BEGIN in step.comes_from]
     unsaid = any(not of.joints and not of.near and not (of.flags and step.by_flags) for of, step in from_begin)
-    good = np.array([k for k in range(len(targets)) if k not in reasons], dtype=np.int64)
-    done = _Done.of(rig, supported, q, good)
-    reasons |= done.reasons
-    reasons |= _implausible(arm, targets, q, done)
+    done = corrected(rig, supported, q, [NotCorrected(k, why, "") for k, why in reasons.items()])
+    moved_mm = np.linalg.norm(done.T[:, :3, 3] - forward(arm, q)[:, :3, 3], axis=1)
+    reasons |= {target.place: target.reason for target in done.left}
+    reasons |= _implausible(arm, targets, q, done, moved_mm)
     because = _off_by_offset(arm, targets, located, done, reasons)
-    kept = [k for k in good.tolist() if k not in reasons and targets[k].of is None]
+    kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
     old = texts.texts[: texts.own]
     changes: list[list[tuple[Number, str]]] = [[] for _ in old]
     for k in kept:
@@ -167,13 +167,13 @@ def correct_program(
         dict(zip(texts.names, map(as_bytes, new), strict=False)),
         tuple(targets[k].name for k in kept),
         tuple((targets[k].file, targets[k].line) for k in kept),
-        np.array([done.moved_mm[k] for k in kept]),
-        np.array([done.u_mm[k] for k in kept]),
-        np.array([done.u_frame_mm[k] for k in kept]),
-        tuple(done.outside[k] for k in kept),
+        moved_mm[kept],
+        done.u_mm[kept],
+        done.u_frame_mm[kept],
+        tuple((np.zeros(len(kept), dtype=bool) if done.covered is None else ~done.covered[kept]).tolist()),
         np.array([_off_um(arm, after.targets[k], located[k], scale, done.T[k]) for k in kept]),
         everything,
-        np.array([done.moved_mm[k] for k in _beside_left(parsed, set(kept))]),
+        moved_mm[_beside_left(parsed, set(kept))],
         texts.names,
         tuple(named for named in parsed.sets if _otherwise(named, frames)),
         whole and any(target.reason != "unused" for target in everything),
@@ -200,7 +200,7 @@ def _otherwise(named: Named, frames: Frames) -> bool:
 
 
 def _off_by_offset(
-    arm: Arm, targets: Sequence[Target], located: Sequence[_Located], done: _Done, reasons: dict[int, Reason]
+    arm: Arm, targets: Sequence[Target], located: Sequence[_Located], done: Corrected, reasons: dict[int, Reason]
 ) -> dict[int, tuple[Unknown, ...]]:
     """Leave the points at which a move with an offset would not stand where it needs to, within the uncertainty of its
     correction, and return for each such point the move."""
@@ -215,7 +215,7 @@ def _off_by_offset(
             stands = _in_world(arm, located[k], _with_offset(target, X))
             off_mm = float(np.linalg.norm(stands[:3, 3] - done.T[k][:3, 3]))
             u_mm = min(done.u_mm[k], done.u_frame_mm[k])
-        if off_mm >= u_mm:
+        if not off_mm < u_mm:  # nor where it is not known
             reasons[target.of] = "offset"
             because[target.of] = (Unknown(target.file, target.line, "the move with the offset"),)
     return because
@@ -283,45 +283,15 @@ def _in_program(arm: Arm, located: _Located, T: Array) -> Array:
     return X
 
 
-@dataclass(frozen=True)
-class _Done:
-    """Corrections by the number of the target: angles (6,) rad, the tool's pose (4, 4), how far it moved and u in mm,
-    in the base and in a taught frame, and whether it stands beyond the joint angles that were driven."""
-
-    q: dict[int, Array]
-    T: dict[int, Array]
-    moved_mm: dict[int, float]
-    u_mm: dict[int, float]
-    u_frame_mm: dict[int, float]
-    outside: dict[int, bool]
-    reasons: dict[int, Reason]
-
-    @classmethod
-    def of(cls, rig: Rig, supported: Sequence[Support], q: Array, good: Integers) -> _Done:
-        """Correct the targets `good` (m,) among q (n, 6) rad."""
-        done = cls({}, {}, {}, {}, {}, {}, {})
-        arm = arm_of(rig.robot)
-        if not len(good):
-            return done
-        batch = corrected(rig, supported, q[good])
-        done.reasons.update({int(good[left.place]): left.reason for left in batch.left})
-        moved = np.linalg.norm(batch.T[:, :3, 3] - forward(arm, q[good])[:, :3, 3], axis=1)
-        for place in np.flatnonzero(batch.done).tolist():
-            k = int(good[place])
-            done.outside[k] = batch.covered is not None and not batch.covered[place]
-            done.q[k], done.T[k], done.moved_mm[k] = batch.q[place], batch.T[place], float(moved[place])
-            done.u_mm[k], done.u_frame_mm[k] = float(batch.u_mm[place]), float(batch.u_frame_mm[place])
-        return done
-
-
-def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: _Done) -> dict[int, Reason]:
-    """Return the targets whose correction is not to be written, with the reason."""
+def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected, moved_mm: Array) -> dict[int, Reason]:
+    """Return the targets whose correction, by moved_mm (n,), is not to be written, with the reason."""
     reasons: dict[int, Reason] = {}
-    before = forward(arm, q[np.array([*done.T], dtype=np.int64)])
-    turned = pose_error(np.array([*done.T.values()]).reshape(-1, 4, 4), before)[:, 3:]
-    for (k, new), turned_deg in zip(done.q.items(), np.degrees(np.linalg.norm(turned, axis=1)), strict=True):
+    corrected_ones = np.flatnonzero(done.done)
+    turned = pose_error(done.T[corrected_ones], forward(arm, q[corrected_ones]))[:, 3:]
+    for k, turned_deg in zip(corrected_ones.tolist(), np.degrees(np.linalg.norm(turned, axis=1)), strict=True):
+        new = done.q[k]
         joint_deg = float(np.degrees(np.abs(new - q[k]).max()))
-        if done.moved_mm[k] > MOST_MM or turned_deg > _MOST_DEG or joint_deg > _MOST_JOINT_DEG:
+        if moved_mm[k] > MOST_MM or turned_deg > _MOST_DEG or joint_deg > _MOST_JOINT_DEG:
             reasons[k] = "too_large"
         # The controller takes the flags at their word: an angle beyond zero would be reached a turn away.
         elif (flags := targets[k].flags) and not np.array_equal(new, q[k]):

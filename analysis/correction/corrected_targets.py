@@ -17,6 +17,7 @@ from analysis.correction.pose_uncertainty import (
     covered,
     places_u_mm,
     pose_uncertainty,
+    where_known,
 )
 from analysis.correction.support import Support
 from analysis.correction.work import left_out_mm, rest_effects, tool_poses, used_effects, work_or_spread
@@ -60,8 +61,9 @@ class Corrected:
     the corrected effects caused. `left_out_mm` (n, e) is the root mean square error of each effect that is not
     corrected, with the names left_out (e,). `u_mm` (n,) is the standard uncertainty of the position in the robot's
     base, from that of the model and from effects that are not corrected, and `u_frame_mm` (n,) the same in a frame that
-    is taught with the robot over these targets. All of these are NaN where a target was not corrected. `covered` (n,)
-    is whether it was and all joints stand where the runs drove them, None where that is unknown. `doubts` are in words.
+    is taught with the robot over these targets. All of these are NaN where a target was not corrected, and both u where
+    it is not `covered` (n,), None where that is unknown: the runs do not say how well the place is known. `doubts` are
+    in words.
     """
 
     q: Array
@@ -110,8 +112,8 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         spread(distance),
         tuple(map(label_of, uncorrected)),
         spread(left_out),
-        spread(np.hypot(u_mm, stays_mm)),
-        spread(np.hypot(u_frame_mm, stays_mm)),
+        spread(where_known(uncertainty, at, np.hypot(u_mm, stays_mm))),
+        spread(where_known(uncertainty, at, np.hypot(u_frame_mm, stays_mm))),
         marks,
         (*_doubts(rig, uncertainty, at), *_turned(rig, supported, q[done], at)),
         done,
@@ -183,20 +185,24 @@ def angles_for(rig: Rig, poses: Array) -> tuple[Array, list[NotCorrected]]:
 
 
 def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
-    """Return in words how many corrected targets at angles q (n, 6) rad are not covered, and by which joints."""
+    """Return in words how many corrected targets at angles q (n, 6) rad are not covered, and why."""
     inside = covered(uncertainty, q)
     if inside is None or uncertainty.joints_rad is None or inside.all():
         return []
-    counted = f"{int((~inside).sum())} of {len(q)} targets stand outside the joint angles of the runs"
+    counted = f"{int((~inside).sum())} of {len(q)} targets stand where no run says how well they are reached"
     axes = len(rig.robot.axes)
     ranges = [(low, high) for low, high in np.degrees(uncertainty.joints_rad[:axes]).tolist()]
-    first = f"{counted}: they have no in the column covered, and u is not to be relied on there"
+    first = f"{counted}: they have no in the column covered, and no u; measure there to know it"
     rail = RAIL_MM * uncertainty.joints_rad[axes:]
     stands = [
         f"the model: the rail stands at {mm.min():.0f} to {mm.max():.0f} mm, in the runs at {low:.0f} to {high:.0f} mm"
         for (low, high), mm in zip(rail, RAIL_MM * q[:, axes:].T, strict=False)
         if mm.min() < low - BEYOND_MM or mm.max() > high + BEYOND_MM
     ]
+    far, reach_mm = int((~uncertainty.is_within_reach(q)).sum()), rig.calibrated.reach_mm if rig.calibrated else None
+    if far and reach_mm is not None:
+        beyond = f"farther than {reach_mm:.0f} mm from every socket touched, where no placement judged it"
+        stands.append(f"the model: {far} of {len(q)} targets are {beyond}")
     return [first, *outside_coverage(ranges, q, "the model"), *stands]
 
 

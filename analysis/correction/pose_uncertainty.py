@@ -1,9 +1,7 @@
 """How well the tool's pose is known: what a correction needs of any model's own uncertainty.
 
-A correction asks for two things: the covariance of the tool's place at joint angles, and the joint angles at which the
-model was tested. Entries at a controller need a third: how the uncertainty at one posture goes with that at another.
-
-The uncertainty of the tool's pose from that of a calibrated model.
+A correction asks for displacements of the tool at joint angles, each one standard uncertainty, and where the runs say
+that these hold. Elsewhere nobody knows how well the tool's place is known, and no figure is given.
 
 A term turns a joint, changes a constant or moves the tool, and the pose changes by its derivative times what is not
 known of the term. Derivatives by joints are taken once, because most of a thousand terms turn one.
@@ -14,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -26,7 +24,7 @@ from analysis.measures.parameters import parameter_label
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, driven, model_of
 from analysis.model.scene import apply
-from rigs.calibration import TIMES, CalibratedModel
+from rigs.calibration import TIMES, CalibratedModel, verdict_of
 from rigs.effects import Effect, turned
 from rigs.rig import Rig
 from rigs.schema.effect import healthy_size, label_of, size_field
@@ -42,10 +40,11 @@ _ROWS = 128
 
 @dataclass(frozen=True)
 class CalibratedUncertainty:
-    """The uncertainty of a rig from the covariance of its calibrated model."""
+    """The uncertainty of a rig from the covariance of its calibrated model and, independent of it, of other effects."""
 
     rig: Rig
     calibrated: CalibratedModel
+    others: tuple[Support, ...] = ()
 
     @cached_property
     def _kept(self) -> list[int]:
@@ -69,16 +68,7 @@ class CalibratedUncertainty:
         """Return independent displacements (k, n, 6) of the tool, mm and rad, each one standard uncertainty, at joint
         angles q (n, 6) rad."""
         moves: Array = np.tensordot(self._root.T, self._derivatives(q), axes=1)
-        return moves
-
-    def position_covariance_mm2(self, q: Array) -> Array:
-        """Return the covariance (n, 3, 3) mm² of the tool's place in the world at joint angles q (n, 6) rad."""
-        parts = []
-        for begin in range(0, len(q), _ROWS):
-            places = self.pose_displacements(q[begin : begin + _ROWS])[:, :, :3]
-            parts.append(np.einsum("kni,knj->nij", places, places))
-        covariance: Array = np.concatenate(parts)
-        return covariance
+        return np.concatenate([moves, EffectsUncertainty(self.rig, self.others).pose_displacements(q)])
 
     @property
     def unexplained_mm(self) -> float:
@@ -92,6 +82,19 @@ class CalibratedUncertainty:
         """The lowest and highest angle of each joint (6, 2) rad in the runs behind the model, then of a rail in m."""
         joints, rail = np.radians(np.array(self.calibrated.joints_deg)), self.calibrated.rail_mm
         return joints if rail is None else np.vstack([joints, np.array(rail) / RAIL_MM])
+
+    def is_within_reach(self, q: Array) -> Mask:
+        """Return whether the ball (n,) is no farther from a socket touched than placements were that judged the model,
+        at joint angles q (n, 6) rad; everywhere where an instrument saw it, and nowhere of a model that corrects
+        nothing."""
+        reach_mm, judged = self.calibrated.reach_mm, verdict_of(self.calibrated) == "correct"
+        if reach_mm is None or not judged:
+            return np.full(len(q), judged)
+        placed = list(self.calibrated.setups.values())
+        sockets = -np.array([setup.T_instrument_world for setup in placed])[:, :3, 3]
+        balls = (tool_poses(model_of(self.rig, ()), q) @ np.array(placed[0].T_tool_target))[:, :3, 3]
+        near: Mask = np.linalg.norm(balls[:, None] - sockets, axis=2).min(axis=1) <= reach_mm
+        return near
 
     def _derivatives(self, q: Array) -> Array:
         """Return the change (p, n, 6) of the tool, mm and rad, for each kept parameter in its own unit."""
@@ -148,8 +151,13 @@ _TAUGHT = 200
 class PoseUncertainty(Protocol):
     """What a model knows of its own uncertainty."""
 
-    def position_covariance_mm2(self, q: Array) -> Array:
-        """Return the covariance (n, 3, 3) mm² of the tool's place in the world at joint angles q (n, 6) rad."""
+    def pose_displacements(self, q: Array) -> Array:
+        """Return independent displacements (k, n, 6) of the tool, mm and rad, each one standard uncertainty, at joint
+        angles q (n, 6) rad: the sum of their squares is the covariance."""
+
+    def is_within_reach(self, q: Array) -> Mask:
+        """Return whether the model was judged as far from what the runs measured as the tool is (n,) at joint angles q
+        (n, 6) rad."""
 
     @property
     def joints_rad(self) -> Array | None:
@@ -159,15 +167,6 @@ class PoseUncertainty(Protocol):
     def unexplained_mm(self) -> float:
         """What the model does not explain of the tool's place where it was judged, root mean square, beside what its
         covariance knows; 0 where nothing judged it."""
-
-
-@runtime_checkable
-class JointPoseUncertainty(PoseUncertainty, Protocol):
-    """The same with what postures have in common."""
-
-    def pose_displacements(self, q: Array) -> Array:
-        """Return independent displacements (k, n, 6) of the tool, mm and rad, each one standard uncertainty, at joint
-        angles q (n, 6) rad: the sum of their squares is the covariance."""
 
 
 @dataclass(frozen=True)
@@ -181,10 +180,10 @@ class EffectsUncertainty:
         """Return displacements (k, n, 6) mm and rad at joint angles q (n, 6) rad, made independent."""
         model = model_of(self.rig, used_effects(self.rig, self.supported))
         base = tool_poses(model, q)
-        names, moves = [], []
+        names, moves, supported = [], [], {id(support.effect) for support in self.supported}
         for k, effect in enumerate(model.effects):
             varied: Any = effect
-            if effect.found is None:
+            if effect.found is None or id(effect) not in supported:
                 continue
             for field, sd in effect.found.sd.items():
                 effects = list(model.effects)
@@ -202,16 +201,14 @@ class EffectsUncertainty:
         independent: Array = np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, np.array(moves), axes=1)
         return independent
 
-    def position_covariance_mm2(self, q: Array) -> Array:
-        """Return the covariance (n, 3, 3) mm² of the tool's place at joint angles q (n, 6) rad."""
-        places = self.pose_displacements(q)[:, :, :3]
-        covariance: Array = np.einsum("kni,knj->nij", places, places)
-        return covariance
-
     @property
     def unexplained_mm(self) -> float:
         """None: nothing judged the effects together."""
         return 0.0
+
+    def is_within_reach(self, q: Array) -> Mask:
+        """Return that each posture (n,) of q (n, 6) rad is: of effects their joint angles alone are known."""
+        return np.ones(len(q), dtype=bool)
 
     @property
     def joints_rad(self) -> Array | None:
@@ -232,52 +229,22 @@ def pose_uncertainty(rig: Rig, supported: Sequence[Support]) -> PoseUncertainty:
         return EffectsUncertainty(rig, tuple(supported))
     held_labels = {label_of(effect) for effect in named_in(rig.calibrated)}
     others = tuple(support for support in supported if label_of(support.effect) not in held_labels)
-    return _Both(CalibratedUncertainty(rig, rig.calibrated), EffectsUncertainty(rig, others))
-
-
-@dataclass(frozen=True)
-class _Both:
-    """The uncertainty of a calibrated model and, independent of it, of other effects."""
-
-    calibrated: CalibratedUncertainty
-    others: EffectsUncertainty
-
-    def pose_displacements(self, q: Array) -> Array:
-        """Return displacements (k, n, 6) mm and rad at joint angles q (n, 6) rad, made independent."""
-        return np.concatenate([part.pose_displacements(q) for part in (self.calibrated, self.others)])
-
-    def position_covariance_mm2(self, q: Array) -> Array:
-        """Return the covariance (n, 3, 3) mm² of the tool's place at joint angles q (n, 6) rad."""
-        covariance: Array = self.calibrated.position_covariance_mm2(q) + self.others.position_covariance_mm2(q)
-        return covariance
-
-    @property
-    def joints_rad(self) -> Array | None:
-        """The joint angles (6, 2) rad of the runs behind the calibration."""
-        return self.calibrated.joints_rad
-
-    @property
-    def unexplained_mm(self) -> float:
-        """What the calibrated model does not explain."""
-        return self.calibrated.unexplained_mm
+    return CalibratedUncertainty(rig, rig.calibrated, others)
 
 
 def position_u_mm(uncertainty: PoseUncertainty, q: Array) -> Array:
     """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad: the root of the trace
     of its covariance, and what the model does not explain."""
-    variance = np.trace(uncertainty.position_covariance_mm2(q), axis1=1, axis2=2)
-    u_mm: Array = np.sqrt(variance + uncertainty.unexplained_mm**2)
+    parts = [uncertainty.pose_displacements(q[k : k + _ROWS])[:, :, :3] for k in range(0, len(q), _ROWS)]
+    squares = [np.zeros(0), *((moves**2).sum(axis=(0, 2)) for moves in parts)]
+    u_mm: Array = np.sqrt(np.concatenate(squares) + uncertainty.unexplained_mm**2)
     return u_mm
 
 
 def places_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) -> tuple[Array, Array]:
     """Return the standard uncertainty (n,) mm of the tool's place at joint angles q (n, 6) rad in the robot's base, and
     with frame and tool taught with the robot at joint angles `taught` (m, 6) rad, both with what the model does not
-    explain. A model that states no more than the covariance of each place does not say what places have in common, so
-    that nothing of it is left out."""
-    if not isinstance(uncertainty, JointPoseUncertainty):
-        u_mm = position_u_mm(uncertainty, q)
-        return u_mm, u_mm
+    explain."""
     taught = taught[:: -(-len(taught) // _TAUGHT)]
     frame = TaughtFrame(tool_poses(model_of(rig, ()), taught))
     moves = uncertainty.pose_displacements(np.concatenate([taught, q[:_ROWS]]))[:, :, :3]
@@ -299,23 +266,20 @@ def frame_u_mm(rig: Rig, uncertainty: PoseUncertainty, q: Array, taught: Array) 
     return places_u_mm(rig, uncertainty, q, taught)[1]
 
 
-def displacements(uncertainty: PoseUncertainty, q: Array) -> Array:
-    """Return displacements (k, n, 6) mm and rad of one standard uncertainty each at joint angles q (n, 6) rad. A model
-    that states no more than the covariance of each place is taken to err alike at all of them, the worst case for what
-    is constant, and to know how the tool is turned."""
-    if isinstance(uncertainty, JointPoseUncertainty):
-        return uncertainty.pose_displacements(q)
-    values, vectors = np.linalg.eigh(uncertainty.position_covariance_mm2(q))
-    root = np.einsum("nik,nk,njk->inj", vectors, np.sqrt(np.maximum(values, 0.0)), vectors)
-    return np.concatenate([root, np.zeros_like(root)], axis=2)
-
-
 def covered(uncertainty: PoseUncertainty, q: Array) -> Mask | None:
-    """Return whether all joints stand where the runs drove them (n,), within a small margin, at joint angles q (n, 6)
-    rad; None where the runs' angles are unknown."""
+    """Return whether the runs say how well the tool's place is known (n,) at joint angles q (n, 6) rad: all joints
+    stand where they drove them, within a small margin, and the tool is no farther from what they measured than they
+    judged the model; None where the runs' angles are unknown."""
     joints = uncertainty.joints_rad
     if joints is None:
         return None
     margin, known_of = np.radians(BEYOND_DEG), q[:, : len(joints)]
     inside: Mask = ((known_of >= joints[:, 0] - margin) & (known_of <= joints[:, 1] + margin)).all(axis=1)
-    return inside
+    return inside & uncertainty.is_within_reach(q)
+
+
+def where_known(uncertainty: PoseUncertainty, q: Array, u_mm: Array) -> Array:
+    """Return standard uncertainties (n,) mm at joint angles q (n, 6) rad, NaN where the runs do not say how well: of a
+    placement in postures that no run has, real arms were missed by two to four times u (docs/evidence/world.md)."""
+    inside = covered(uncertainty, q)
+    return u_mm if inside is None else np.where(inside, u_mm, np.nan)

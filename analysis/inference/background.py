@@ -125,15 +125,28 @@ class Background:
         half = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
         return Weighed(values, weighted, np.asarray(half, dtype=float))
 
-    def weighed_responses(self, responses: Sequence[Response], values: Array | None = None) -> Weighed:
-        """Return the columns of some responses and, last, whitened values (N, k), weighed together."""
-        for response in responses:
-            if response not in self._weighed:
-                weighted = self.weight[:, None] * response.columns
-                products = self.columns.weighted_products(response, self.weight)
-                self._weighed[response] = self._halved(response.columns, weighted, products)
-        parts = [self._weighed[response] for response in responses]
-        parts += [] if values is None else [self.weighed(values)]
+    @cached_property
+    def _weighed_means(self) -> Weighed:
+        return self.weighed(self.at_mean[:, None])
+
+    def _weighed_response(self, response: Response) -> Weighed:
+        if response not in self._weighed:
+            weighted = self.weight[:, None] * response.columns
+            products = self.columns.weighted_products(response, self.weight)
+            self._weighed[response] = self._halved(response.columns, weighted, products)
+        return self._weighed[response]
+
+    def weighed_residual(self, residual: Array) -> Weighed:
+        """Return a whitened residual (N,) at the prior means, weighed as (N, 1); what does not depend on the weights is
+        kept for as long as the residual is in use."""
+        whole, means = self._weighed_response(self.columns.response_of(residual)), self._weighed_means
+        return Weighed(whole.values - means.values, whole.weighted - means.weighted, whole.half - means.half)
+
+    def weighed_responses(self, responses: Sequence[Response], residual: Array | None = None) -> Weighed:
+        """Return the columns of some responses and, last, a whitened residual (N,) at the prior means, weighed
+        together."""
+        parts = [self._weighed_response(response) for response in responses]
+        parts += [] if residual is None else [self.weighed_residual(residual)]
         if len(parts) == 1:
             return parts[0]
         empty = np.empty((len(self.weight), 0))
@@ -147,7 +160,7 @@ class Background:
         """Return the columns (N, q) of fitted terms and, last, the residual at the prior means, weighed. The latest
         ones are kept, because a state's evidence and its posterior need the same."""
         if not self._latest or self._latest[0][0] is not terms:
-            self._latest[:] = [(terms, self.weighed_responses(terms.responses, (terms.r - self.at_mean)[:, None]))]
+            self._latest[:] = [(terms, self.weighed_responses(terms.responses, terms.r))]
         return self._latest[0][1]
 
     def taken(self, weighed: Weighed) -> Array:

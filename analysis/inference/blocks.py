@@ -43,6 +43,7 @@ from analysis.measures.pose import groups as visits
 from analysis.model.predict import Model, SetUp, driven, posed
 from analysis.model.scene import Scene, apply
 from analysis.traces.kind import SAME_RAD
+from rigs.calibration import is_sine, sine_of
 from rigs.effects import Effect, late_stamps, turned
 from rigs.schema.effect import scaled, size_of
 
@@ -375,7 +376,11 @@ class SimulatedBlock:
         for begin in range(0, len(effects), _FEW):
             few = effects[begin : begin + _FEW]
             added = np.zeros((len(few), *self.base.shape))
+            if waves := [k for k, effect in enumerate(few) if is_sine(effect)]:
+                added[waves] = self._added_by_waves(early, [few[k] for k in waves])
             for k, effect in enumerate(few):
+                if is_sine(effect):
+                    continue
                 if effect.STAGE == "joint":
                     error = self._error(early, effect)
                     # A product of few rows takes a quarter of the time that numpy's `any` takes along many short ones.
@@ -388,6 +393,16 @@ class SimulatedBlock:
                     added[k] = times * (self.read(present, scene, self.setup) - self.base)
             parts.append(self.block.whitened(np.moveaxis(added, 0, 2)))
         return np.concatenate(parts, axis=1)
+
+    def _added_by_waves(self, early: tuple[Effect, ...], waves: Sequence[Effect]) -> Array:
+        """Return what sines of joints over their angles add, (p, m, k) mm: most forms are, and together they take a
+        quarter of the time."""
+        axis, order, phase, size = np.array([sine_of(wave) for wave in waves]).T
+        joint = axis.astype(np.int64) - 1
+        angles = self._joints(early).q[self.block.samples].T[joint]
+        error = size[:, None] * np.sin(order[:, None] * angles + phase[:, None])
+        added: Array = self._slopes_of_axes[joint] * error[:, :, None]
+        return added
 
     @cached_property
     def _slopes_of_axes(self) -> Array:

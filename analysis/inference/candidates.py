@@ -260,9 +260,11 @@ fault as 5 to 100 healthy sizes, with a margin of one."""
 _MEAN = float(np.sqrt(2 / np.pi))
 """Mean of the magnitude of a normal variable of standard deviation one: what a healthy arm has on average of an effect
 that cannot be negative."""
-_WEIGHT_DIGITS, _UNEVEN = 9, 4
-"""Digits to which weights of readings are distinguished, and the number of weighted products of a band that are cached,
-at some 8 MB each."""
+WEIGHT_DIGITS, _UNEVEN, _RESIDUALS = 9, 4, 8
+"""Digits to which weights of readings are distinguished, the number of weighted products of a band that are cached, at
+some 8 MB each, and of residuals."""
+_EQUAL = np.ones(1)
+"""The weights of a band whose readings have equal ones, relative to the largest."""
 _SIZE_RATIO = 1.85
 """Ratio between consecutive fault sizes of the grid, which gives the five sizes 6, 11, 20, 37 and 68 in a healthy arm.
 Chosen: the evidence is an average over sizes and smooth in their logarithm."""
@@ -309,7 +311,10 @@ class Columns:
     healthy_mean: Array
     not_seen: tuple[str, ...] = ()
     constants_apart: bool = False
-    _products: WeakKeyDictionary[Response, Array] = field(default_factory=WeakKeyDictionary, init=False, repr=False)
+    _products: WeakKeyDictionary[Response, dict[tuple[int, bytes], Array]] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
+    _residuals: dict[int, tuple[Array, Response]] = field(default_factory=dict, init=False, repr=False)
     _uneven: dict[tuple[int, bytes], Array] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
@@ -362,8 +367,10 @@ class Columns:
     @cached_property
     def K(self) -> Array:  # noqa: N802 - a matrix
         """The products (b, p, p) of the whitened columns by band."""
-        kind = np.dtype((float, (self.X.shape[1], self.X.shape[1])))
-        return np.fromiter((part.T @ part for part in self.parts), kind, len(self.parts))
+        products = np.empty((len(self.parts), self.X.shape[1], self.X.shape[1]))
+        for part, product in zip(self.parts, products, strict=True):
+            np.matmul(part.T, part, out=product)
+        return products
 
     @cached_property
     def gram(self) -> Array:
@@ -392,26 +399,36 @@ class Columns:
     def _uneven_gram(self, band: int, weight: Array) -> Array:
         """Return the weighted products (p, p) of the columns of a band whose readings differ in weight (N,), which are
         kept: a search for the strength of the noise changes all weights of a band alike."""
-        weights = weight[self.rows[band]]
-        shape = np.round(weights / weights.max(), _WEIGHT_DIGITS)
+        scale, shape = self._shape(band, weight)
 
         def compute() -> Array:
             part = np.sqrt(shape)[:, None] * self.parts[band]
             return np.asarray(part.T @ part, dtype=float)
 
-        return np.asarray(weights.max() * recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN), dtype=float)
+        return np.asarray(scale * recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN), dtype=float)
+
+    def _shape(self, band: int, weight: Array) -> tuple[float, Array]:
+        """Return the largest of the weights (N,) of a band, and its weights (n,) relative to it."""
+        weights = weight[self.rows[band]]
+        return float(weights.max()), np.round(weights / weights.max(), WEIGHT_DIGITS)
+
+    def response_of(self, residual: Array) -> Response:
+        """Return a whitened residual (N,) as a response, the same one as long as the same residual is asked for."""
+        kept = recent(self._residuals, id(residual), lambda: (residual, Response(residual[:, None])), _RESIDUALS)
+        return kept[1]
 
     def weighted_products(self, response: Response, weight: Array) -> Array:
         """Return the products (k, p) of a response with the columns, of readings with weights (N,), computed in the
-        same way; what does not depend on the weights is kept for as long as the response."""
-        if response not in self._products:
-            both = zip(self.rows, self.parts, strict=True)
-            self._products[response] = np.stack([response.columns[rows].T @ part for rows, part in both])
-        equal, uneven = self._by_band(weight)
-        products: Array = np.tensordot(equal, self._products[response], axes=1)
-        for band in uneven:
-            rows = self.rows[band]
-            products += (weight[rows, None] * response.columns[rows]).T @ self.parts[band]
+        same way; those of each band are kept for as long as the response."""
+        kept = self._products.setdefault(response, {})
+        products = np.zeros((response.columns.shape[1], self.X.shape[1]))
+        for band, equal in enumerate(self._by_band(weight)[0].tolist()):
+            scale, shape = (equal, _EQUAL) if equal else self._shape(band, weight)
+
+            def compute(rows: NDArray[np.int64] = self.rows[band], shape: Array = shape, band: int = band) -> Array:
+                return np.asarray((shape[:, None] * response.columns[rows]).T @ self.parts[band], dtype=float)
+
+            products += scale * recent(kept, (band, shape.tobytes()), compute, len(self.rows) + _UNEVEN)
         return products
 
     def _by_band(self, weight: Array) -> tuple[Array, list[int]]:

@@ -12,15 +12,24 @@ of few poses needs only its frame from them; the data prove it where a reflector
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from analysis.inference.observation import ObservedRun, observe, predicted, residual_of, rms, thinned, with_placement
+from analysis.inference.observation import (
+    ObservedRun,
+    observe,
+    predicted,
+    residual_of,
+    rms,
+    thinned,
+    with_placement,
+    without_socket,
+)
 from analysis.inference.setups import FRAME, fit_setups, placement_of, target_of, targeted
 from analysis.kinematics.arm import Arm, Array, arm_of
-from analysis.model.predict import model_of
+from analysis.model.predict import SetUp, model_of
 from analysis.noise.cell import BALL_MM, JOINT_DEG
 from analysis.traces.loading import Measured
 from rigs.errors import FileError
@@ -155,6 +164,20 @@ def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[s
         setup, why = next(iter(reasons.items()))
         raise FileError(f"set-up {setup}", why, "give more runs of it, or more readings in each")
     return kept, [f"{setup} is left out: {why}" for setup, why in reasons.items()]
+
+
+def reach_mm(judged: Mapping[str, SetUp], used: Mapping[str, SetUp]) -> float:
+    """Return how far at most (mm) a socket that was judged is from all used ones of other placements, or beside one
+    placement from all others: what an arm does farther away shows nowhere, and real ones did up to four times u."""
+    several = len({without_socket(name) for name in used}) > 1
+    place = {name: setup.T_instrument_world[:3, 3] for name, setup in judged.items()}
+
+    def nearest(name: str) -> float:
+        apart = (other for other in used if other != name)
+        others = [other for other in apart if not several or without_socket(other) != without_socket(name)]
+        return min((float(np.linalg.norm(place[name] - place[other])) for other in others), default=0.0)
+
+    return max(map(nearest, judged))
 
 
 def same_arm(first: Arm, second: Arm) -> bool:

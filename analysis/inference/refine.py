@@ -258,16 +258,15 @@ class _Problem:
                 break
         tangents = (*self.fitted.tangents, *slopes)
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
-        residual = r.weighed.values[:, 0] + self.background.at_mean
         to_limit = step_within(limits - x, H, fall - (x - self.expected) / self.spread**2)[1]
         return Refined(
-            tuple(now), self.unknowns, x, covariance, to_limit, residual, tangents, self.departures, self.free
+            tuple(now), self.unknowns, x, covariance, to_limit, self.linear.residual(now), tangents, self.departures,
+            self.free,
         )  # fmt: skip
 
     def _left(self, effects: Sequence[Effect]) -> _Projected:
         """Return the residual (N, 1) with the effects, and with the background at its prior means."""
-        residual = self.linear.residual(effects) - self.background.at_mean
-        return self._projected(self.background.weighed(residual[:, None]))
+        return self._projected(self.background.weighed_residual(self.linear.residual(effects)))
 
     def _projected(self, weighed: Weighed) -> _Projected:
         """Return weighed values (N, k) with their products with the departures and the free forms."""

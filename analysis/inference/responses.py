@@ -13,10 +13,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.inference.blocks import Block, SharedBlock, SimulatedBlock
+from analysis.inference.blocks import Block, SharedBlock, SimulatedBlock, recent
 from analysis.inference.known_distances import KnownDistances, known_distances_of
 from analysis.inference.observation import GRID, ORDER_OF
-from analysis.inference.setups import columns_of, moved_setup, tool_shift
+from analysis.inference.setups import columns_of, moved_setup, tool_shift, without_origin
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import SetUp
 from analysis.model.scene import Scene
@@ -99,6 +99,10 @@ _FAR_MM = 1.0
 """Way of a tool from which a ball that stays behind is tried too. Over 1 mm a circle of 70 mm radius bends by 7 µm."""
 
 
+_FITS = 16
+"""Residuals of effects that are kept, at some 40 kB each."""
+
+
 @dataclass(frozen=True)
 class Linearisation:
     """Blocks simulated about a model and its set-ups, and the residual `y_mm` (n,) of each; N counts the entries of all
@@ -108,6 +112,7 @@ class Linearisation:
     simulated: tuple[SimulatedBlock, ...]
     y_mm: tuple[Array, ...]
     near: NearResponses = field(default_factory=NearResponses, init=False, repr=False)
+    _fits: dict[tuple[Effect, ...], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
@@ -263,8 +268,7 @@ class Linearisation:
         A large effect moves the ball by a millimetre, over which readings are not linear. So they are simulated where
         the set-ups fit best with these effects, and taken back to the set-ups of this linearisation along their slopes.
         """
-        residual, moves = self._fitted(effects)
-        return residual + self.U @ moves
+        return self._best_fit(effects)[0]
 
     def contributions(self, effects: Sequence[Effect], residual: Array) -> list[Array]:
         """Return what each of some effects adds to the whitened readings beside the others, (N,) each, given the
@@ -274,10 +278,14 @@ class Linearisation:
     def moves_with(self, effects: Sequence[Effect]) -> Array:
         """Return the terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the known ones.
         Combinations of terms that hardly show go where the tool goes."""
-        return self._fitted(effects)[1]
+        return self._best_fit(effects)[1].copy()
+
+    def _best_fit(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
+        """Return `residual` and `moves_with`, which fits, searches and verdicts ask of the same effects in turn."""
+        return recent(self._fits, tuple(map(without_origin, effects)), lambda: self._fitted(effects), _FITS)
 
     def _fitted(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Return the whitened residual (N,) where the set-ups fit best, and the terms of the set-ups (s,) mm there."""
+        """Return the same, computed."""
         scenes = self._scenes(effects)
         starts = [self._moves_with_tool(scenes)]
         if np.abs(starts[0]).max() > _FAR_MM:
@@ -296,7 +304,8 @@ class Linearisation:
                     break
                 moves, residual = moves + step, nearer
             fits.append((residual, moves))
-        return min(fits, key=lambda fit: float(np.sum(self.without_set_up(fit[0]) ** 2)))
+        residual, moves = min(fits, key=lambda fit: float(np.sum(self.without_set_up(fit[0]) ** 2)))
+        return residual + self.U @ moves, moves
 
     def _scenes(self, effects: Sequence[Effect]) -> list[Scene]:
         """Return the scene of each block up to the tool with `effects` in place of the known ones."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.inference.background import Background, FreeForm, Posterior
 from analysis.inference.blocks import recent
-from analysis.inference.candidates import LARGEST_FAULT, Columns, Form, column_shares_beside, order_of
+from analysis.inference.candidates import LARGEST_FAULT, WEIGHT_DIGITS, Columns, Form, column_shares_beside, order_of
 from analysis.inference.joint_curves import JointCurves
 from analysis.inference.noise import LEAST_ASSUMED
 from analysis.inference.refine import Refined
@@ -206,6 +206,8 @@ _LEVELS = np.geomspace(LEAST_LEVEL, MOST_LEVEL, 80)
 _LEVEL_ROUNDS, _SAME_LEVEL = 12, 0.15
 """Estimates of the level in a row, most, and the logarithm of their ratio at which they agree. An estimate moves a
 third of the way, so twelve rounds lead from a healthy arm to one that is a hundred times quieter."""
+_SAME_STRENGTH = 0.01
+"""Largest logarithm of the ratio of strengths that are taken as the same: half a percent of an uncertainty."""
 _LEVEL_TAIL = 4.0
 """Degrees of freedom of Student's distribution of the effects of an arm, so that a fault has little weight in its
 level. Chosen."""
@@ -269,7 +271,8 @@ class Hyperparameters:
         if targets.any():
             at_targets = posterior.residual[targets]
             scale = max(1.0, 1.4826 * float(np.median(np.abs(at_targets))))
-            weight[targets] = np.minimum(1.0, (_TAIL + 1) / (_TAIL + (at_targets / scale) ** 2))
+            fair = np.minimum(1.0, (_TAIL + 1) / (_TAIL + (at_targets / scale) ** 2))
+            weight[targets] = np.round(fair, WEIGHT_DIGITS)
         return weight
 
     def strength(self, state: SelectionState, posterior: Posterior) -> Array:
@@ -313,8 +316,10 @@ class Hyperparameters:
         then a shorter step is tried, and where that does not help either, they do not change.
         """
         whole, robust = evidence(state), self.robust(posterior)
-        for estimate in (self.strength, self.nearer_strength):
-            tried = replace(state, strength=estimate(state, posterior), robust=robust)
+        whole_step, nearer = self.strength(state, posterior), self.nearer_strength(state, posterior)
+        apart = float(np.abs(np.log(whole_step / nearer)).max())
+        for strength in (whole_step, nearer) if apart > _SAME_STRENGTH else (whole_step,):
+            tried = replace(state, strength=strength, robust=robust)
             if evidence(tried) > whole:
                 state = tried
                 break

@@ -12,6 +12,7 @@ import numpy as np
 from analysis.inference.background import Posterior
 from analysis.inference.blocks import Block, blocks_of
 from analysis.inference.observation import ObservedRun, residual_of, rms, without_socket
+from analysis.inference.placements import reach_mm
 from analysis.inference.refine import Unknown, slopes_of
 from analysis.inference.responses import basis_of, limits_um, linearise, noise_um, rms_um
 from analysis.inference.result import Gap, TestGap
@@ -55,18 +56,21 @@ class Stages:
     def left(self, runs: Sequence[ObservedRun]) -> list[list[Array]]:
         """Return the residuals (m, k) mm of each run, for each model. Runs in a set-up that was used keep it; the
         others have their own fitted."""
-        residuals = []
-        for effects, placed in zip(self.effects, self.setups, strict=True):
-            residuals.append(_left_with(with_effects(runs, effects), placed))
-        return residuals
+        models = zip(self.effects, self.setups, strict=True)
+        return [_left_with(with_effects(runs, effects), placed) for effects, placed in models]
 
 
 def _left_with(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> list[Array]:
     """Return the residuals (m, k) mm of each run with the set-ups that were placed, and with its own where it is in
     none of them."""
-    new = [run for run in runs if run.setup not in placed]
-    every = {**placed, **(fit_run_setups(new)[0] if new else {})}
+    every = _with_new(runs, placed)
     return [residual_of(run.on_lap, every) for run in runs]
+
+
+def _with_new(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> dict[str, SetUp]:
+    """Return set-ups that were placed, and those of runs, of (m, k) mm, that are in none of them."""
+    new = [run for run in runs if run.setup not in placed]
+    return {**placed, **(fit_run_setups(new)[0] if new else {})}
 
 
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
@@ -111,10 +115,11 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names
 class Widening:
     """How far places that had no part in a model are missed beyond what it states: the `factor` by which its
     uncertainty grows, at least 1, and what is as much everywhere, unexplained_mm of one coordinate; None where no
-    places judge it."""
+    places judge it. It holds for sockets up to reach_mm from those touched, of which alone it says so."""
 
     factor: float = 1.0
     unexplained_mm: float | None = None
+    reach_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -186,11 +191,16 @@ def widening(
     misses places by more than its covariance allows for. Residuals are (m, k) mm.
     """
     sets = [_missed_of(left_out.sums) if len(left_out.rows) else None, _missed_by_placement(result)]
+    setups = dict(stages.calibrated)
     for runs in (judges, elsewhere):
         places = [run for run in runs if run.table.kind.of_places]
-        sets.append(_missed_by(places, stages, result) if places else None)
+        setups |= _with_new(with_effects(places, stages.effects[-1]), stages.calibrated)
+        sets.append(_missed_by(places, setups, stages, result) if places else None)
     judging = [missed for missed in sets if missed is not None and missed.stated.any()]
-    return max(judging, key=lambda missed: missed.ratio).widening() if judging else Widening()
+    wider = max(judging, key=lambda missed: missed.ratio).widening() if judging else Widening()
+    tables = [run.table for run in (*result.linear.blocks, *judges, *elsewhere)]
+    of_sockets = all(table.kind.frame_terms == 3 for table in tables)
+    return replace(wider, reach_mm=reach_mm(setups, stages.calibrated) if of_sockets else None)
 
 
 @dataclass(frozen=True)
@@ -275,15 +285,13 @@ def _neighbourhoods(run: ObservedRun) -> Integers:
     return np.repeat(neighbourhoods(run.table.q[run.rows], np.random.default_rng(0)), 3)
 
 
-def _missed_by(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult) -> _Missed:
+def _missed_by(
+    runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], stages: Stages, result: SearchResult
+) -> _Missed:
     """Return by how much the calibrated model misses neighbourhoods of runs of places that had no part in it, in the
     set-ups of the runs used, or in their own."""
     groups, shown = [], _noise_shown(result)
-    setups = dict(stages.calibrated)
-    with_model = with_effects(runs, stages.effects[-1])
-    if new := [run for run in with_model if run.setup not in setups]:
-        setups |= fit_run_setups(new)[0]
-    for run, calibrated in zip(runs, with_model, strict=True):
+    for run, calibrated in zip(runs, with_effects(runs, stages.effects[-1]), strict=True):
         residual = residual_of(calibrated, setups)
         noise, variance = _stated_variances(run, setups, result)
         alike = [block.table.test == run.table.test for block in result.linear.blocks]
@@ -497,6 +505,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         calibrated_um=train.calibrated_um,
         held_out_um=elsewhere.calibrated_um if elsewhere else None,
         widened=wider.factor,
+        reach_mm=wider.reach_mm,
         judged=judged,
         terms=(*terms, *background),
         parameters=tuple(parameters),

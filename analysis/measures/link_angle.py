@@ -74,6 +74,17 @@ class Sine:
         """Its value (n,) at phi (n,)."""
         return np.asarray(self.A + self.a * np.sin(phi) + self.b * np.cos(phi))
 
+    @property
+    def amplitude(self) -> float:
+        """r of eq. (11)."""
+        return float(np.hypot(self.a, self.b))
+
+    @property
+    def shift(self) -> float:
+        """alpha of eq. (11); by atan2, since arctan(b/a) loses the quadrant. (The paper's last formula
+        for it has b11 where b21 belongs.)"""
+        return float(np.arctan2(self.b, self.a))
+
 
 def sine_of(y: Array) -> tuple[Array, Array, Array]:
     """A, a and b (...,) of the least-squares sine of eq. (2) through curves (..., NODES).
@@ -211,8 +222,7 @@ def eccentricities(result: CircleResult) -> tuple[Array, Array]:
 
 
 def sine_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
-    """Band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's section 2.1, r and
-    alpha of eq. (11), whose arctan(b/a) loses the quadrant. (Its last formula has b11 where b21 belongs.)"""
+    """Band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's section 2.1."""
     A, a, b = sine_of(y)
     error = at_resolution(y - _sines(A, a, b))
     return {

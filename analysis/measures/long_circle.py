@@ -48,7 +48,7 @@ from rigs.schema.vocabulary import CIRCLES
 _ROWS = 300_000
 """Rows of gauge 1 in a part: 75 s at 4 kHz, over which a clock is a straight line (`lower_hull.WINDOW_S`)."""
 _MARGIN_NS = 6e9
-"""What a part has of its neighbours. `steady_pace` sees within four seconds whether lateness stays."""
+"""What a part has of its neighbours. `own_clock` sees within four seconds whether lateness stays."""
 
 
 @dataclass(frozen=True)

@@ -166,7 +166,7 @@ class PlaceKind(Kind[P]):
         return SetUp(np.zeros(3), np.zeros(1), np.eye(4), np.eye(4))
 
     def path(self, model: Model, table: P) -> Path:
-        return stops(table.q, came_from=table.came_from)
+        return replace(stops(table.q, came_from=table.came_from), alone=True)
 
     def sides(self, table: P) -> Integers | None:
         if table.came_from is None:
@@ -176,5 +176,5 @@ class PlaceKind(Kind[P]):
 
     def read(self, model: Model, table: P, path: Path, scene: Scene, setup: SetUp) -> Array:
         """The target's T_instrument_target, (m, 16) row by row."""
-        T = setup.T_instrument_world @ scene.T[path.rows] @ setup.T_tool_target
+        T = setup.T_instrument_world @ path.at_readings(scene.T) @ setup.T_tool_target
         return T.reshape(-1, 16)

@@ -81,7 +81,7 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     """Return the figures of touches by a model of the arm: rms_mm and max_mm of the ball from its socket, spat_mm, and
     socket_distance_mm where there are two sockets. Raises FileError for too few touches, and where the robot stood."""
     _hold(table, where)
-    T = forward(model.arm, table.q) if not model.effects else moved(model, path := path_of(model, table)).T[path.rows]
+    T = forward(model.arm, table.q) if not model.effects else moved(model, path_of(model, table)).T
     far = far_touches(table, T)
     notes = (left_out(table, far.wild, far.far_mm),) if far.wild.any() else ()
     rows, sockets_seen, T = table.rows[~far.wild] - 1, table.socket[~far.wild], T[~far.wild]

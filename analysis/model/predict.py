@@ -13,8 +13,8 @@ any program that knows rigid arms. Compliance, waves, plays, growth and lag are 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -30,6 +30,8 @@ from rigs.schema.scene import STAGES
 _NOTHING = np.empty(0)
 _VISIT_S = 4.0
 """The time from one target to the next, where a table has no time."""
+_LONG, _KEPT = 20_000, 4
+"""Samples of a path from which no scene of it is kept, and how many of a shorter one, at most some 4 MB each."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ class Path:
     rows: Integers
     stands: bool = False
     alone: bool = False
+    _scenes: dict[Hashable, tuple[Model, Scene]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def t_s(self) -> Array:
@@ -55,6 +58,10 @@ class Path:
     def q(self) -> Array:
         """Reported angles (n, axes) rad."""
         return self.motion.q
+
+    def at_readings(self, simulated: Array) -> Array:
+        """What was simulated of the tool, (n, …), at the readings (m, …)."""
+        return simulated if self.alone else simulated[self.rows]
 
 
 @dataclass(frozen=True)
@@ -125,12 +132,20 @@ def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> 
 def gauged(model: Model, path: Path, scene: Scene, setup: SetUp, g_mm: Array) -> Array:
     """Readings (m, k) mm of gauges whose plungers stand at g_mm (n, k) mm, zeros and errors of the gauges with them."""
     scene = apply(model.effects, "gauge", replace(scene, g_mm=g_mm - setup.zeros_mm))
-    return scene.g_mm if path.alone else scene.g_mm[path.rows]
+    return path.at_readings(scene.g_mm)
 
 
 def moved(model: Model, path: Path) -> Scene:
-    """The scene up to where the tool is."""
-    return posed(model, path, driven(model, path))
+    """The scene up to where the tool is; of a path that is not long the latest ones are kept, since fits, gaps and
+    steps of a diagnosis ask for the same."""
+    if len(path.q) > _LONG:
+        return posed(model, path, driven(model, path))
+    key = (id(model.arm), id(model.load), *(effect.model_copy(update={"found": None}) for effect in model.effects))
+    kept = path._scenes.pop(key, None) or (model, posed(model, path, driven(model, path)))
+    path._scenes[key] = kept  # the model with it, so that its parts keep their identities
+    if len(path._scenes) > _KEPT:
+        del path._scenes[next(iter(path._scenes))]
+    return kept[1]
 
 
 def posed(model: Model, path: Path, scene: Scene) -> Scene:

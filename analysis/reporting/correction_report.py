@@ -64,7 +64,7 @@ def as_table(corrections: Corrections) -> RenderableType:
         field = size_field(play)
         value = f"{getattr(play, field):.4g} {quantity_of(play, field, {}).sign}"
         effects.add_row(label_of(play), value, Text("not corrected", style="yellow"), play.compensation().why_not)
-    parts: list[RenderableType] = [Text(_first(corrections), style="bold")]
+    parts: list[RenderableType] = [Text(_first(corrections) + _not_known(corrections.work.unknown), style="bold")]
     if effects.row_count:
         parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):
@@ -109,6 +109,12 @@ def _first(corrections: Corrections) -> str:
     )
 
 
+def _not_known(share: float) -> str:
+    """The sentence about the share of the work at which no run says how well the arm is known."""
+    where = "where the work is" if share == 1 else f"at {100 * share:.0f} % of the work"
+    return f" No run measured {where}: how large the error stays there is not known." if share else ""
+
+
 def _mm(um: float) -> str:
     return f"{um / 1e3:.3f}"
 
@@ -146,8 +152,7 @@ def _path_lines(corrections: Corrections) -> list[str]:
         path, _, targets = corrections.path
         lines.append(
             f"{path.name}: {_count(int(targets.done.sum()))}, missed by up to {np.nanmax(targets.missed_mm):.3f} mm "
-            f"before; reached to ± {np.nanmax(targets.u_frame_mm):.3f} mm after with frame and tool taught with the "
-            f"robot, to ± {np.nanmax(targets.u_mm):.3f} mm in its base (standard uncertainty at the worst target), "
+            f"before; {program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])}, "
             f"{_small(np.nanmax(_left_out(targets)))} of it by effects that are not corrected"
         )
         each = [(name, mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
@@ -189,7 +194,7 @@ def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, An
         largest["u_frame"] = targets.u_frame_mm
         path = {
             "targets": len(targets.q),
-            "largest_mm": {name: float(np.nanmax(mm)) for name, mm in largest.items()},
+            "largest_mm": {name: None if np.isnan(mm).all() else float(np.nanmax(mm)) for name, mm in largest.items()},
             "left_out_mm": _budget(targets),
             "u_um": _each_um(targets.u_mm),
             "u_frame_um": _each_um(targets.u_frame_mm),
@@ -233,6 +238,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
         "work": {
             **{name: rounded_um(getattr(corrections.work, name)) for name in _ERRORS},
             "base_u_um": rounded_um(corrections.work.base_u_um),
+            "unknown_share": round(corrections.work.unknown, 3),
             "in_base": {name: rounded_um(getattr(corrections.work.base, name)) for name in _ERRORS},
         },
         "not_corrected": _not_corrected(corrections),

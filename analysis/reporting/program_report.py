@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from analysis.correction.corrected_program import MOST_MM, CorrectedProgram
+from analysis.kinematics.arm import Array
 from analysis.makers.target import WHY, Left
 from analysis.noise.readings import rms
 
@@ -50,8 +51,7 @@ def lines(program: CorrectedProgram) -> list[str]:
     if count:
         text_lines.append(
             f"  moved by up to {moved.max():.3f} mm, {rms(moved):.3f} mm rms; "
-            f"reached to ± {program.u_frame_mm.max():.3f} mm after with frame and tool taught with the robot, to "
-            f"± {program.u_mm.max():.3f} mm in its base (standard uncertainty at the worst target)"
+            f"{reached(program.u_frame_mm, program.u_mm)}"
         )
     if count and program.rounded_um.max() > _SHOWN_UM:
         text_lines.append(f"  the decimals of this format put targets off by up to {program.rounded_um.max():.1f} µm")
@@ -59,7 +59,7 @@ def lines(program: CorrectedProgram) -> list[str]:
         beyond = [_place(program, *place) for place, out in zip(program.places, program.outside, strict=True) if out]
         where = list(dict.fromkeys(beyond))
         text_lines.append(
-            f"  {_targets(outside)} outside the joint angles that were driven, where no run shows the correction: "
+            f"  {_targets(outside)} where no run says how well they are reached: "
             + ", ".join(where[:_LISTED])
             + (" …" if len(where) > _LISTED else "")
         )
@@ -75,6 +75,17 @@ def lines(program: CorrectedProgram) -> list[str]:
     if count:
         text_lines.append(f"  {NOT_TRIED}")
     return text_lines
+
+
+def reached(u_frame_mm: Array, u_mm: Array) -> str:
+    """Return how well corrected targets are reached by their uncertainties (n,) mm, NaN where no run says it."""
+    if np.isnan(u_mm).all():
+        return "how well they are reached is not known, no run measured there"
+    return (
+        f"reached to ± {np.nanmax(u_frame_mm):.3f} mm after with frame and tool taught with the robot, to "
+        f"± {np.nanmax(u_mm):.3f} mm in its base (standard uncertainty at the worst target"
+        f"{' of those where runs say it' if np.isnan(u_mm).any() else ''})"
+    )
 
 
 def _degrees(angles: tuple[float, ...]) -> str:
@@ -135,8 +146,8 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
                 "file": list(program.files)[file],
                 "line": line,
                 "moved_mm": round(float(moved), 6),
-                "u_mm": round(float(u), 6),
-                "u_frame_mm": round(float(u_frame), 6),
+                "u_mm": None if np.isnan(u) else round(float(u), 6),
+                "u_frame_mm": None if np.isnan(u_frame) else round(float(u_frame), 6),
                 "rounded_um": round(float(rounded), 3),
                 "outside_driven_ranges": out,
             }

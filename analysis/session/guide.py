@@ -87,16 +87,10 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Answered:
-    """An inference has its answer."""
+    """An inference has its answer; or none while a step is driven, and why: more runs follow, and with them another."""
 
-    answer: Answer
-
-
-@dataclass(frozen=True)
-class NotUnderstood:
-    """An inference has none while a step is driven; more runs follow, and with them another one."""
-
-    why: str
+    answer: Answer | None
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -115,7 +109,7 @@ class Reported:
     page: str
 
 
-Event = Present | Recorded | Answered | NotUnderstood | Corrected | Reported | Literal["begun", "entered"]
+Event = Present | Recorded | Answered | Corrected | Reported | Literal["begun", "entered"]
 """begun: the session begins, or goes on; entered: the values are entered at the controller."""
 
 
@@ -177,10 +171,10 @@ class Guide:
                 actions = (Say(tuple(words.plan_lines(state.session, self.pace, self.directory))),)
             case Recorded(run, minutes):
                 changed, actions = _recorded(state, run, minutes)
-            case Answered(answer):
-                changed, actions = _answered(replace(state, inferring=None), answer)
-            case NotUnderstood(why):
+            case Answered(None, why):
                 changed, actions = replace(state, inferring=None), (Say((f"  not understood yet: {why}",)),)
+            case Answered(answer):
+                changed, actions = _answered(replace(state, inferring=None), _of(answer))
             case Corrected(correction, programs):
                 changed, actions = _corrected(state, correction, programs)
             case "entered":

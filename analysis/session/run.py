@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from analysis.files.write import holding, write_all_over
@@ -102,55 +102,53 @@ def run_session(
             driver.entered = bool(_entered_files(session, place))
             try:
                 guided = guide.Guide(rig, asked.pace, place.directory, asked.correct)
-                return Conductor(place, session, driver, screen, guided, equipment.start_inference).run()
+                state = guide.State(session)
+                return Conductor(place, state, driver, screen, guided, text, equipment.start_inference).run()
             finally:
                 driver.close()
 
 
+@dataclass
 class Conductor:
-    """Carries out what the guide of a session decides, from one step to the next, until nothing is to be done."""
+    """Carries out what the guide of a session decides, from one step to the next, until nothing is to be done.
 
-    def __init__(
-        self,
-        place: Place,
-        session: Session,
-        driver: Driver,
-        screen: Screen,
-        guided: guide.Guide,
-        start_inference: StartInference = Inference.start,
-    ) -> None:
-        self._place, self._driver, self._screen, self._guide = place, driver, screen, guided
-        self._start_inference = start_inference
-        self._rig, self._text = load(session.rig_file)
-        self._state = guide.State(session)
-        self._inferences: dict[guide.Runs, Infers] = {}
-        self._corrected: Mapping[str, Program] = {}
-        """The corrected programs, once they are made, by those whose place they take."""
+    rig_text: of the rig file; corrected: the corrected programs, once they are made, by those whose place they take.
+    """
+
+    place: Place
+    state: guide.State
+    driver: Driver
+    screen: Screen
+    guided: guide.Guide
+    rig_text: str
+    start_inference: StartInference = Inference.start
+    inferences: dict[guide.Runs, Infers] = field(default_factory=dict)
+    corrected: Mapping[str, Program] = field(default_factory=dict)
 
     def run(self) -> Session:
         """Go on to the end. Raises RigError; what was reached is kept."""
-        session = self._state.session
+        session = self.state.session
         present = {attempt.run for step in session.steps for attempt in step.tries} | set(session.left_alone)
-        for path in sorted(self._place.runs.glob("*")):
+        for path in sorted(self.place.runs.glob("*")):
             if path.name not in present and is_run(path):
                 self._take(guide.Present(path.name, self._program_of(path)))
-        if session.correction and session.correction.way == "programs" and session.answer:
-            model, _ = load(self._place.model_of(session.answer))
-            self._corrected = corrected_programs(self._rig, model, session.stages, self._verify_steps())
-        if not any(step.tries for step in self._state.session.steps):
+        if session.correction and session.correction.way == "programs" and session.answer and session.open_steps:
+            model, _ = load(self.place.model_of(session.answer))
+            self.corrected = corrected_programs(self.guided.rig, model, session.stages, self._verify_steps())
+        if not any(step.tries for step in self.state.session.steps):
             for stage in session.stages:
                 self._write(stage, self._programs(stage))
         event: guide.Event | None = "begun"
         while event is not None:
             event = self._take(event)
-        return self._state.session
+        return self.state.session
 
     def _take(self, event: guide.Event) -> guide.Event | None:
         """Take in an event, keep what it makes of the session, and carry out what follows; return what came of that."""
-        before = self._state.session
-        self._state, actions = self._guide.step(self._state, event)
-        if self._state.session != before:
-            self._place.write(self._state.session)
+        before = self.state.session
+        self.state, actions = self.guided.step(self.state, event)
+        if self.state.session != before:
+            self.place.write(self.state.session)
         came = None
         for action in actions:
             came = self._carry_out(action)
@@ -160,17 +158,17 @@ class Conductor:
         match action:
             case guide.Say(lines):
                 for line in lines:
-                    self._screen.say(line)
+                    self.screen.say(line)
             case guide.SetUp(stage):
                 programs = self._programs(stage)
                 self._write(stage, programs)
-                self._driver.set_up(stage, programs)
+                self.driver.set_up(stage, programs)
             case Drive(number):
                 began_s = clock.now_s()
-                run = self._driver.drive(self._state.session.steps[number], self._look)
+                run = self.driver.drive(self.state.session.steps[number], self._look)
                 return guide.Recorded(run, (clock.now_s() - began_s) / 60)
             case guide.Begin(runs):
-                self._inferences[runs] = self._begun(runs)
+                self.inferences[runs] = self._begun(runs)
             case "await":
                 return self._awaited()
             case "correct":
@@ -185,12 +183,12 @@ class Conductor:
 
     def _look(self) -> None:
         """Take in an answer that has come while a step is driven."""
-        runs = self._state.inferring
-        if runs is not None and self._inferences[runs].is_done:
+        runs = self.state.inferring
+        if runs is not None and self.inferences[runs].is_done:
             try:
-                event: guide.Event = guide.Answered(self._inferences.pop(runs).result())
+                event = guide.Answered(self.inferences.pop(runs).result())
             except RigError as error:
-                event = guide.NotUnderstood(error.what)
+                event = guide.Answered(None, error.what)
             self._take(event)
 
     # ------------------------------------------------------------------------------------------------------------------
@@ -203,44 +201,44 @@ class Conductor:
             manifest = load_manifest(path)
         except RigError:
             return ""
-        if manifest.exit_status != "complete" or manifest.rig_name != self._rig.name or why_unusable(path):
+        if manifest.exit_status != "complete" or manifest.rig_name != self.guided.rig.name or why_unusable(path):
             return ""
         # Somebody may have copied a run: it holds the readings of one that a step has.
         readings = read_run(path).readings_sha256
-        driven = self._place.runs_of(self._state.session.steps)
+        driven = self.place.runs_of(self.state.session.steps)
         return "" if any(read_run(run).readings_sha256 == readings for run in driven if is_run(run)) else manifest.name
 
     def _programs(self, stage: Stage) -> dict[str, Program]:
         """The programs that may be driven at a stage now."""
-        nominal = (step for step in self._state.session.steps if not step.program.endswith(FIXED))
-        programs = programs_of_steps(self._rig, [stage], [step for step in nominal if step.stage == stage.name])
-        return programs | {new.name: new for new in self._corrected.values() if new.stage == stage.name}
+        nominal = (step for step in self.state.session.steps if not step.program.endswith(FIXED))
+        programs = programs_of_steps(self.guided.rig, [stage], [step for step in nominal if step.stage == stage.name])
+        return programs | {new.name: new for new in self.corrected.values() if new.stage == stage.name}
 
     def _write(self, stage: Stage, programs: Mapping[str, Program]) -> None:
         """Write the rig file and the programs of a stage; those that are there are the same."""
-        directory = self._place.directory
-        write_programs(self._state.session.maker, list(programs.values()), directory / "programs" / stage.name)
-        files = {**self._rig.beside, f"{stage.name}.yaml": stage_text(self._text, stage).encode()}
+        directory = self.place.directory
+        write_programs(self.state.session.maker, list(programs.values()), directory / "programs" / stage.name)
+        files = {**self.guided.rig.beside, f"{stage.name}.yaml": stage_text(self.rig_text, stage).encode()}
         write_all_over(directory / "cells", {name: holding(content) for name, content in files.items()})
 
     # ------------------------------------------------------------------------------------------------------------------
     # Understanding, correcting, and the end.
 
     def _begun(self, runs: guide.Runs) -> Infers:
-        folder = self._place.directory / "found"
+        folder = self.place.directory / "found"
         number = 1 + max((int(path.name) for path in folder.glob("[0-9]*") if path.name.isdigit()), default=0)
         while (folder / f"{number:02d}.json").exists():
             number += 1
-        model = self._place.directory / "cells" / f"{self._state.session.stages[0].name}.yaml"
-        used, judges = ([self._place.run(name) for name in names] for names in (runs.used, runs.judges))
-        return self._start_inference(used, judges, model, folder / f"{number:02d}")
+        model = self.place.directory / "cells" / f"{self.state.session.stages[0].name}.yaml"
+        used, judges = ([self.place.run(name) for name in names] for names in (runs.used, runs.judges))
+        return self.start_inference(used, judges, model, folder / f"{number:02d}")
 
     def _awaited(self) -> guide.Answered:
-        assert self._state.inferring is not None  # noqa: S101 - it is waited for
-        inference, began_s = self._inferences.pop(self._state.inferring), clock.now_s()
-        count = len(self._state.session.runs_for("find"))
+        assert self.state.inferring is not None  # noqa: S101 - it is waited for
+        inference, began_s = self.inferences.pop(self.state.inferring), clock.now_s()
+        count = len(self.state.session.runs_for("find"))
         while not inference.is_done:
-            self._screen.show(f"understanding {count} runs: {clock.now_s() - began_s:.0f} s")
+            self.screen.show(f"understanding {count} runs: {clock.now_s() - began_s:.0f} s")
             clock.sleep(_LOOK_S)
         return guide.Answered(inference.result())
 
@@ -248,21 +246,23 @@ class Conductor:
         """The steps after the correction, with the nominal programs that they begin from."""
         return [
             step.model_copy(update={"program": step.program.removesuffix(FIXED)})
-            for step in self._state.session.steps
+            for step in self.state.session.steps
             if step.purpose == "verify"
         ]
 
     def _correct(self) -> guide.Corrected:
-        self._screen.show("making the correction")
-        session, place = self._state.session, self._place
+        self.screen.show("making the correction")
+        session, place = self.state.session, self.place
         assert session.answer is not None  # noqa: S101 - it is corrected by it
         main = session.stages[0].name
         finding = [step for step in session.runs_for("find") if step.stage == main]
         runs = place.runs_of(finding), place.runs_of(session.runs_for("judge"))
         model, directory = place.model_of(session.answer), place.directory / CORRECTIONS
         verify = self._verify_steps()
-        correction, programs = corrected(self._rig, session, model, runs, verify, directory, self._guide.chosen_way)
-        self._corrected = programs
+        correction, programs = corrected(
+            self.guided.rig, session, model, runs, verify, directory, self.guided.chosen_way
+        )
+        self.corrected = programs
         for stage in session.stages:
             new = [program for program in programs.values() if program.stage == stage.name]
             write_programs(session.maker, new, place.directory / "programs" / stage.name)
@@ -270,20 +270,20 @@ class Conductor:
 
     def _enter(self) -> guide.Event:
         """Have the values entered. Raises CellError where no person confirms it."""
-        file = entries_file(self._place.directory / CORRECTIONS)
-        self._screen.say(f"enter the values of {file}, as it says")
-        if not self._driver.enter(file):
-            remedy = f"enter them, then: rig session {self._state.session.rig_file} --entered"
+        file = entries_file(self.place.directory / CORRECTIONS)
+        self.screen.say(f"enter the values of {file}, as it says")
+        if not self.driver.enter(file):
+            remedy = f"enter them, then: rig session {self.state.session.rig_file} --entered"
             raise CellError(str(file), "no person has confirmed that its values are entered", remedy)
         return "entered"
 
     def _report(self) -> guide.Reported:
         from analysis.session import report  # noqa: PLC0415 - slow to import
 
-        self._screen.show("writing the report")
-        session = self._state.session
-        verified = None if session.aim == "check" else report.verified_by(session, self._place)
-        page = report.write_report(session.model_copy(update={"verified": verified}), self._rig, self._place)
+        self.screen.show("writing the report")
+        session = self.state.session
+        verified = None if session.aim == "check" else report.verified_by(session, self.place)
+        page = report.write_report(session.model_copy(update={"verified": verified}), self.guided.rig, self.place)
         return guide.Reported(verified, page.name)
 
 

@@ -12,7 +12,7 @@ import yaml
 import analysis
 from analysis.session.answer import Infers
 from analysis.session.cell import Run
-from analysis.session.guide import Guide
+from analysis.session.guide import Guide, State
 from analysis.session.plan import BY_ITSELF, FIXED, Program, planned
 from analysis.session.run import Conductor
 from analysis.session.state import Answer, PartOfError, Place, Session, Stage, Step, digest_of
@@ -213,5 +213,6 @@ def gone_on(
     with place or Place(directory) as held:
         session = held.read()
         assert session is not None
-        guide = Guide(load(session.rig_file)[0], BY_ITSELF, directory)
-        return Conductor(held, session, driver, screen or Screen(), guide, oracle).run()
+        rig, text = load(session.rig_file)
+        guide = Guide(rig, BY_ITSELF, directory)
+        return Conductor(held, State(session), driver, screen or Screen(), guide, text, oracle).run()

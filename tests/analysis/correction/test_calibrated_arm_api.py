@@ -9,7 +9,9 @@ import pytest
 
 from analysis import calibrated_arm
 from analysis.correction.work import tool_poses
+from analysis.kinematics.arm import arm_of, forward
 from analysis.model.predict import model_of
+from rigs.calibration import Judged, PlacedSetUp
 from rigs.effects import Backlash, Compliance
 from rigs.errors import FileError
 from rigs.load import load
@@ -51,14 +53,39 @@ def test_of_an_arm_of_which_nothing_was_found_nothing_is_certain() -> None:
 
 def test_the_uncertainty_is_that_of_the_calibration_and_of_the_play(tmp_path: Path) -> None:
     rig, _ = load(written(tmp_path, calibrated_model())[0])
-    q_deg = np.array([[0.0, 0, 0, 0, -60, 0], [100.0, 0, 0, 0, -60, 0]])
+    q_deg = np.array([[0.0, 0, 0, 0, -30, 0], [30.0, 0, 0, 0, -30, 0]])
     found = calibrated_arm(rig).forward(q_deg)
-    assert found.covered.tolist() == [False, False]
+    assert found.covered.tolist() == [True, True]
     without_play = calibrated_arm(rig.model_copy(update={"effects": ()})).forward(q_deg)
     play = calibrated_arm(rig.model_copy(update={"effects": (Backlash(axis=1, width_deg=0.2),)})).forward(q_deg)
     assert (without_play.u_mm > 0).all()
     assert (without_play.u_mm < found.u_mm).all()
     assert (found.u_mm < play.u_mm).all()
+
+
+def test_where_no_run_measured_there_is_no_uncertainty(tmp_path: Path) -> None:
+    """Outside the joint angles of the runs, farther from the socket than was judged, and of a model to correct nothing
+    by."""
+    ball = forward(arm_of(load("paper-fanuc")[0].robot), np.radians([[0.0, 0, 0, 0, -30, 0]]))[0, :3, 3]
+    there = np.eye(4)
+    there[:3, 3] = -ball
+    frames = [tuple(map(tuple, T.tolist())) for T in (there, np.eye(4))]
+    touched = {"touch at a, socket A": PlacedSetUp(T_instrument_world=frames[0], T_tool_target=frames[1])}
+    nothing = Judged(
+        condition="outside_library", place="used", before_um=9, names_um=9, whole_um=9, handed_um=9, noise_um=1,
+        unexplained_um=8,
+    )  # fmt: skip
+    q_deg = np.array([[0.0, 0, 0, 0, -30, 0], [20.0, 0, 0, 0, -30, 0], [0.0, 0, 0, 0, -60, 0]])
+    for k, (changes, known) in enumerate([
+        ({}, [True, True, False]),
+        ({"setups": touched, "reach_mm": 100.0}, [True, False, False]),
+        ({"setups": touched, "reach_mm": 2000.0}, [True, True, False]),
+        ({"judged": nothing}, [False, False, False]),
+    ]):  # fmt: skip
+        rig, _ = load(written(tmp_path / str(k), calibrated_model(**changes))[0])
+        found = calibrated_arm(rig).forward(q_deg)
+        assert found.covered.tolist() == np.isfinite(found.u_mm).tolist() == known
+        assert calibrated_arm(rig).inverse(found.T, near_deg=q_deg[0]).covered.tolist() == known
 
 
 def test_what_is_no_frame_and_no_posture_is_refused() -> None:

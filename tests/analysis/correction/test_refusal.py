@@ -84,7 +84,7 @@ def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
 
 def test_u_of_each_target_holds_what_the_model_does_not_explain(tmp_path: Path) -> None:
     path = tmp_path / "path.csv"
-    path.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,20,10,0,60,0\n10,25,0,20,-70,30\n")
+    path.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,20,10,0,30,0\n10,25,0,20,-30,30\n")
     u_mm = []
     for unexplained_um in (0.0, 200.0):
         rig, _ = load(str(_cell(tmp_path / str(unexplained_um), unexplained_um=unexplained_um)))

@@ -74,7 +74,10 @@ def test_a_response_has_the_same_products_in_every_background(scale: float) -> N
     one, columns = Response(T), BACKGROUND.columns
     for weight in (np.ones(N), WEIGHT, np.where(BAND == 0, scale, 1.0)):
         background = background_of(columns, weight, VARIANCE, EXPECTED)
-        found, wanted = background.weighed_responses([one], Y[:, None]), background.weighed(np.column_stack([T, Y]))
+        found, wanted = (
+            background.weighed_responses([one], Y),
+            background.weighed(np.column_stack([T, Y - X @ EXPECTED])),
+        )
         np.testing.assert_allclose(found.products(found), wanted.products(wanted), atol=1e-9)
 
 

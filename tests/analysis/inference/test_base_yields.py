@@ -52,7 +52,7 @@ def _perfect(rig: Rig) -> Truth:
 def _moved(rig: Rig, effects: list[Effect], q: Array) -> Array:
     model = model_of(rig, effects)
     path = path_of(model, PoseTable(q, np.zeros((len(q), 3)), None))
-    T = moved(model, path).T[path.rows]
+    T = path.at_readings(moved(model, path).T)
     return np.asarray(T[:, :3, 3] + T[:, :3, :3] @ BALL_MM)
 
 

@@ -83,7 +83,7 @@ def elsewhere(case: Case, rig: Rig, effects: list[Effect]) -> tuple[float, float
     q = draw_postures(rig.robot, np.random.default_rng(4), 200)
     really = case.truth.places(q, np.vstack([q[:1], q[:-1]]), BALL_MM)
     model, table = model_of(rig, effects), PoseTable(q, really, None)
-    T = moved(model, path := path_of(model, table)).T[path.rows]
+    T = moved(model, path_of(model, table)).T
     off = position_error(T, really, fit_setup(T, really))
     places = T[:, :3, 3] + T[:, :3, :3] @ BALL_MM
     own, other = places - places.mean(axis=0), really - really.mean(axis=0)

@@ -69,7 +69,7 @@ def elsewhere_mm(case: Case, rig: Rig, effects: list[Effect]) -> float:
     really = railed_places(case.arm, case.rail, q, np.vstack([q[:1], q[:-1]]), e1_mm, BALL_MM)
     table = PoseTable(np.column_stack([q, e1_mm / 1000]), really, None, rail=True)
     model = model_of(rig, effects)
-    T = moved(model, path := path_of(model, table)).T[path.rows]
+    T = moved(model, path_of(model, table)).T
     return float(np.sqrt(np.mean(np.sum(position_error(T, really, fit_setup(T, really)) ** 2, axis=1))))
 
 
@@ -119,7 +119,7 @@ def test_each_error_of_the_line_grows_with_where_the_rail_stands(rig: Rig, way: 
 def _places(rig: Rig, effects: list[Effect], table: PoseTable) -> Array:
     model = model_of(rig, effects)
     path = path_of(model, table)
-    return np.asarray(moved(model, path).T[path.rows, :3, 3])
+    return np.asarray(path.at_readings(moved(model, path).T)[:, :3, 3])
 
 
 def test_tables_keep_where_the_rail_stands() -> None:

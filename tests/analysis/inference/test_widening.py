@@ -11,11 +11,14 @@ import pytest
 from analysis.inference import diagnose, remains
 from analysis.inference.blocks import _visit_numbers  # private: which poses repeat is said nowhere else
 from analysis.inference.observation import observe
+from analysis.inference.placements import reach_mm
 from analysis.inference.validation import LeftOut, _Missed  # private: the sums that the factor is made of
-from analysis.model.predict import model_of
+from analysis.kinematics.arm import transform
+from analysis.model.predict import SetUp, model_of
 from analysis.traces.tables import PoseTable
 from rigs.arms import load_arm
 from rigs.load import parse
+from rigs.schema.robot import Pose
 
 RNG = np.random.default_rng(5)
 STATED = RNG.uniform(0.02, 0.3, 60) ** 2
@@ -50,6 +53,18 @@ def test_one_place_far_off_does_not_decide() -> None:
     squares = sound.missed.copy()
     squares[7] = 400 * STATED[7]
     assert _Missed(squares, NOISE, STATED, sound.weight).ratio < 2 * max(sound.ratio, 1.0)
+
+
+def test_the_reach_of_what_was_judged_is_that_of_the_farthest_placement() -> None:
+    def at(x_mm: float) -> SetUp:
+        return SetUp(np.zeros(3), np.zeros(1), transform(Pose(xyz_mm=(x_mm, 0, 0))), np.eye(4))
+
+    places = {"a, socket 0": 0.0, "a, socket 1": 50.0, "b, socket 0": 300.0, "c, socket 0": 500.0}
+    used = {f"touch at {name}": at(x_mm) for name, x_mm in places.items()}
+    assert reach_mm(used, used) == 300.0
+    assert reach_mm({**used, "touch at d, socket 0": at(900.0)}, used) == 400.0
+    assert reach_mm(one := dict(list(used.items())[:2]), one) == 50.0
+    assert reach_mm(alone := dict(list(used.items())[:1]), alone) == 0.0
 
 
 def left_out(missed_by: np.ndarray, group: np.ndarray) -> LeftOut:

@@ -14,7 +14,6 @@ from analysis.session.guide import (
     Corrected,
     Event,
     Guide,
-    NotUnderstood,
     Outcome,
     Present,
     Recorded,
@@ -105,7 +104,7 @@ def test_both_directions_are_understood_while_the_next_program_is_driven(at_star
     state = State(at_start, "yaw", driving=1).tried(0, Try(run="a"))
     state, actions = stepped(state, Recorded(Run("b", CW, ""), 0.5))
     assert actions == (Begin(Runs(("a", "b"))), Drive(2)) and state.inferring == Runs(("a", "b"))
-    later, none = stepped(state, NotUnderstood("no lap"))
+    later, none = stepped(state, Answered(None, "no lap"))
     assert (later.inferring, later.session, none) == (None, state.session, ())
     answer = NAMED.model_copy(update={"runs": 2})
     later, none = stepped(state, Answered(answer))
