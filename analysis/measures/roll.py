@@ -51,7 +51,10 @@ def range_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
     }
 
 
-MEASURES = (SINE, Measure(range_figures, frozenset({"range_deg"})))
+MEASURES = (
+    SINE,
+    Measure(range_figures, frozenset({"range_deg"})),
+)
 _TEST = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures
 

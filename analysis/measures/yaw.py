@@ -44,7 +44,10 @@ def _notes(result: CircleResult) -> tuple[str, ...]:
     )
 
 
-MEASURES = (SINE, Measure(eccentricity_figures))
+MEASURES = (
+    SINE,
+    Measure(eccentricity_figures),
+)
 _TEST = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures
 

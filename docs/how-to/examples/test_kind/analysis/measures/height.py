@@ -13,8 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.measures.evaluate import hold_numbers
-from analysis.measures.evaluate import Instruments
+from analysis.measures.evaluate import Instruments, hold_numbers
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
