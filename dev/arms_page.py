@@ -116,7 +116,7 @@ In Python the same arm is a function, with every effect that depends on the post
 from analysis import calibrated_arm
 
 arm = calibrated_arm("found/cell.yaml")
-seen = arm.forward([[0, -90, 90, 0, 90, 0]])  # seen.T in mm, seen.u_mm, seen.covered
+seen = arm.forward([[0, -90, 90, 0, 90, 0]])  # seen.T in mm, seen.u_mm (NaN where not covered), seen.covered
 asked = arm.inverse(seen.T, near_deg=[0, -90, 90, 0, 90, 0])  # asked.q_deg, asked.reached
 ```
 

@@ -32,7 +32,7 @@ _REMEDY = "restore both files of one diagnosis, or diagnose again"
 _MOST_UM = 1e6
 """A metre: no arm that moves errs by more."""
 _MOST_WIDENED = 1000.0
-"""Of an arm that is calibrated to 10 µm, poses that were left out would lie 10 mm off: it would not be calibrated."""
+"""Poses left out would lie 10 mm off where the arm is calibrated to 10 µm: it would not be calibrated."""
 _LEAST_DEG, _MOST_DEG = -1000.0, 1000.0
 """Joint angles: no controller counts beyond three turns."""
 

@@ -112,7 +112,7 @@ def _limited(joint: ElementTree.Element, way: Sequence[float], lower: float, upp
 
 
 def numbers_text(values: Sequence[float] | Array) -> str:
-    """Return numbers with all their digits."""
+    """Return numbers (n,) with all their digits."""
     return " ".join(repr(float(value)) for value in values)
 
 

@@ -85,7 +85,7 @@ def emulate(
     lock = locked_cell(directory)
     write_cell_files(directory, rig, robot, cell.rig_text(text, emulated=True))
 
-    def tell(event: CellEvent) -> None:
+    def report(event: CellEvent) -> None:
         say(event.as_line if as_json else event.text)
 
     ends: SimpleQueue[int] = SimpleQueue()
@@ -94,11 +94,11 @@ def emulate(
     cell.start()
     try:
         for name, port in cell.ports.items():
-            tell(CellEvent("port", name, f"{name}: {port}"))
+            report(CellEvent("port", name, f"{name}: {port}"))
         programs_known = ", ".join(["run NAME"] if programs else PROGRAMS)
         next_line = f"ready; next: rigd {path}; then type here: {programs_known} or quit"
-        tell(CellEvent("ready", str(path), next_line))
-        keyboard = Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put, tell)
+        report(CellEvent("ready", str(path), next_line))
+        keyboard = Keyboard(robot, Pendant(rig, programs, maker) if programs else None, ends.put, report)
         keyboard.start()
         keyboard.read(has_person=has_keyboard())
         exit_code = end_from(ends)
@@ -106,7 +106,7 @@ def emulate(
         sent = cell.stop()
         lock.release()
     for name, count in sent.items():
-        tell(CellEvent("sent", name, f"{name}: {count} sent"))
+        report(CellEvent("sent", name, f"{name}: {count} sent"))
     raise typer.Exit(exit_code)
 
 

@@ -1,7 +1,7 @@
 """How well the tool's pose is known: what a correction needs of any model's own uncertainty.
 
 A correction asks for displacements of the tool at joint angles, each one standard uncertainty, and where the runs say
-that these hold. Elsewhere nobody knows how well the tool's place is known, and no figure is given.
+that these hold. Elsewhere it is unknown how well the tool's place is known, and no figure is given.
 
 A term turns a joint, changes a constant or moves the tool, and the pose changes by its derivative times what is not
 known of the term. Derivatives by joints are taken once, because most of a thousand terms turn one.

@@ -33,7 +33,7 @@ _SAID: dict[State, str] = {
 
 @dataclass(frozen=True)
 class CellEvent:
-    """What an emulated cell tells. event: what happened; name: of the port, program, file or column of which it
+    """What an emulated cell reports. event: what happened; name: of the port, program, file or column of which it
     happened, or the line that was refused; text: the same in words."""
 
     event: Literal["port", "ready", "driving", "entered", "shows", "refused", "sent", State]
@@ -57,7 +57,7 @@ class CellEvent:
 class Keyboard:
     """A person at the keyboard of an emulated cell; end: called with the exit code when the cell is to end.
 
-    tell: called with each event that the cell answers with.
+    report: called with each event that the cell answers with.
     """
 
     def __init__(
@@ -65,9 +65,9 @@ class Keyboard:
         robot: EmulatedRobot,
         pendant: Pendant | None,
         end: Callable[[int], None],
-        tell: Callable[[CellEvent], None],
+        report: Callable[[CellEvent], None],
     ) -> None:
-        self._robot, self._pendant, self._end, self._tell = robot, pendant, end, tell
+        self._robot, self._pendant, self._end, self._report = robot, pendant, end, report
         self._waiting: deque[str] = deque()
         self._some_wait = clock.Event()
 
@@ -111,7 +111,7 @@ class Keyboard:
         if word == "show":
             column, _, value = argument.strip().partition(" ")
             self._robot.show(column, value.strip())
-            self._tell(CellEvent("shows", column, f"{column}: {value.strip()}"))
+            self._report(CellEvent("shows", column, f"{column}: {value.strip()}"))
             return
         done = {"stop": self._robot.stop, "pause": self._robot.pause, "go on": self._robot.go_on}.get(line)
         if done is None:
@@ -125,7 +125,7 @@ class Keyboard:
         if word == "enter":
             count, more_rad = self._with_programs().enter(Path(name.strip()))
             self._robot.reads_more(more_rad)
-            self._tell(CellEvent("entered", name.strip(), f"{name.strip()}: entered, {count} parameters"))
+            self._report(CellEvent("entered", name.strip(), f"{name.strip()}: entered, {count} parameters"))
             return
         if word == "run":
             name = name.strip()
@@ -134,7 +134,7 @@ class Keyboard:
             raise UseError(line, "does not know the parameters that were entered", "start a program with run NAME")
         else:
             name, seconds = line, self._robot.start(line)
-        self._tell(CellEvent("driving", name, f"{name}: driving, {seconds:.1f} s"))
+        self._report(CellEvent("driving", name, f"{name}: driving, {seconds:.1f} s"))
         self._watch(name)
 
     def _with_programs(self) -> Pendant:
@@ -148,11 +148,11 @@ class Keyboard:
         while before not in ("done", "stopped"):
             if (state := self._robot.state(clock.now_ns())) != before:
                 before = state
-                self._tell(CellEvent(state, name, f"{name}: {_SAID[state]}"))
+                self._report(CellEvent(state, name, f"{name}: {_SAID[state]}"))
             clock.sleep(_LOOK_S)
 
     def _try(self, act: Callable[[str], None], line: str) -> None:
         try:
             act(line)
         except RigError as error:
-            self._tell(CellEvent("refused", line, f"error: {error}"))
+            self._report(CellEvent("refused", line, f"error: {error}"))

@@ -60,7 +60,7 @@ class Path:
         return self.motion.q
 
     def at_readings(self, simulated: Array) -> Array:
-        """What was simulated of the tool, (n, …), at the readings (m, …)."""
+        """What was simulated of the tool, (n, …) in mm or rad, at the readings (m, …)."""
         return simulated if self.alone else simulated[self.rows]
 
 

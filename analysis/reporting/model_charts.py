@@ -181,7 +181,7 @@ def _of_circle(strand: Strand, title: str, texts: Texts) -> Chart:
 
 
 def target_chart(target_map: Map, steps_um: Array, texts: Texts) -> Chart:
-    """What is left at targets, reading by reading."""
+    """What is left at targets, reading by reading: `steps_um` is (steps, readings)."""
     x = np.arange(1.0, len(target_map.before_um) + 1)
     lines = [Line(texts("gap_before"), "measured", x, steps_um[0], points=True)]
     if len(steps_um) > 1:

@@ -478,14 +478,14 @@ class EmulatedHands:
         self._may_go_on = True
 
     def look(self) -> None:
-        """Hear what the cell tells. Raises CellError for an error of it, and where it has ended."""
+        """Hear what the cell reports. Raises CellError for an error of it, and where it has ended."""
         self._hear()
         if self._waits and self._may_go_on:
             self._waits = self._may_go_on = False
             self._type("go on")
 
     def _hear(self) -> list[str]:
-        """Take in what the cell has told since the last time; return what kinds of events these are. Raises CellError
+        """Take in what the cell reported since the last time; return what kinds of events these are. Raises CellError
         for an error of it, and where it has ended."""
         assert self._child is not None  # noqa: S101 - a stage was set up
         heard: list[str] = []
@@ -509,7 +509,7 @@ class EmulatedHands:
         return heard
 
     def _await(self, event: str) -> None:
-        """Wait until the cell tells of an event. Raises CellError where it ends before, or takes too long."""
+        """Wait until the cell reports an event. Raises CellError where it ends before, or takes too long."""
         assert self._child is not None  # noqa: S101 - a stage was set up
         until_s = clock.now_s() + _READY_S
         while event not in self._hear():
