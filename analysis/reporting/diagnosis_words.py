@@ -76,7 +76,7 @@ def sure(posterior: float) -> str:
 def percent(share: float) -> str:
     """A share in percent, as many digits as a reader needs."""
     value = 100 * share
-    return f"{value:.0f} %" if abs(value) >= 0.95 else f"{value:.1f} %"
+    return f"{value:.0f} %" if abs(value) >= 0.95 else f"{value:z.1f} %"
 
 
 def micrometres(um: float) -> str:
