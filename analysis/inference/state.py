@@ -313,7 +313,7 @@ class Hyperparameters:
         """Return a state with strengths and robust weights that increase its evidence, and the level that it shows.
 
         Strengths are estimated from the state's posterior with all else unchanged, so that an estimate may go too far;
-        then a shorter step is tried, and where that does not help either, they do not change.
+        then a step that is clearly shorter is tried, and where that does not help either, they do not change.
         """
         whole, robust = evidence(state), self.robust(posterior)
         whole_step, nearer = self.strength(state, posterior), self.nearer_strength(state, posterior)

@@ -115,7 +115,7 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names
 class Widening:
     """How far places that had no part in a model are missed beyond what it states: the `factor` by which its
     uncertainty grows, at least 1, and what is as much everywhere, unexplained_mm of one coordinate; None where no
-    places judge it. It holds for sockets up to reach_mm from those touched, of which alone it says so."""
+    places judge it. It holds up to reach_mm from the sockets touched, None unless all runs are of touches."""
 
     factor: float = 1.0
     unexplained_mm: float | None = None
