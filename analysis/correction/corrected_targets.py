@@ -29,6 +29,7 @@ from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
 from analysis.makers.target import Reason
 from analysis.model.predict import Model, model_of
+from rigs.calibration import verdict_of
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 from rigs.schema.vocabulary import DRIVEN_AXES
@@ -192,7 +193,7 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
     counted = f"{int((~inside).sum())} of {len(q)} targets stand where no run says how well they are reached"
     axes = len(rig.robot.axes)
     ranges = [(low, high) for low, high in np.degrees(uncertainty.joints_rad[:axes]).tolist()]
-    first = f"{counted}: they have no in the column covered, and no u; measure there to know it"
+    first = f"{counted}: the column covered says no of them, and they have no u; measure there to know it"
     rail = RAIL_MM * uncertainty.joints_rad[axes:]
     stands = [
         f"the model: the rail stands at {mm.min():.0f} to {mm.max():.0f} mm, in the runs at {low:.0f} to {high:.0f} mm"
@@ -200,7 +201,7 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
         if mm.min() < low - BEYOND_MM or mm.max() > high + BEYOND_MM
     ]
     far, reach_mm = int((~uncertainty.is_within_reach(q)).sum()), rig.calibrated.reach_mm if rig.calibrated else None
-    if far and reach_mm is not None:
+    if far and rig.calibrated and reach_mm is not None and verdict_of(rig.calibrated) == "correct":
         beyond = f"farther than {reach_mm:.0f} mm from every socket touched, where no placement judged it"
         stands.append(f"the model: {far} of {len(q)} targets are {beyond}")
     return [first, *outside_coverage(ranges, q, "the model"), *stands]

@@ -141,7 +141,9 @@ def moved(model: Model, path: Path) -> Scene:
     if len(path.q) > _LONG:
         return posed(model, path, driven(model, path))
     key = (id(model.arm), id(model.load), *(effect.model_copy(update={"found": None}) for effect in model.effects))
-    kept = path._scenes.pop(key, None) or (model, posed(model, path, driven(model, path)))
+    kept = path._scenes.pop(key, None)
+    if kept is None or kept[0].arm is not model.arm:  # of a path that was copied the keys are of other objects
+        kept = (model, posed(model, path, driven(model, path)))
     path._scenes[key] = kept  # the model with it, so that its parts keep their identities
     if len(path._scenes) > _KEPT:
         del path._scenes[next(iter(path._scenes))]
