@@ -167,8 +167,7 @@ def _path_lines(corrections: Corrections) -> list[str]:
 
 def _left_out(targets: Corrected) -> Array:
     """What all effects that are not corrected still do to each target, (n,) mm."""
-    left_out: Array = np.linalg.norm(targets.left_out_mm, axis=1)
-    return left_out
+    return np.asarray(np.linalg.norm(targets.left_out_mm, axis=1))
 
 
 def _budget(targets: Corrected) -> dict[str, float]:
