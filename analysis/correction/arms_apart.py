@@ -103,21 +103,24 @@ def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
         problem = f"its arm is built otherwise than that of {rig.name}: {second.robot.name}, not {rig.robot.name}"
         raise FileError(second.name, problem, "compare arms of one model")
     stands = [arm.forward(q_deg) for arm in arms]
-    difference = pose_error(stands[0].T, stands[1].T)
+    difference, u_mm = pose_error(stands[0].T, stands[1].T), np.hypot(stands[0].u_mm, stands[1].u_mm)
+    doubts = [
+        f"{arm.rig.name} has no effects and no calibration: it is compared as its data sheet has it"
+        for arm in arms
+        if not model_of(arm.rig).effects
+    ]
+    if not doubts and (unknown := int(np.isnan(u_mm).sum())):
+        doubts.append(f"no u: at {unknown} of {len(u_mm)} postures no run says how well both arms are known")
     return ArmsApart(
         (rig.name, second.name),
         q_deg,
         difference[:, :3],
         np.degrees(np.linalg.norm(difference[:, 3:], axis=1)),
         rest_mm(stands[1].T[:, :3, 3], stands[0].T),
-        np.hypot(stands[0].u_mm, stands[1].u_mm),
+        u_mm,
         _constants(arms[0].rig, arms[1].rig),
         (dict(joint_traits(rig).play_deg), dict(joint_traits(second).play_deg)),
-        tuple(
-            f"{arm.rig.name} has no effects and no calibration: it is compared as its data sheet has it"
-            for arm in arms
-            if not model_of(arm.rig).effects
-        ),
+        tuple(doubts),
     )
 
 
@@ -134,8 +137,7 @@ def _postures(*arms: CalibratedArm) -> Array:
         axis = int(np.flatnonzero(low > high)[0]) + 1
         problem = f"the two have no angle of axis {axis} in common, by their limits and the runs behind them"
         raise FileError(arms[1].rig.name, problem, "calibrate both over the same angles")
-    postures: Array = np.random.default_rng(0).uniform(low, high, (_POSTURES, len(low)))
-    return postures
+    return np.asarray(np.random.default_rng(0).uniform(low, high, (_POSTURES, len(low))))
 
 
 def _constants(*rigs: Rig) -> tuple[dict[str, float], ...]:

@@ -226,8 +226,7 @@ def _with_offset(target: Target, X: Array) -> Array:
     if target.offset is None:
         return X
     kind, offset = target.offset
-    moved: Array = offset @ X if kind == "frame" else X @ offset
-    return moved
+    return np.asarray(offset @ X if kind == "frame" else X @ offset)
 
 
 @dataclass(frozen=True)

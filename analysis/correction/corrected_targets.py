@@ -19,6 +19,7 @@ from analysis.correction.pose_uncertainty import (
     pose_uncertainty,
     where_known,
 )
+from analysis.correction.refusal import why_nothing
 from analysis.correction.support import Support
 from analysis.correction.work import left_out_mm, rest_effects, tool_poses, used_effects, work_or_spread
 from analysis.inference.observation import BEYOND_MM, outside_coverage
@@ -29,7 +30,6 @@ from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
 from analysis.makers.target import Reason
 from analysis.model.predict import Model, model_of
-from rigs.calibration import verdict_of
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 from rigs.schema.vocabulary import DRIVEN_AXES
@@ -201,7 +201,7 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
         if mm.min() < low - BEYOND_MM or mm.max() > high + BEYOND_MM
     ]
     far, reach_mm = int((~uncertainty.is_within_reach(q)).sum()), rig.calibrated.reach_mm if rig.calibrated else None
-    if far and rig.calibrated and reach_mm is not None and verdict_of(rig.calibrated) == "correct":
+    if far and reach_mm is not None and not why_nothing(rig):
         beyond = f"farther than {reach_mm:.0f} mm from every socket touched, where no placement judged it"
         stands.append(f"the model: {far} of {len(q)} targets are {beyond}")
     return [first, *outside_coverage(ranges, q, "the model"), *stands]

@@ -93,8 +93,7 @@ class CalibratedUncertainty:
         placed = list(self.calibrated.setups.values())
         sockets = -np.array([setup.T_instrument_world for setup in placed])[:, :3, 3]
         balls = (tool_poses(model_of(self.rig, ()), q) @ np.array(placed[0].T_tool_target))[:, :3, 3]
-        near: Mask = np.linalg.norm(balls[:, None] - sockets, axis=2).min(axis=1) <= reach_mm
-        return near
+        return np.asarray(np.linalg.norm(balls[:, None] - sockets, axis=2).min(axis=1) <= reach_mm)
 
     def _derivatives(self, q: Array) -> Array:
         """Return the change (p, n, 6) of the tool, mm and rad, for each kept parameter in its own unit."""

@@ -144,7 +144,7 @@ def left_out_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
     6) rad."""
     nothing = model_of(rig, ())
     squares = np.zeros((len(q), len(effects)))
-    for path in _approaches(q) if effects else []:
+    for path in _approaches(q) if effects and len(q) else []:
         places = _places(nothing, path)
         for k, effect in enumerate(effects):
             squares[:, k] += ((_places(model_of(rig, (effect,)), path) - places) ** 2).sum(axis=1) / 4

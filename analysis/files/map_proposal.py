@@ -406,7 +406,7 @@ def _otherwise(
             )
             named = f"joints {_short(group.columns)} in {angle}, place {_short(pose.place.columns)} in {length}"
             ways += [(way, base, named, pose) for way in meant(judge.raw, judge.bare, base)]
-    ways.sort(key=lambda pose_of_pose: pose_of_pose[0].share)
+    ways.sort(key=lambda way: way[0].share)
     # A zero half a turn off and an axis behind it that counts the other way are the same: a map states the latter.
     if any(way[0].share < AS_WELL * ways[0][0].share and not way[0].remedy for way in ways):
         ways = [way for way in ways if not way[0].remedy]

@@ -60,7 +60,7 @@ WHY: dict[Reason, str] = {
     "array": "is in an array, whose elements are not followed",
     "arc": "is of an arc of a number of degrees, which does not end at its target",
     "changed": "is also used, or assigned, elsewhere in the program",
-    "offset": "is used with an offset that is not known, or whose place needs another correction than the point",
+    "offset": "is used with an offset that is not known, or whose place may need another correction than the point",
     "displaced": "is moved by a displacement that is, or may be, active there",
     "tracked": "is, or may be, followed on a conveyor, or moved by a sensor or a force, there",
     "external_tcp": "is, or may be, reached with a tool that stands outside of the robot",

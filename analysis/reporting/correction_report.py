@@ -112,7 +112,7 @@ def _first(corrections: Corrections) -> str:
 def _not_known(share: float) -> str:
     """The sentence about the share of the work at which no run says how well the arm is known."""
     where = "where the work is" if share == 1 else f"at {100 * share:.0f} % of the work"
-    return f" No run measured {where}: how large the error stays there is not known." if share else ""
+    return f" No run shows how large the error stays {where}." if share else ""
 
 
 def _mm(um: float) -> str:
@@ -152,8 +152,8 @@ def _path_lines(corrections: Corrections) -> list[str]:
         path, _, targets = corrections.path
         lines.append(
             f"{path.name}: {_count(int(targets.done.sum()))}, missed by up to {np.nanmax(targets.missed_mm):.3f} mm "
-            f"before; {program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])}, "
-            f"{_small(np.nanmax(_left_out(targets)))} of it by effects that are not corrected"
+            f"before; {program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])}; "
+            f"effects that are not corrected leave {_small(np.nanmax(_left_out(targets)))}"
         )
         each = [(name, mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
         if each:
@@ -167,8 +167,7 @@ def _path_lines(corrections: Corrections) -> list[str]:
 
 def _left_out(targets: Corrected) -> Array:
     """What all effects that are not corrected still do to each target, (n,) mm."""
-    left_out: Array = np.linalg.norm(targets.left_out_mm, axis=1)
-    return left_out
+    return np.asarray(np.linalg.norm(targets.left_out_mm, axis=1))
 
 
 def _budget(targets: Corrected) -> dict[str, float]:

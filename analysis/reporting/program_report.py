@@ -80,7 +80,7 @@ def lines(program: CorrectedProgram) -> list[str]:
 def reached(u_frame_mm: Array, u_mm: Array) -> str:
     """Return how well corrected targets are reached by their uncertainties (n,) mm, NaN where no run says it."""
     if np.isnan(u_mm).all():
-        return "how well they are reached is not known, no run measured there"
+        return "how well they are reached is not known: no run says it"
     return (
         f"reached to ± {np.nanmax(u_frame_mm):.3f} mm after with frame and tool taught with the robot, to "
         f"± {np.nanmax(u_mm):.3f} mm in its base (standard uncertainty at the worst target"

@@ -1,7 +1,7 @@
 """What earlier versions of rig wrote is read, and means what it meant: docs/decisions/0031-compatibility.md.
 
-`0.1/first` is of the day on which the diagnosis came, `0.1/last` of the release of 1.0, `1.0/release` and `1.1/release`
-were written by these releases. Nothing there is made anew.
+`0.1/first` is of the day on which the diagnosis came, `0.1/last` of the release of 1.0, `1.0/release` was
+written by that release, `1.1/release` by a state of the day of 1.1. Nothing there is made anew.
 """
 
 from __future__ import annotations

@@ -46,6 +46,19 @@ def test_an_arm_with_itself_is_nothing_apart_and_its_play_is_shown(tmp_path: Pat
     assert seen["play_deg"] == [{"2": 0.02}, {"2": 0.02}]
 
 
+def test_where_no_run_measured_both_there_is_no_u_and_the_reason_is_said(tmp_path: Path) -> None:
+    known = "found: {date: 2026-11-20, runs: [a], sd: {offset_deg: 0.01}"
+    for name, driven, doubts in (
+        ("all", "[-360, 360]", []),
+        ("part", "[0, 1]", ["no u: at 200 of 200 postures no run says how well both arms are known"]),
+    ):
+        joints = ", ".join([driven] * 6)
+        effect = f"{{effect: joint_offset, axis: 2, offset_deg: 0.1, {known}, joints_deg: [{joints}]}}}}"
+        one = arm(tmp_path, name, f"\neffects:\n  - {effect}\n")
+        seen = json.loads(ran("compare", one, one, "--json").stdout)
+        assert seen["doubts"] == doubts and (seen["u_rms_mm"] is None) == bool(doubts)
+
+
 def test_arms_of_two_models_are_refused_in_a_line(tmp_path: Path) -> None:
     done = ran("compare", arm(tmp_path, "one"), arm(tmp_path, "other", shipped="paper-fanuc"))
     assert done.returncode == 3

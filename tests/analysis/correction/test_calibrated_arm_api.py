@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from analysis import calibrated_arm
+from analysis.correction.corrected_targets import corrected
+from analysis.correction.support import supports
 from analysis.correction.work import tool_poses
 from analysis.kinematics.arm import arm_of, forward
 from analysis.model.predict import model_of
@@ -81,11 +83,14 @@ def test_where_no_run_measured_there_is_no_uncertainty(tmp_path: Path) -> None:
         ({"setups": touched, "reach_mm": 100.0}, [True, False, False]),
         ({"setups": touched, "reach_mm": 2000.0}, [True, True, False]),
         ({"judged": nothing}, [False, False, False]),
+        ({"setups": touched, "reach_mm": 2000.0, "judged": nothing}, [False, False, False]),
     ]):  # fmt: skip
         rig, _ = load(written(tmp_path / str(k), calibrated_model(**changes))[0])
         found = calibrated_arm(rig).forward(q_deg)
         assert found.covered.tolist() == np.isfinite(found.u_mm).tolist() == known
         assert calibrated_arm(rig).inverse(found.T, near_deg=q_deg[0]).covered.tolist() == known
+        far = [words for words in corrected(rig, supports(rig), np.radians(q_deg)).doubts if "socket touched" in words]
+        assert [words.split(": ")[1].split()[0] for words in far] == (["2"] if changes.get("reach_mm") == 100 else [])
 
 
 def test_what_is_no_frame_and_no_posture_is_refused() -> None:

@@ -256,8 +256,8 @@ def test_work_where_no_run_measured_is_said_to_be_unknown(tmp_path: Path) -> Non
     path.write_text(",".join(JOINTS) + "\n0,-80,100,-20,80,0\n")
     words = ["correct", str(cell), "--path", str(path), "-o"]
     said = " ".join(CliRunner().invoke(app, [*words, str(tmp_path / "1")]).stdout.split())
-    assert "No run measured where the work is: how large the error stays there is not known." in said
-    assert "how well they are reached is not known, no run measured there" in said and "nan" not in said
+    assert "No run shows how large the error stays where the work is." in said
+    assert "how well they are reached is not known: no run says it" in said and "nan" not in said
     found = json.loads(CliRunner().invoke(app, [*words, str(tmp_path / "2"), "--json"]).stdout)
     assert found["work"]["unknown_share"] == 1.0
     assert found["path"]["largest_mm"]["u"] is None and found["path"]["u_frame_um"] == [None]

@@ -12,7 +12,7 @@ from analysis.correction.corrected_program import CorrectedProgram, correct_prog
 from analysis.correction.support import supports
 from analysis.makers.target import WHY
 from rigs.edit import extended
-from rigs.effects import Compliance, Effect, JointOffset
+from rigs.effects import Backlash, Compliance, Effect, JointOffset
 from rigs.load import load
 from tests.support.command_line import ran
 from tests.support.faulty_arm import EFFECTS, found, known
@@ -176,6 +176,16 @@ def test_a_start_from_which_no_posture_comes_is_said(tmp_path: Path, cell: Path)
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--start-joints", "0,-80,100,-20,80,0")
     assert done.returncode == 0 and "a.script: no target takes its posture from --start-joints" in done.stderr
+
+
+@pytest.mark.parametrize(("text", "reasons"), [("x=1\n", []), ("movej([0,-9,0,0,0,0])\n", ["beyond_limits"])])
+def test_a_program_of_which_nothing_is_corrected_is_read_beside_a_play(
+    text: str, reasons: list[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "a.script"
+    path.write_text(text)
+    done = _corrected(path, *EFFECTS, Backlash(axis=1, width_deg=0.2))
+    assert [target.reason for target in done.left] == reasons and not done.names and not len(done.u_mm)
 
 
 def test_programs_of_one_name_are_refused(tmp_path: Path, cell: Path) -> None:
