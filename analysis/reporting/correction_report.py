@@ -26,6 +26,7 @@ from analysis.makers.reading import with_remark
 from analysis.measures.parameters import quantity_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note, rounded_um, short
+from analysis.reporting.diagnosis_words import percent
 from analysis.reporting.plain_console import right, whole
 from rigs.effects import size_field
 from rigs.errors import FileError
@@ -111,7 +112,7 @@ def _first(corrections: Corrections) -> str:
 
 def _not_known(share: float) -> str:
     """The sentence about the share of the work at which no run says how well the arm is known."""
-    where = "where the work is" if share == 1 else f"at {100 * share:.0f} % of the work"
+    where = "where the work is" if share == 1 else f"at {percent(share)} of the work"
     return f" No run measured {where}: how large the error stays there is not known." if share else ""
 
 
@@ -150,10 +151,14 @@ def _path_lines(corrections: Corrections) -> list[str]:
     lines = []
     if corrections.path:
         path, _, targets = corrections.path
+        u_frame_mm, u_mm = targets.u_frame_mm[targets.done], targets.u_mm[targets.done]
+        rest = _small(np.nanmax(_left_out(targets)))
+        by_rest = f", {rest} of it by effects that are not corrected"
+        if np.isnan(u_mm).all():  # there is no u of which it could be a part
+            by_rest = f"; effects that are not corrected move them by up to {rest}"
         lines.append(
             f"{path.name}: {_count(int(targets.done.sum()))}, missed by up to {np.nanmax(targets.missed_mm):.3f} mm "
-            f"before; {program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])}, "
-            f"{_small(np.nanmax(_left_out(targets)))} of it by effects that are not corrected"
+            f"before; {program_report.reached(u_frame_mm, u_mm)}{by_rest}"
         )
         each = [(name, mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
         if each:

@@ -258,6 +258,7 @@ def test_work_where_no_run_measured_is_said_to_be_unknown(tmp_path: Path) -> Non
     said = " ".join(CliRunner().invoke(app, [*words, str(tmp_path / "1")]).stdout.split())
     assert "No run measured where the work is: how large the error stays there is not known." in said
     assert "how well they are reached is not known, no run measured there" in said and "nan" not in said
+    assert "of it by effects" not in said, "a part of what is not known"
     found = json.loads(CliRunner().invoke(app, [*words, str(tmp_path / "2"), "--json"]).stdout)
     assert found["work"]["unknown_share"] == 1.0
     assert found["path"]["largest_mm"]["u"] is None and found["path"]["u_frame_um"] == [None]
