@@ -49,7 +49,6 @@ _MOST_SAMPLES = 3_000_000
 """A program of an hour has a tenth of it."""
 _STANDS = 1e-6
 """Less than this, in mm or rad, is no move: a program has so many decimals."""
-_FULL_TURN = 2 * np.pi
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,6 @@ from analysis.history.records import Record
 from daq.store import durable
 from rigs.errors import FileError
 
-_PARQUET = b"PAR1"
-"""What a Parquet file begins with."""
-
 
 def write_figures(fleet: Fleet, path: Path) -> None:
     """Write the table, in place of a file that is there, which stays until the new one is whole; in memory is one robot

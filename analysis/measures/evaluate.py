@@ -1,6 +1,5 @@
-"""From a table to the figures of its test: one function for measured and simulated tables alike.
-
-What every evaluation refuses, each in one line with its remedy.
+"""From a table to the figures of its test: one function for measured and simulated tables alike; and what every
+evaluation refuses, each in one line with its remedy.
 """
 
 from __future__ import annotations

@@ -163,10 +163,10 @@ class Cells:
     @property
     def rounds(self) -> bool:
         """Whether the visits of a target lie apart, as where the whole program was driven again."""
-        timed = np.isfinite(self.t_s)
-        first = np.where(timed, self.t_s, np.inf).min(axis=-1)
-        last = np.where(timed, self.t_s, -np.inf).max(axis=-1)
-        apart = (last - first)[timed.any(axis=-1)]
+        visited = np.isfinite(self.t_s)
+        first = np.where(visited, self.t_s, np.inf).min(axis=-1)
+        last = np.where(visited, self.t_s, -np.inf).max(axis=-1)
+        apart = (last - first)[visited.any(axis=-1)]
         return bool(np.median(apart) > _APART * (last.max() - first.min()))
 
     def only(self, rows: NDArray[np.bool_]) -> Cells:

@@ -26,6 +26,7 @@ from analysis.makers.reading import with_remark
 from analysis.measures.parameters import quantity_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note, rounded_um, short
+from analysis.reporting.diagnosis_words import percent
 from analysis.reporting.plain_console import right, whole
 from rigs.effects import size_field
 from rigs.errors import FileError
@@ -111,7 +112,7 @@ def _first(corrections: Corrections) -> str:
 
 def _not_known(share: float) -> str:
     """The sentence about the share of the work at which no run says how well the arm is known."""
-    where = "where the work is" if share == 1 else f"at {100 * share:.0f} % of the work"
+    where = "where the work is" if share == 1 else f"at {percent(share)} of the work"
     return f" No run shows how large the error stays {where}." if share else ""
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.geometry.iso_cube import FROM_CENTRE, cube_of
-from analysis.kinematics.arm import Array, arm_of
+from analysis.kinematics.arm import Array, Mask, arm_of
 from analysis.measures.axis_curves import AxisCurve
 from analysis.measures.cube import poses_of_cube
 from analysis.measures.link_angle import CircleResult
@@ -77,17 +77,8 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
     if squares:
         phi, angle_deg = np.array(squares).T
         lines.append(Line(texts("turns_back"), "model", phi, angle_deg, points=True))
-    caption = texts("caption_joints")
-    return Chart(
-        texts("chart_joints"),
-        caption,
-        "straight",
-        texts("circle_angle"),
-        texts("joint_angle"),
-        "°",
-        tuple(lines),
-        marks,
-    )
+    title, labels = texts("chart_joints"), (texts("circle_angle"), texts("joint_angle"))
+    return Chart(title, texts("caption_joints"), "straight", *labels, "°", tuple(lines), marks)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -150,12 +141,16 @@ def _sphere(result: Result, curve: RadialCurve, texts: Texts) -> SphereChart:
 
 
 def _by_target(result: Result, curve: RadialCurve, texts: Texts) -> Chart:
-    half_um = 500 * curve.spread_mm if "spread_mm" in result.figures else None
-    x = curve.target.astype(float)
-    line = Line(texts("measured"), "measured", x, 1e3 * curve.deviation_mm, points=True, half=half_um)
-    y_label = f"{texts('error_radius')} / µm"
-    caption = texts("caption_targets")
-    return Chart(texts("chart_targets"), caption, "targets", texts("target"), y_label, "µm", (line,))
+    used = curve.used
+    ways: tuple[tuple[str, Role, Mask], ...] = (("measured", "measured", used), ("not_used", "sixth", ~used))
+    x, y, half_um = curve.target.astype(float), 1e3 * curve.deviation_mm, 500 * curve.spread_mm
+    lines = tuple(
+        Line(texts(name), role, x[at], y[at], points=True, half=half_um[at] if "spread_mm" in result.figures else None)
+        for name, role, at in ways
+        if at.any()
+    )
+    title, y_label = texts("chart_targets"), f"{texts('error_radius')} / µm"
+    return Chart(title, texts("caption_targets"), "targets", texts("target"), y_label, "µm", lines)
 
 
 def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> Chart:

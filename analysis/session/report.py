@@ -45,11 +45,11 @@ def verified_by(session: Session, place: Place) -> Verified:
 def write_report(session: Session, rig: Rig, place: Place) -> Path:
     """Write the page of a session, in place of an older one: figures of the runs that find errors, and the diagnosis of
     all runs before the correction. Raises FileError and CellError."""
-    find, judge = (
+    find, judges = (
         [load_measured(run) for run in place.runs_of(session.runs_for(purpose))] for purpose in ("find", "judge")
     )
     model = find[0].rig.modelled_as(rig)
-    joined = judge if session.answer and session.answer.joined else []
+    joined = judges if session.answer and session.answer.joined else []
     diagnosis = None
     with suppress(RigError):  # the page says why for those that find errors
         diagnosis = diagnose([*find, *joined], rig=model) if joined else None

@@ -111,7 +111,7 @@ _SCATTERS = 60
 _LOG_LIKELY = 2.0
 """A scatter is likely whose log likelihood falls short of the best by no more: two standard deviations."""
 _SAMPLE = 2000
-"""Ticks that determine the common phase: more of them show the same."""
+"""Ticks that determine the common phase, and requests that show whether they keep step: more show the same."""
 
 
 def period_of(middle_ns: Array, usual_ns: float, within: float) -> float:

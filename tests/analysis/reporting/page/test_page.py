@@ -20,6 +20,8 @@ from typer.testing import CliRunner
 from analysis import evaluate_runs, load_run
 from analysis.cli import app
 from analysis.inference.result import Condition, Looked, Remains
+from analysis.measures.radial import RadialResult
+from analysis.reporting.chart import Chart
 from analysis.reporting.page.report import Report, gather
 from analysis.reporting.page.write_page import rendered, write_page
 from analysis.reporting.run_charts import circle_charts, directions, interpolated, target_charts
@@ -224,6 +226,17 @@ def test_a_still_picture_keeps_its_numbers_and_is_the_same_each_time(report: Rep
     first = still(targets)
     assert first == still(targets) and first.startswith("<svg") and len(first) < 60_000
     assert "least-squares sphere" in still(sphere)
+
+
+def test_a_target_that_is_left_out_is_drawn_as_such(report: Report) -> None:
+    radial = next(one for one in report.results if one.test == "radial")
+    assert isinstance(radial.found, RadialResult)
+    used = np.arange(len(radial.found.used)) != 4
+    less = replace(radial, found=replace(radial.found, used=used))
+    targets = target_charts(less, texts_of("en"))[1]
+    assert isinstance(targets, Chart)
+    assert [(line.name, len(line.x)) for line in targets.lines] == [("measured", len(used) - 1), ("left out", 1)]
+    assert targets.lines[1].x == [5.0]
 
 
 def test_the_surface_passes_through_the_targets() -> None:
