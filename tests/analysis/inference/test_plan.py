@@ -198,7 +198,7 @@ def test_the_command_prints_words_or_one_object(monkeypatch: pytest.MonkeyPatch,
     )
     monkeypatch.setenv("COLUMNS", "140")
     told = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll"])
-    assert "most useful further test: circle with the ball 40 mm off axis 6" in told.stdout
+    assert "most useful further test: hemisphere (radial)" in told.stdout
     assert "link_geometry 6.a (a5)" in told.stdout
     assert "not possible here: a flight: no wings" in told.stdout
     assert "noise assumed" in told.stdout and "from stop to stop 24.5 µm" in " ".join(told.stdout.split())
