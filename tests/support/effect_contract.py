@@ -101,12 +101,12 @@ def simulated(name: str) -> None:
 
 def calibrated(name: str) -> None:
     """A person asks for it by its place, and what was planted comes out; of a growth, whose time constant is no more
-    known than its end by laps of a minute, within twice its u."""
+    known than its end by laps of a minute, and of a lag, in which runs scatter alike, within twice its u."""
     runs = [observe_run(model_of(RIG), table, table.direction) for table in tables_of(name)]
     refined = fit_given(runs, given_effects(word_for(name)), lambda _: None).fit
     (found,) = refined.effects
     assert name_of(found) == name_of(fault(name))
-    near(found, fault(name), 2 * refined.sd(0)[size_field(found)] if found.STRETCHED else 0.0)
+    near(found, fault(name), 2 * refined.sd(0)[size_field(found)] if found.STRETCHED or name == "time_lag" else 0.0)
 
 
 def near(found: Effect, planted: Effect, unsure: float) -> None:
