@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 import pytest
 import yaml
 
+from analysis.window.app import Window
 from tests.support.bench import Bench, rig_text
 from tests.support.browser import CHROMIUM, Browser, browser
 from tests.support.nightly import cases
@@ -70,6 +71,13 @@ def violations(one: Browser) -> list[Any]:
     return [(rule["id"], [node["html"][:120] for node in rule["nodes"][:3]]) for rule in found]
 
 
+def shows_what_is_read(one: Browser, window: Window) -> None:
+    """The page comes to the reading of a gauge that moves: it is some pictures behind what the watcher holds."""
+    end_s = time.monotonic() + PATIENCE_S
+    while float(one.value(TEXT.format("g1"))) != pytest.approx(window.watcher.view.readings["g1"].mm, abs=1e-3):
+        assert time.monotonic() < end_s, window.watcher.view.readings
+
+
 def hold_quiet(one: Browser, port: int, known: tuple[str, ...] = ()) -> None:
     """No error was said, and nobody else was asked for anything. known: parts of errors that a test has caused."""
     said = [event["args"] for event in one.named("Runtime.consoleAPICalled") if event["type"] in ("error", "warning")]
@@ -114,18 +122,14 @@ def test_a_lap_is_watched_on_every_screen_and_a_window_that_goes_is_said(chromiu
         sized(chromium, SIZES["desk"])
         opened(chromium, one.address)
         chromium.until(f"{TEXT.format('acw-band')}.includes('…')")
-        before = chromium.value("known.now.tick")
-        time.sleep(2)
-        assert chromium.value("known.now.tick") - before >= 10, "several pictures a second, on a busy computer too"
+        chromium.until(f"known.now.tick >= {chromium.value('known.now.tick') + 10}")
         loaded(chromium, lambda: chromium.send("Page.reload"))
         chromium.until(WHOLE)
-        assert "acw" in chromium.value(TEXT.format("lap")) or "stands" in chromium.value(TEXT.format("lap"))
+        assert any(word in chromium.value(TEXT.format("lap")) for word in ("cw", "stands"))
         assert chromium.value("document.getElementById('acw-path').getAttribute('d').length") > 2000
         assert chromium.value("document.querySelectorAll('#turns text').length") > 5
         assert len(chromium.value(TEXT.format("joints"))) > 60
-        assert float(chromium.value(TEXT.format("g1"))) == pytest.approx(
-            one.window.watcher.view.readings["g1"].mm, abs=1e-3
-        )
+        shows_what_is_read(chromium, one.window)
         for name, size in SIZES.items():
             for scheme in ("light", "dark"):
                 sized(chromium, size, **{"prefers-color-scheme": scheme})
