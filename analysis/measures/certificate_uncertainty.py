@@ -9,7 +9,6 @@ another is left alone, since both have the same gauges.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 
 from analysis.measures.quantity import PLACE, Quantity
@@ -17,17 +16,17 @@ from analysis.noise.certificate import NO_CERTIFICATE, Systematic
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
 
-Figures = Mapping[str, Quantity]
+Figures = dict[str, Quantity]
 _SHORTEST_MM = 0.3
 """Readings further apart than this may be wrong by independent amounts; the error of closer ones is shared in part."""
 _LENGTHS = ("radius_mm", "held_radius_mm", "ap_mm", "ap_mean_mm")
 """Figures that an error common to all readings moves by as much."""
 
 
-def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: TestName) -> dict[str, Quantity]:
+def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: TestName) -> Figures:
     """Figures of a run with what its certificates leave uncertain added in quadrature."""
     if systematic == NO_CERTIFICATE or test in WITHOUT_GAUGES:
-        return dict(figures)
+        return figures
     u = _u_of_circle if test in CIRCLES else _u_of_targets
     return {
         name: replace(figure, u=math.hypot(figure.u, u(name, figures, systematic, rig)))
