@@ -123,6 +123,6 @@ def simulated_arm(rig: Rig, arm: Arm, where: str, carried: str, friction: Mappin
         )
         if axes
     ]
-    held = f"In hinges beside the joints' own: {'; '.join(parts)}."
-    beside = held if parts else "Neither play nor deflection under load was found."
+    hinges = f"In hinges beside the joints' own: {'; '.join(parts)}."
+    beside = hinges if parts else "Neither play nor deflection under load was found."
     return mjcf_text(rig.robot, arm, traits, where, [carried, beside]), f"{carried} {beside}"

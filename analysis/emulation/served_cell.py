@@ -92,8 +92,8 @@ class EmulatedCell:
         def attend(ends: SimpleQueue[int]) -> int:
             for name, port in cell.ports.items():
                 report(CellEvent("port", name, f"{name}: {port}"))
-            known = ", ".join(["run NAME"] if self.programs else PROGRAMS)
-            report(CellEvent("ready", str(path), f"ready; next: rigd {path}; then type here: {known} or quit"))
+            programs = ", ".join(["run NAME"] if self.programs else PROGRAMS)
+            report(CellEvent("ready", str(path), f"ready; next: rigd {path}; then type here: {programs} or quit"))
             pendant = Pendant(rig, self.programs, self.maker) if self.programs else None
             keyboard = Keyboard(robot, pendant, ends.put, report)
             keyboard.start()
