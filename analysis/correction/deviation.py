@@ -26,10 +26,11 @@ class Deviation(Part):
 
 
 class Expected(Part):
-    """What a correction is expected to leave, µm rms, with its standard uncertainty by the model."""
+    """What a correction is expected to leave, µm rms, with its standard uncertainty by the model, None where its runs
+    do not say how well it is known."""
 
     um: float
-    u_um: float
+    u_um: float | None
 
 
 @dataclass(frozen=True)

@@ -73,8 +73,8 @@ def acts_of(
     if diagnosis.condition == "not_testable_here":
         return (*before, Act("measure", "not_visible", command=("plan", _model(diagnosis))))
     repairs, following = _repairs(diagnosis, judged)
-    acts = _in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)]) + following
-    acts = one_after_the_other(acts, judged)
+    acts = in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)], diagnosis.train.before_um)
+    acts = one_after_the_other(acts + following, judged)
     asked = _measurements(diagnosis, judged, tests)
     first = [act for act in asked if _comes_first(act, acts, diagnosis)]
     acts = [*first, *acts, *(act for act in asked if act not in first)]
@@ -87,15 +87,20 @@ def acts_of(
     return (*before, *(acts or [Act("none", "sound")]))
 
 
-def _in_order(acts: Sequence[Act]) -> list[Act]:
+def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
     """Return acts, what removes most first, and an approach from one side, whose gain is unknown beforehand, by what
-    its part makes. What is usual is corrected for today, and repaired where that is not enough: its repair stands
-    behind its correction."""
+    the error now would lose without its part. What is usual is corrected for today, and repaired where that is not
+    enough: its repair stands behind its correction."""
     corrected = {k for act in acts if act.kind in ("load", "approach") for k in act.parts}
     late = [act for act in acts if act.why == "sure_and_large" and act.kind == "repair" and {*act.parts} <= corrected]
     late.sort(key=lambda act: -act.removes_um)
     ordered: list[Act] = []
-    by_weight = sorted(acts, key=lambda act: -(act.remains_um if act.kind == "approach" else act.removes_um))
+
+    def weight_um(act: Act) -> float:
+        without_um = math.sqrt(max(now_um**2 - act.remains_um**2, 0.0))
+        return now_um - without_um if act.kind == "approach" else act.removes_um
+
+    by_weight = sorted(acts, key=weight_um, reverse=True)
     for act in [act for act in by_weight if act not in late]:
         ordered.append(act)
         served = {part for done in ordered if done.kind in ("load", "approach") for part in done.parts}

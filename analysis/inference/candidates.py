@@ -43,12 +43,13 @@ healthy sizes. Chosen: a factor of about five apart, since the fit then adjusts 
 class Candidate:
     """One name in one form. `effects` has one effect for each column, at `size` of its healthy size, because the
     response to a play is not proportional to its width. `shaped` has the same effect in the other shapes that a search
-    also tries."""
+    also tries, which may be `against_stated` what the rig file has."""
 
     name: str
     effects: tuple[Effect, ...]
     size: float = 1.0
     shaped: tuple[Effect, ...] = ()
+    against_stated: bool = False
 
     @property
     def effect(self) -> Effect:
@@ -68,10 +69,11 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
             sizes = [min(1.0, form.STRAIGHT)]
             if is_play(form):  # its response depends on its width
                 sizes = sorted({min(1.0, _PLAY_SIGMA / max(float(next(sigmas)), 1e-9)), *_PLAYS})
-            tried = [{free.field: free.tried} for free in form.free(scope.payload_kg) if free.tried is not None]
+            tried = [{free.field: value} for free in form.free(scope.payload_kg) for value in free.tried]
             for whole, size in ((scaled(healthy(form), size), size) for size in sizes):
                 shaped = tuple(whole.model_copy(update=shape) for shape in tried)
-                candidates.append(Candidate(name_of(form), phases(whole), size, shaped))
+                stated = any(free.stated for free in form.free(scope.payload_kg))
+                candidates.append(Candidate(name_of(form), phases(whole), size, shaped, stated))
     return candidates
 
 
@@ -280,7 +282,7 @@ def fault_sizes(level: float) -> Array:
 @dataclass(frozen=True, kw_only=True)
 class Form(Candidate):
     """One way in which a name may appear: a candidate with the indices of its `columns`, `among` so many forms of its
-    name."""
+    name, of which those against what the rig file states count as one together."""
 
     columns: tuple[int, ...]
     among: int
@@ -319,8 +321,11 @@ class Columns:
 
     @cached_property
     def among(self) -> Counter[str]:
-        """The number of forms of each name."""
-        return Counter(form.name for form in self.forms)
+        """The number of forms of each name, as its likeliest counts them."""
+        counts = Counter[str]()
+        for form in self.forms:
+            counts[form.name] = min(counts[form.name] or form.among, form.among)
+        return counts
 
     @cached_property
     def likelihoods(self) -> Array:
@@ -496,18 +501,21 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
 def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return candidates, each followed by its variants in other shapes."""
     return [
-        replace(candidate, effects=effects, shaped=())
+        replace(candidate, effects=effects, shaped=(), against_stated=candidate.against_stated and k > 0)
         for candidate in candidates
-        for effects in (candidate.effects, *((shape,) for shape in candidate.shaped))
+        for k, effects in enumerate((candidate.effects, *((shape,) for shape in candidate.shaped)))
     ]
 
 
 def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
     """Return the forms of candidates, with columns in their order."""
-    among, first, forms = Counter(form.name for form in every), 0, []
+    against = Counter(form.name for form in every if form.against_stated)
+    among = Counter(form.name for form in every if not form.against_stated) + Counter(dict.fromkeys(against, 1))
+    first, forms = 0, []
     for form in every:
         columns = tuple(range(first, first := first + len(form.effects)))
-        forms.append(Form(form.name, form.effects, form.size, columns=columns, among=among[form.name]))
+        of_name = among[form.name] * (against[form.name] if form.against_stated else 1)
+        forms.append(Form(**vars(form), columns=columns, among=of_name))
     return tuple(forms)
 
 
@@ -556,7 +564,8 @@ def _is_ordered(orders: Array) -> bool:
 
 
 def _likelihoods(forms: Sequence[Form]) -> Array:
-    """Return how likely each form is (n,) among those of its name: all alike, but for the orders of a gear.
+    """Return how likely each form is (n,) among those of its name: all alike, but for the orders of a gear, and those
+    against what the rig file states, which are as likely as one together: more of them make no name less likely.
 
     Orders are ratios of gear stages, so every octave of them is equally likely. With the same likelihood for every
     order of a joint that turns far, a healthy gear error of order 3 was expected to be a third of what it was, and a
@@ -568,6 +577,8 @@ def _likelihoods(forms: Sequence[Form]) -> Array:
         orders = np.array([order_of(forms[k].effect) for k in indices.tolist()])
         if _is_ordered(orders):
             likely[indices[np.argsort(orders)]] = np.gradient(np.log(np.sort(orders)))
+        against = np.array([forms[k].against_stated for k in indices.tolist()])
+        likely[indices] /= np.where(against, max(against.sum(), 1), 1)
         likely[indices] /= likely[indices].sum()
     return likely
 

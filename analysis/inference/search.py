@@ -18,7 +18,7 @@ from analysis.inference.rivals import RivalOdds, compare_with_rivals
 from analysis.inference.selection import Selection
 from analysis.inference.setups import fit_run_setups
 from analysis.inference.state import SelectionState, beginnings
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, Mask
 from analysis.model.predict import SetUp
 from rigs.effects import Effect
 from rigs.schema.vocabulary import Build
@@ -224,6 +224,8 @@ small share always does: 8 % in a UR10 measured at rest (Landgraf et al. 2021)."
 _ALIKE, _OWN = 0.5, 0.2
 """Chosen: a contribution counts as an arrival error when at least 0.5 of its own energy follows the direction of
 travel; and at least 0.2 of its energy must remain once the dependence on joint angle is removed."""
+_STEPS = 19
+"""Angles of a joint, each with as many poses to the next, beyond which its link may be off. Chosen: 5 % each."""
 _ORDERS = (1, 2, 3)
 """Cycles per turn of the functions of a joint's angle. Chosen: the first three orders describe gravity and eccentric
 gear wheels."""
@@ -267,7 +269,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     poses = [block.table.kind.of_tracker for block in linear.blocks]
     um = np.array([plain_worth(linear, A[:, [k]] @ ahead[[k]]).um[poses].max() for k in range(len(joints))])
     early = (ahead > _SURE * sd) & (um > LEAST_MATERIAL_UM)
-    if share < _LEAST_SHARE or not early.any():
+    if share < _LEAST_SHARE or not early.any() or share < _by_a_step(linear, rows, free, _with_alike(result, A, free)):
         return ()
     axes = ", ".join(f"axis {k + 1} {words.format(unit * ahead[k], unit * sd[k])}" for k in np.flatnonzero(early))
     message = f"poses were read before the joints came to rest: links are ahead in the direction of travel ({axes})"
@@ -283,6 +285,20 @@ def _by_angle(linear: Linearisation) -> list[Array]:
         return np.asarray(np.radians(parts) * block.table.kind.of_tracker, dtype=float)
 
     return [linear.by_joint(axis, partial(waves, axis - 1)) for axis in range(1, linear.axes + 1)]
+
+
+def _by_a_step(linear: Linearisation, rows: Mask, free: Callable[[Array], Array], y: Array) -> float:
+    """Return the share of the energy of readings y (N,) that a link explains best which is off beyond one angle of its
+    joint, after a slipped tooth: a joint comes to large angles from below, so that this goes with its way, too."""
+
+    def steps(joint: int, block: Block) -> Array:
+        turned = block.path.q[:, [joint]]
+        beyond = turned > np.quantile(turned, np.linspace(0, 1, _STEPS + 2)[1:-1])
+        return np.asarray(np.radians(beyond) * block.table.kind.of_tracker, dtype=float)
+
+    free_steps = [free(linear.by_joint(axis, partial(steps, axis - 1)))[rows] for axis in range(1, linear.axes + 1)]
+    gains = [(of_axis.T @ y[rows]) ** 2 / np.maximum((of_axis**2).sum(axis=0), 1e-30) for of_axis in free_steps]
+    return float(np.max(gains) / max(float(np.sum(y[rows] ** 2)), 1e-300))
 
 
 def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) -> Array:

@@ -20,7 +20,7 @@ from analysis.correction.correct import correct_rig
 from analysis.correction.corrected_targets import corrected_angles
 from analysis.correction.deviation import Expected
 from analysis.correction.plays import ahead_of_plays, known_plays
-from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, pose_uncertainty
+from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, pose_uncertainty, where_known
 from analysis.correction.support import supports
 from analysis.correction.work import tool_poses, used_effects
 from analysis.geometry.circle import frame_of
@@ -112,8 +112,8 @@ def corrected(
     beside_um = 0.0 if way == "entries" else between_um
     after_um = entries.after_um if way == "entries" else work.after_um
     expected = {
-        "same": _expected(model, pose_u, on_circle, float(np.hypot(_left_um(on_circle, rig, by), beside_um))),
-        "elsewhere": _expected(
+        "same": expected_left(model, pose_u, on_circle, float(np.hypot(_left_um(on_circle, rig, by), beside_um))),
+        "elsewhere": expected_left(
             model, pose_u, other_place, float(np.hypot(_left_um(other_place, other_place[0].rig, by), beside_um))
         )
         if other_place
@@ -129,12 +129,12 @@ def corrected(
     return _correction(way, sentence, remaining.now_um, remaining.by_targets_um, **expected), programs
 
 
-def _expected(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured], left_um: float) -> Expected:
+def expected_left(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured], left_um: float) -> Expected:
     """Return what a correction leaves on runs, with the uncertainty of the model in a reading there, a coordinate of
-    the tool's place with the frame taught on the circle."""
+    the tool's place with the frame taught on the circle; without one where the model's runs do not say it."""
     q = np.concatenate([run.table.q[:: -(-len(run.table.q) // _POSES)] for run in runs])
-    u_mm = frame_u_mm(model, pose_u, q, q) / np.sqrt(3)
-    return Expected(um=round(left_um, 1), u_um=round(1e3 * rms(u_mm), 1))
+    u_um = 1e3 * rms(where_known(pose_u, q, frame_u_mm(model, pose_u, q, q) / np.sqrt(3)))
+    return Expected(um=round(left_um, 1), u_um=None if np.isnan(u_um) else round(u_um, 1))
 
 
 def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> float:

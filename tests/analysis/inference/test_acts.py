@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from analysis.inference.act_list import LEAST_SHARE, JudgedPlace, one_after_the_other
+from analysis.inference.act_list import LEAST_SHARE, JudgedPlace, in_order, one_after_the_other
 from analysis.inference.acts import Act
 from analysis.inference.blocks import blocks_of
 from analysis.inference.naming_tests import NamingTests
@@ -206,6 +206,14 @@ def test_what_hands_do_adds_up_and_what_a_program_does_not() -> None:
     ]
     said = one_after_the_other(acts, cast("JudgedPlace", _Judged()))
     assert [(act.with_before_um, act.with_before_u_um) for act in said] == [(None, 0), (None, 0), (None, 0), (8.0, 5.0)]
+
+
+def test_an_approach_stands_behind_what_takes_more_of_the_error_away() -> None:
+    """A play that makes 307 of 586 µm leaves 499 of them."""
+    approach = Act("approach", "history", (1,), remains_um=307, effect=Backlash(axis=5, width_deg=0.03))
+    load = Act("load", "correction", (0,), removes_um=200)
+    assert in_order([approach, load], 586) == [load, approach]
+    assert in_order([load, approach], 320) == [approach, load]
 
 
 class _Judged:
