@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from analysis.correction.deviation import Count, Deviation, Expected, NotNegative, Side
+from analysis.correction.deviation import Count, Deviation, Expected, NotNegative, Side, Work
 from analysis.inference.acts import is_done
 from daq.store import durable
 from rigs.errors import CellError, FileError
@@ -153,15 +153,6 @@ class Answer(Part):
     found: str
     model: str = ""
     """The rig file with what was found."""
-
-
-class Work(Part):
-    """The error of the tool's place over the work of the rig file, µm rms, without and with the correction; u_um: the
-    standard uncertainty of the model there, a part of after_um."""
-
-    before_um: float
-    after_um: float
-    u_um: float
 
 
 class Correction(Part):
