@@ -8,12 +8,13 @@ from pathlib import Path
 
 from analysis.correction.deviation import Deviation, Side
 from analysis.reporting.texts import texts_of
-from analysis.session.next_step import Following
+from analysis.session.next_step import Drive, Following
 from analysis.session.plan import Pace, minutes_of
 from analysis.session.state import (
     Answer,
     Correction,
     PartOfError,
+    Place,
     Session,
     Stage,
     Step,
@@ -165,8 +166,19 @@ def status_lines(session: Session, following: Following, directory: Path) -> Ite
     if session.report:
         yield from end_lines(session, directory)
     else:
-        action = following if isinstance(following, str) else type(following).__name__.lower()
-        yield f"next: {action}; go on with: rig session {as_argument(Path(session.rig_file))}"
+        action = _NEXT.get(following) if isinstance(following, str) else None
+        if isinstance(following, Drive):
+            action = next(step_lines(session, following.number)).partition(": ")[2]
+        command = Place(directory).command(session.rig_file, session)
+        yield f"next: {action or 'understand the runs'}; go on with: {command}"
+
+
+_NEXT: dict[Following, str] = {
+    "decide": "decide whether more is measured",
+    "correct": "make the correction",
+    "enter": "enter the values of the correction at the controller",
+    "report": "write the report",
+}
 
 
 def _state_of(step: Step) -> str:
