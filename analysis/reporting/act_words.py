@@ -6,13 +6,12 @@ with these words.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
 from analysis.inference.acts import Act, Against
 from analysis.inference.naming_tests import JOINED
-from analysis.inference.result import Diagnosis, Member
+from analysis.inference.result import Diagnosis
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import micrometres, percent, sure, with_uncertainty, within
 from analysis.reporting.texts import Texts, texts_of
@@ -88,10 +87,6 @@ class ActWords:
             if not (act.kind == "measure" and act.test is None and remark.why == "no_place")
         ]  # its own words say that
         return "; ".join(self._against(act, remark) for remark in remarks)
-
-    def members(self, members: Sequence[Member]) -> str:
-        """What a group may be, each with its odds."""
-        return ", ".join(f"{self.noun(member.effect)} ({sure(member.odds)})" for member in members)
 
     def noun(self, effect: Effect) -> str:
         """An effect as a person says it within a sentence."""

@@ -14,7 +14,7 @@ from typing import Any
 
 from analysis.inference.acts import Doubt
 from analysis.inference.result import CERTAIN_ODDS, LARGE_SHARE, BudgetPart, Diagnosis, Named, is_sure, is_there
-from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, plain, size, sure
+from analysis.reporting.diagnosis_words import LEAST_ODDS, likely_rivals, micrometres, percent, plain, size, sure
 from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect
 from rigs.schema.effect import name_of, whole_order
@@ -191,9 +191,13 @@ class AnswerWords:
         if part.index is not None and likely_rivals(named := self.diagnosis.effects[part.index]):
             effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
             return self.texts("large_part", share=share, part=self.texts("or").join(map(self.noun, effects)))
-        if not part.members:
+        likely = [member for member in part.members if member.odds >= LEAST_ODDS]
+        if not likely:
             return self.texts("large_part", share=share, part=self._measured(part))
-        members = ", ".join(f"{self.noun(member.effect)} ({sure(member.odds)})" for member in part.members)
+        sizes = {id(part.cause): f"{size(part.cause)}, "} if part.cause else {}
+        members = ", ".join(
+            f"{self.noun(member.effect)} ({sizes.get(id(member), '')}{sure(member.odds)})" for member in likely
+        )
         return self.texts("large_group", share=share, part=self.short_name(part), members=members)
 
     def _measured(self, part: BudgetPart) -> str:

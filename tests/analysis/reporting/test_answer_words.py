@@ -101,9 +101,14 @@ def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_nam
     act = Act("measure", "group", (0,), cost=Cost(4.8), test=test)
     found = diagnosis("named", effects=(), budget=(part,), acts=(act,))
     assert AnswerWords(found).headline == (
-        "77 % of the error lies in geometry and zeros, likeliest zero of axis 5 (beta) (62 %), "
-        "play of axis 1 (Theta) (< 1 %)."
+        "77 % of the error lies in geometry and zeros, likeliest zero of axis 5 (beta) (62 %)."
     )
+    sure = replace(part, members=(replace(members[0], odds=0.9999, u_um=2.0), members[1]))
+    assert AnswerWords(replace(found, budget=(sure,))).headline.endswith(
+        "likeliest zero of axis 5 (beta) (0.1032 ± 0.0052 °, > 99.9 %)."
+    )
+    none = replace(part, members=(replace(members[1], odds=0.004),))
+    assert AnswerWords(replace(found, budget=(none,))).headline == "77 % of the error comes from geometry and zeros."
     assert ActWords(found).next == (
         "Drive roll on the circle (5 min): it names what makes 77 % of the error among geometry and zeros, "
         "then 99.8 % sure."
