@@ -224,7 +224,8 @@ class Budget:
             vector = partner.vector + least.vector
             both = replace(
                 partner.part, um=float(np.linalg.norm(vector)), u_um=max(partner.part.u_um, least.part.u_um),
-                share=self.share(vector), cancelled=(*partner.part.cancelled, least.part.label, *least.part.cancelled),
+                share=self.share(vector),
+                alone=(*(partner.part.alone or (partner.part,)), *(least.part.alone or (least.part,))),
             )  # fmt: skip
             kept = [_Drawn(both, vector) if line is partner else line for line in others]
         return kept

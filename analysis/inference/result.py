@@ -86,8 +86,13 @@ class BudgetPart:
     """The index of the fitted effect among the effects of the diagnosis."""
     members: tuple[Member, ...] = ()
     """What a group that makes more than a third of the gap may be, the likeliest first."""
-    cancelled: tuple[str, ...] = ()
-    """The labels of what cancels some of it, which is counted with it."""
+    alone: tuple[BudgetPart, ...] = ()
+    """Where something cancels some of it and is counted with it: each of them as it is alone, the part itself first."""
+
+    @property
+    def cancelled(self) -> tuple[str, ...]:
+        """The labels of what cancels some of it."""
+        return tuple(part.label for part in self.alone[1:])
 
     @property
     def label(self) -> str:
@@ -108,8 +113,9 @@ class BudgetPart:
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        plain = {key: value for key, value in vars(self).items() if key != "members"}
-        return {**plain, "class": self.rank, "members": [member.to_dict() for member in self.members]}
+        parts = {"alone": self.alone, "members": self.members}
+        plain = vars(self) | {key: [part.to_dict() for part in every] for key, every in parts.items()}
+        return {**plain, "class": self.rank, "cancelled": self.cancelled}
 
 
 @dataclass(frozen=True)

@@ -190,6 +190,15 @@ def test_a_measurement_that_no_test_does_is_said_first_and_once() -> None:
     assert said.startswith("Declare another circle") and "(" not in said.replace("(Theta)", "")
 
 
+@pytest.mark.parametrize(
+    ("removes_um", "said"), [(1.0, "falls from"), (-1.0, "becomes larger"), (0.8, "may fall"), (0.2, "hardly changes")]
+)
+def test_what_an_act_takes_away_is_said_as_what_it_is(removes_um: float, said: str) -> None:
+    """A fall by a quarter that was not certain was "hardly changes"."""
+    act = replace(REPAIR, removes_um=removes_um, removes_u_um=0.45, remains_um=4.0)
+    assert said in ActWords(diagnosis(acts=(act,))).next
+
+
 def test_a_later_act_says_what_is_left_with_those_before_it() -> None:
     """Who read 106 to 46, then 106 to 96, took the second for the error after both."""
     alone = ActWords(diagnosis(acts=(REPAIR,))).next
