@@ -491,6 +491,11 @@ class Diagnosis(Tabular):
     """What follows from it, the first act first; every output prints from here."""
 
     @property
+    def is_testable(self) -> bool:
+        """Whether the runs can show effects; where they cannot, nobody knows what a calibration by them leaves."""
+        return self.condition != "not_testable_here"
+
+    @property
     def next_act(self) -> Act | None:
         """What to do next; None where fits of given effects ask for nothing."""
         return self.acts[0] if self.acts else None
@@ -536,10 +541,14 @@ class Diagnosis(Tabular):
         """
         outside = {"held_out": self.held_out, "unseen_place": self.unseen}
         gaps = {"train": self.train.to_dict()} | {name: gap and gap.to_dict() for name, gap in outside.items()}
+        accuracy = self.accuracy.to_dict()
+        if not self.is_testable:
+            for figures, key in ((accuracy, "calibrated_um"), *((gap, "calibrated") for gap in gaps.values() if gap)):
+                figures[key] = None
         plain: dict[str, Any] = for_json(
             {
                 "condition": self.condition,
-                "accuracy": self.accuracy.to_dict(),
+                "accuracy": accuracy,
                 "budget": [part.to_dict() for part in self.budget],
                 "acts": [act.to_dict() for act in self.acts],
                 "runs_to_decide": self.runs_to_decide,

@@ -104,10 +104,11 @@ class AnswerWords:
     def accuracy(self) -> str:
         """The error now, and what the calibration leaves of it where it had no part, or on the runs used."""
         accuracy = self.diagnosis.accuracy
-        which = "error_corrected" if self.diagnosis.rig.calibrated else "error_now"
-        now = self.texts(which, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
+        model = "error_corrected" if self.diagnosis.rig.calibrated else "error_now"
+        now = self.texts(model, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
         values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
-        return f"{now} {self.texts(f'calibrated_{accuracy.place}', **values)}"
+        which = f"calibrated_{accuracy.place}" if self.diagnosis.is_testable else "calibrated_unknown"
+        return f"{now} {self.texts(which, **values)}"
 
     @property
     def judged(self) -> str:
