@@ -36,7 +36,7 @@ from analysis import (
 )
 from analysis.cli import app
 from analysis.measures.simulated_gauges import Noise
-from analysis.simulation.simulated_runs import simulated_run
+from analysis.simulation.simulate import simulated_run
 from rigs.effects.backlash import Backlash
 from rigs.load import load
 from tests.support.table_cases import RIG_FILE, csv_text, plain
