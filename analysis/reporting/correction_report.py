@@ -84,23 +84,22 @@ def _first(corrections: Corrections) -> str:
             "the table says why."
         )
     if corrections.at_controller:
-        return controller_report.first_sentence(corrections.at_controller) + _either(corrections)
+        return controller_report.first_sentence(corrections.at_controller) + _never_both(corrections)
     work = corrections.work
-    targets = (
-        f"the targets of corrected-{corrections.path[0].name}"
-        if corrections.path
-        else "corrected targets (--path TARGETS.csv)"
-    )
+    targets = f"the targets of corrected-{corrections.path[0].name}" if corrections.path else ""
+    targets = targets or ("the corrected targets of --program" if corrections.programs else "")
+    targets = targets or "corrected targets (--program FILE, or --path TARGETS.csv)"
     send = f"Send the controller to {targets}: the tool's error over the work falls from"
     if work.before_um - work.after_um >= _GAIN_UM:
         return (
             f"{send} {_mm(work.before_um)} to {_mm(work.after_um)} mm rms with frame and tool taught with the robot "
             f"(standard uncertainty of the model {_mm(work.u_um)} mm).{base_note(work.base_u_um, work.after_um)}"
+            f"{_never_both(corrections)}"
         )
     if work.base.before_um - work.base.after_um >= _GAIN_UM:
         return (
             f"{send} {_mm(work.base.before_um)} to {_mm(work.base.after_um)} mm rms in the robot's base; in a frame "
-            f"taught with the robot it is {_mm(work.before_um)} mm as it is."
+            f"taught with the robot it is {_mm(work.before_um)} mm as it is.{_never_both(corrections)}"
         )
     return (
         f"Leave the targets as they are: what can be corrected moves the tool by {_mm(work.model_um)} mm rms over the "
@@ -120,10 +119,14 @@ def _mm(um: float) -> str:
     return f"{um / 1e3:.3f}"
 
 
-def _either(corrections: Corrections) -> str:
-    """Which controller the corrected path is for, since entries and targets together would correct twice."""
-    if not corrections.path or not corrections.at_controller or not corrections.at_controller.entries:
+def _never_both(corrections: Corrections) -> str:
+    """Which controller corrected targets are for, since entries and targets together correct twice."""
+    if not corrections.at_controller:
+        return " A controller gets corrected programs or values that are entered, never both, which corrects twice."
+    if not corrections.at_controller.entries:
         return ""
+    if not corrections.path:
+        return " Programs and targets then stay as they are: never correct both, which corrects twice."
     state = (
         "that has these values already: it holds the rest"
         if corrections.entered
@@ -144,7 +147,7 @@ def _lines(corrections: Corrections) -> list[str]:
         f"(± {constant.u:.2g})"
         for constant in corrections.constants
     ]
-    return lines + _path_lines(corrections)
+    return [f"to enter instead: {line}" for line in lines] + _path_lines(corrections)
 
 
 def _path_lines(corrections: Corrections) -> list[str]:
