@@ -26,8 +26,8 @@ from analysis.makers.reading import with_remark
 from analysis.measures.parameters import quantity_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note, rounded_um, short
-from analysis.reporting.diagnosis_words import percent
 from analysis.reporting.plain_console import right, whole
+from analysis.reporting.texts import texts_of
 from rigs.effects import size_field
 from rigs.errors import FileError
 from rigs.schema.effect import label_of
@@ -65,7 +65,9 @@ def as_table(corrections: Corrections) -> RenderableType:
         field = size_field(play)
         value = f"{getattr(play, field):.4g} {quantity_of(play, field, {}).sign}"
         effects.add_row(label_of(play), value, Text("not corrected", style="yellow"), play.compensation().why_not)
-    parts: list[RenderableType] = [Text(_first(corrections) + _not_known(corrections.work.unknown), style="bold")]
+    parts: list[RenderableType] = [
+        Text(_first(corrections) + texts_of("en").not_known(corrections.work.unknown), style="bold")
+    ]
     if effects.row_count:
         parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):
@@ -107,12 +109,6 @@ def _first(corrections: Corrections) -> str:
         f"from {_mm(work.before_um)} to {_mm(work.after_um)} mm. More runs, at another place or of another test, would "
         "make it surer."
     )
-
-
-def _not_known(share: float) -> str:
-    """The sentence about the share of the work at which no run says how well the arm is known."""
-    where = "where the work is" if share == 1 else f"at {percent(share)} of the work"
-    return f" No run shows how large the error stays {where}." if share else ""
 
 
 def _mm(um: float) -> str:
