@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 
-from analysis.correction.deviation import Deviation, Expected, Side
+from analysis.correction.deviation import Deviation, Side
 from analysis.reporting.texts import texts_of
 from analysis.session.next_step import Following
 from analysis.session.plan import Pace, minutes_of
@@ -130,7 +130,11 @@ def correction_lines(correction: Correction, sides: Sequence[Side]) -> Iterator[
     yield _DRIVEN[correction.way] if is_driven else correction.sentence
     for side in sides:
         where = f"error of the path {'on the same circle' if side.place == 'same' else 'at the other place'}"
-        expected = f" (expected {_expectation(side.expected)})" if side.expected else ""
+        expected = ""
+        if side.expected:
+            u_um = side.expected.u_um
+            sure = ", without u: the runs behind the model do not say how well it holds there"
+            expected = f" (expected {side.expected.um:.1f}{sure if u_um is None else f' ± {u_um:.1f}'})"
         before = _size(side.before)
         yield f"{where}: was {before}, is {_size(side.after)}{expected}" if side.after else f"{where}: {before}"
     if is_driven and correction.work:
@@ -146,12 +150,6 @@ _DRIVEN: dict[Way, str] = {
     "entries": "The values were entered at the controller, and the programs driven with them.",
     "none": "Nothing was corrected.",
 }
-
-
-def _expectation(expected: Expected) -> str:
-    if expected.u_um is None:
-        return f"{expected.um:.1f}, without u: the runs behind the model do not say how well it holds there"
-    return f"{expected.um:.1f} ± {expected.u_um:.1f}"
 
 
 def _size(error: Deviation) -> str:
