@@ -357,7 +357,9 @@ def of_places(kind: str, way: str, seed: int) -> Cell:
     if kind == "outside":
         joints = rng.choice(range(1, len(rig.robot.axes) - 1), 2, replace=False)
         joint, other = map(int, joints)
-        strange = Strange(_STRANGE[seed // 2 % 3], joint, other, float(rng.uniform(-0.3, 0.3)), _PROBE_RAD)
+        middle = float(np.mean(np.radians(rig.robot.axes[joint].limits_deg)))  # beyond the least angle it is a zero
+        at = middle + float(rng.uniform(-0.3, 0.3))
+        strange = Strange(_STRANGE[seed // 2 % 3], joint, other, at, _PROBE_RAD)
 
     def arm_with(rest: Sequence[seven_axes.Fault], seen: Strange | None) -> seven_axes.Truth:
         drawn = seven_axes.draw_truth(rig.robot, np.random.default_rng([53, seed]), tuple(rest))

@@ -293,7 +293,7 @@ def _smooth(q: Array) -> Array:
 def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array], y: Array) -> float:
     """Return the share of the energy of readings y (N,) that a link explains best which is off beyond one angle of its
     joint, after a slipped tooth: a joint comes to large angles from below, so that this goes with its way, too."""
-    steps = _by_angle(linear, lambda q: q > np.quantile(q, np.linspace(0, 1, _STEPS + 2)[1:-1]))
+    steps = _by_angle(linear, lambda q: np.heaviside(q - np.quantile(q, np.linspace(0, 1, _STEPS + 2)[1:-1]), 0.0))
     columns = free(np.concatenate(steps, axis=1))[rows]
     gains = (columns.T @ y[rows]) ** 2 / np.maximum((columns**2).sum(axis=0), 1e-30)
     return float(gains.max() / max(float(np.sum(y[rows] ** 2)), 1e-300))
