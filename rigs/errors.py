@@ -40,7 +40,11 @@ class RigError(Exception):
     exit_code = 1
 
     def __init__(self, where: str, what: str, remedy: str) -> None:
-        super().__init__(_in_one_line(f"{where}: {what}; {remedy}"))
+        # A message as a line can bear it, whatever a damaged file has put into it; its end says what to do.
+        text = f"{where}: {what}; {remedy}"
+        if len(text) > _LONGEST:
+            text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
+        super().__init__(plain(text))
         self.where, self.what, self.remedy = where, what, remedy
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -54,13 +58,6 @@ class RigError(Exception):
 
 def _again(kind: type[RigError], args: tuple[Any, ...]) -> RigError:
     return kind.__new__(kind, *args)
-
-
-def _in_one_line(text: str) -> str:
-    """A message as a line can bear it, whatever a damaged file has put into it; its end says what to do."""
-    if len(text) > _LONGEST:
-        text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
-    return plain(text)
 
 
 class UseError(RigError):

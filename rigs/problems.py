@@ -112,7 +112,10 @@ def _without_consequences(details: list[ErrorDetails]) -> list[ErrorDetails]:
 def _problem(detail: ErrorDetails, root: yaml.Node | None, model: type[BaseModel]) -> Problem:
     place, node = _locate(detail["loc"], root)
     line = node.start_mark.line + 1 if node is not None else 1
-    return Problem(line, _written(place), _message(detail, place, model))
+    text = ""
+    for step in place:
+        text += f"[{step + 1}]" if isinstance(step, int) else f".{_name(step)}" if text else _name(step)
+    return Problem(line, text, _message(detail, place, model))
 
 
 def _locate(loc: Place, root: yaml.Node | None) -> tuple[Place, yaml.Node | None]:
@@ -139,13 +142,6 @@ def _child(node: yaml.Node | None, step: int | str) -> yaml.Node | None:
         child: yaml.Node = node.value[step]
         return child
     return None
-
-
-def _written(place: Place) -> str:
-    text = ""
-    for step in place:
-        text += f"[{step + 1}]" if isinstance(step, int) else f".{_name(step)}" if text else _name(step)
-    return text
 
 
 def _name(key: str) -> str:

@@ -13,12 +13,10 @@ from analysis.cli.console import say
 from analysis.cli.options import RigArgument
 
 if TYPE_CHECKING:
-    from analysis.correction.work import GeometricShare
     from analysis.kinematics.arm import Arm
     from rigs.rig import Rig
 
 Reader = Literal["urdf", "xacro", "mjcf", "ur-driver", "franka", "xarm"]
-_MOST_LISTED = 4
 
 
 @command(app, "rig export-urdf found/cell.yaml -o arm.urdf", name="export-urdf")
@@ -68,7 +66,7 @@ def export_urdf(
 
     What is not geometry stays behind (all but MJCF leave plays, too), and the command says how much that is.
     """
-    from analysis.correction.work import geometric_share
+    from analysis.correction.exported_arm import geometric_share, simulated_arm
     from analysis.model.predict import geometric_arm, model_of
     from rigs.load import load
 
@@ -80,23 +78,27 @@ def export_urdf(
         raise typer.BadParameter("give the run and the torques for each ampere together", param_hint="--friction-of")
     rig, _ = load(rig_file)
     model = model_of(rig)
-    arm, carried = geometric_arm(model), _carried(geometric_share(model))
+    arm, carried = geometric_arm(model), geometric_share(model).words
     if reader == "ur-driver":
         from analysis.arms.ur_driver import ur_driver_text
 
         text = ur_driver_text(arm, rig_file, calibration_hash, [carried])
     elif reader == "mjcf":
-        text, carried = _mjcf(rig, arm, rig_file, carried, friction_of, nm_per_a)
+        friction = _friction(friction_of, nm_per_a) if friction_of and nm_per_a else {}
+        text, carried = simulated_arm(rig, arm, rig_file, carried, friction)
     else:
         text = _geometry(reader, rig, arm, rig_file, carried)
     write_section(text, output)
     say(carried, err=True)
     if rig.robot.rail and reader in ("ur-driver", "franka", "xarm"):
         say("The rail is not in this file: this is the arm where the rail stands at 0.", err=True)
-    if reader == "ur-driver":
-        _say_of_the_driver(calibration_hash)
-    elif reader in ("franka", "xarm"):
+    if reader in ("franka", "xarm"):
         say("base and tool of the rig file are not in it: it goes from the robot's base to its flange", err=True)
+    if reader == "ur-driver":
+        say("base and tool of the rig file are not in it: it goes from the controller's base to tool0", err=True)
+        if calibration_hash is None:
+            problem = "the driver will report that the calibration does not match the robot's"
+            say(f"{problem}; --hash takes the robot's own", err=True, mark="note: ")
 
 
 def _geometry(reader: Reader, rig: Rig, arm: Arm, where: str, carried: str) -> str:
@@ -112,57 +114,15 @@ def _geometry(reader: Reader, rig: Rig, arm: Arm, where: str, carried: str) -> s
     return driver_kinematics(rig.robot, arm, reader, where, [carried])
 
 
-def _mjcf(
-    rig: Rig, arm: Arm, where: str, carried: str, friction_of: Path | None, nm_per_a: str | None
-) -> tuple[str, str]:
-    """The text of MJCF, and what it holds of the model, as sentences."""
+def _friction(run: Path, nm_per_a: str) -> dict[int, float]:
+    """The friction of the joints in Nm that the motor currents of a run show. Raises FileError where they show none."""
     import analysis
-    from analysis.arms.mjcf_text import mjcf_text
-    from analysis.correction.joint_traits import friction_nm, joint_traits, torques_of
+    from analysis.correction.exported_arm import friction_nm, torques_of
     from rigs.errors import FileError
 
-    friction: dict[int, float] = {}
-    if friction_of is not None and nm_per_a is not None:
-        torques = torques_of(nm_per_a)
-        friction = friction_nm(analysis.load_run(friction_of).condition.friction or {}, torques)
-        if not friction:
-            problem = "shows no friction: it has no motor currents, or no joint turns back in motion"
-            raise FileError(str(friction_of), problem, "give a run of a circle with the currents of the motors")
-    traits = joint_traits(rig, friction)
-    parts = [
-        f"{cause} of axis {', '.join(map(str, sorted(of)))}"
-        for cause, of in (
-            ("play", traits.play_deg),
-            ("deflection under load", traits.compliance_deg_per_nm),
-            ("friction", traits.friction_nm),
-        )
-        if of
-    ]
-    held = (
-        f"In hinges beside the joints' own: {'; '.join(parts)}."
-        if parts
-        else "Neither play nor deflection under load was found."
-    )
-    text = mjcf_text(rig.robot, arm, traits, where, [carried, held])
-    return text, f"{carried} {held}"
-
-
-def _carried(share: GeometricShare) -> str:
-    """What the file has of the model, as a sentence."""
-    if share.all_um == 0:
-        return "The rig file has no effect that moves the tool: this is the arm as its constants say."
-    moved = f"the effects of the rig file move the tool by {share.all_um:.1f} µm rms over its work"
-    if not share.left_out:
-        return f"All of the model is geometry and is in this file: {moved}."
-    names = [f"{effect.effect} {effect.seat}".strip() for effect in share.left_out]
-    ending = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
-    listed = ", ".join(names[:_MOST_LISTED]) + ending
-    return f"Only the geometry is in this file: {moved}; {share.left_um:.1f} µm rms of it are left out ({listed})."
-
-
-def _say_of_the_driver(calibration_hash: str | None) -> None:
-    """Say what calibration.yaml does not hold."""
-    say("base and tool of the rig file are not in it: it goes from the controller's base to tool0", err=True)
-    if calibration_hash is None:
-        remark = "the driver will report that the calibration does not match the robot's; --hash takes the robot's own"
-        say(remark, err=True, mark="note: ")
+    torques = torques_of(nm_per_a)
+    friction = friction_nm(analysis.load_run(run).condition.friction or {}, torques)
+    if not friction:
+        problem = "shows no friction: it has no motor currents, or no joint turns back in motion"
+        raise FileError(str(run), problem, "give a run of a circle with the currents of the motors")
+    return friction

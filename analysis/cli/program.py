@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,10 +11,6 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import Anyway, RigArgument, maker_option
 from rigs.schema.vocabulary import CIRCLES, MakerName, ProgramTest
-
-if TYPE_CHECKING:
-    from analysis.robot_programs.plan import Plan
-    from rigs.rig import Rig
 
 _DWELL_S = 3.0
 """Seconds at each target unless given: arms settle within one, and slow gauges answer a few times."""
@@ -67,6 +62,7 @@ def program(
     """Write the robot programs of a test, after a check of limits, singularities and turns; the robot is not moved."""
     from analysis.cli.program_iso9283 import program_iso9283
     from analysis.cli.progress import progress_of
+    from analysis.correction.target_path import compensated_plans
     from analysis.makers.writing import feedback_note, programs_of, write_programs
     from analysis.robot_programs.compensated import table_of
     from analysis.robot_programs.examine import demand_lines, demand_of
@@ -88,7 +84,7 @@ def program(
     with named_by(rig_file, rig), progress_of("checking the programs"):
         arcs = LONGEST_ARC_DEG if arc_deg is None else arc_deg
         nominal = plans_of(rig, test, dwell_s or _DWELL_S, _numbers(outputs), arcs)
-        plans = _compensated(nominal, path, rig, rig_file, anyway=anyway) if path else nominal
+        plans = compensated_plans(nominal, path, rig, rig_file, anyway=anyway) if path else nominal
         demands = [demand_of(plan) for plan in plans]
     files = programs_of(maker, list(zip(plans, demands, strict=True)))
     if targets:
@@ -102,30 +98,6 @@ def program(
         say(feedback_note(maker, rig.feedback), err=True)
     for written in paths:
         say(written)
-
-
-def _compensated(plans: Sequence[Plan], path: Path, rig: Rig, rig_file: str, *, anyway: bool) -> list[Plan]:
-    """The plans with the targets of a corrected table. Raises FileError where the model of the rig or of the table is
-    to correct nothing, unless they are written `anyway`."""
-    from dataclasses import replace
-
-    import numpy as np
-
-    from analysis.correction.refusal import ANYWAY, hold_verdict, why_nothing
-    from analysis.correction.target_path import AGAINST, read_corrected_path
-    from analysis.robot_programs.compensated import compensated
-    from analysis.robot_programs.plan import Comment
-    from rigs.errors import FileError
-
-    hold_verdict(rig, rig_file, anyway=anyway)
-    joints, poses = read_corrected_path(path)
-    against = AGAINST in joints.columns
-    if against and not anyway:
-        raise FileError(str(path), f"was {ANYWAY}", "use the nominal targets, or add --anyway; the programs say so")
-    made = compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
-    if not (against or why_nothing(rig)):
-        return made
-    return [replace(plan, steps=(Comment(ANYWAY), *plan.steps)) for plan in made]
 
 
 def _numbers(text: str) -> tuple[int, ...]:

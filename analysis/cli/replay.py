@@ -10,7 +10,6 @@ import typer
 from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
-from analysis.cli.emulate import MARKS, locked_cell, rig_file_of_cell
 
 if TYPE_CHECKING:
     from queue import SimpleQueue
@@ -35,9 +34,7 @@ def replay(
     of all of them begins with the daemon's first word. A run that is
     recorded while one is out of step is marked, and rig analyse refuses it.
     """
-    import signal
-    from queue import SimpleQueue
-
+    from analysis.emulation.served_cell import MARKS, locked_cell, rig_file_of_cell, serve
     from daq.emulators import Replay
     from daq.store import durable
     from daq.wire.capture import read_capture
@@ -55,20 +52,16 @@ def replay(
         durable.replace(path, played.rig_text(text).encode())
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
-    ends: SimpleQueue[int] = SimpleQueue()
-    signal.signal(signal.SIGTERM, lambda *_: ends.put(0))
-    signal.signal(signal.SIGINT, lambda *_: ends.put(130))
-    played.cell.start()
-    try:
+
+    def attend(ends: SimpleQueue[int]) -> int:
         for name, port in played.cell.ports.items():
             say(f"{name}: {port}")
         if capture.cut:
             say(f"{log}: ends in the middle of a line; that line is ignored", err=True)
         say(f"ready; next: rigd {path}")
-        exit_code = _end(played, ends)
-    finally:
-        sent = played.cell.stop()
-        lock.release()
+        return _end(played, ends)
+
+    exit_code, sent = serve(played.cell, lock, attend)
     for name, count in sent.items():
         say(f"{name}: {count} pieces sent, {played.steps[name].words()}")
     if played.restarts:

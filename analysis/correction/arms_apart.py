@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from analysis.correction.calibrated_arm import CalibratedArm
-from analysis.correction.joint_traits import joint_traits
+from analysis.correction.exported_arm import joint_traits
 from analysis.correction.work import rest_mm
 from analysis.kinematics.arm import Array, pose_error
 from analysis.model.predict import geometric_arm, model_of

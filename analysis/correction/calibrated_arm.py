@@ -75,7 +75,12 @@ class CalibratedArm:
     def forward(self, q_deg: Array) -> ArmPoses:
         """Return the poses of the tool at joint angles q_deg (n, axes), as the controller reports them; of an arm on a
         rail a column more, where it stands in m. Raises FileError for another number of columns."""
-        q = np.radians(self._columns(q_deg))
+        angles = np.array(q_deg, dtype=float)
+        widths = (self._axes, self._axes + 1) if self.rig.robot.rail else (self._axes,)
+        if angles.ndim != 2 or angles.shape[1] not in widths or not np.isfinite(angles).all():
+            problem = f"shape {angles.shape} is not that of finite joint angles (n, {widths[-1]})"
+            raise FileError("q_deg", problem, "give a row for each posture")
+        q = np.radians(angles)
         q[:, self._axes :] = np.asarray(q_deg, dtype=float)[:, self._axes :]
         return ArmPoses(tool_poses(self._model, q), self._u_mm(q), covered(self._known, q))
 
@@ -123,15 +128,6 @@ class CalibratedArm:
         stays = left_out_mm(self.rig, uncorrected, q)
         u_mm: Array = np.hypot(position_u_mm(self._known, q), np.linalg.norm(stays, axis=1))
         return where_known(self._known, q, u_mm)
-
-    def _columns(self, q_deg: Array) -> Array:
-        """The angles of the joints, checked. Raises FileError."""
-        angles = np.array(q_deg, dtype=float)
-        widths = (self._axes, self._axes + 1) if self.rig.robot.rail else (self._axes,)
-        if angles.ndim != 2 or angles.shape[1] not in widths or not np.isfinite(angles).all():
-            problem = f"shape {angles.shape} is not that of finite joint angles (n, {widths[-1]})"
-            raise FileError("q_deg", problem, "give a row for each posture")
-        return angles
 
     def _solved(self, pose: Array, near: Array) -> Array | None:
         """The angles (axes,) rad, near others, at which the tool of an arm of six or more axes is at a pose (4, 4)."""

@@ -18,15 +18,7 @@ from analysis.correction.corrected_targets import Corrected, NotCorrected, corre
 from analysis.correction.support import Support
 from analysis.kinematics.arm import Arm, Array, arm_of, forward, pose_error, transform
 from analysis.makers.machine import Unknown
-from analysis.makers.numbers import (
-    frame_numbers,
-    frame_of,
-    is_frame,
-    joint_numbers,
-    joints_of,
-    replaced,
-    written,
-)
+from analysis.makers.numbers import frame_numbers, frame_of, is_frame, joint_numbers, joints_of, replaced, written
 from analysis.makers.postures import agreeing, solved
 from analysis.makers.reading import ProgramReader, as_bytes, read_program
 from analysis.makers.target import AT_BEGIN, Left, Named, Number, Parsed, Reason, Target, Texts
@@ -121,8 +113,61 @@ def correct_program(
     reader = maker.reader
     parsed = reader.parse(texts)
     arm, targets = arm_of(rig.robot), parsed.targets
-    reasons: dict[int, Reason] = {}
     located = [_located(arm, reader, frames, target) for target in targets]
+    q, reasons = _joints_at(arm, parsed, located, scale, start)
+    done = corrected(rig, supported, q, [NotCorrected(k, why, "") for k, why in reasons.items()])
+    moved_mm = np.linalg.norm(done.T[:, :3, 3] - forward(arm, q)[:, :3, 3], axis=1)
+    reasons |= {target.place: target.reason for target in done.left}
+    reasons |= _implausible(arm, targets, q, done, moved_mm)
+    because = _off_by_offset(arm, targets, located, done, reasons)
+    kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
+    changes: list[list[tuple[Number, str]]] = [[] for _ in range(texts.own)]
+    for k in kept:
+        if not np.array_equal(done.q[k], q[k]):  # what needs no correction keeps its bytes
+            value = done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
+            file = targets[k].file
+            changes[file] += _changes(reader, texts.texts[file], targets[k], value, scale)
+    new = tuple(map(replaced, texts.texts[: texts.own], changes))
+    after = _read_back(reader, parsed, replace(texts, texts=(*new, *texts.texts[texts.own :])))
+    left = [
+        *parsed.left,
+        *(
+            Left(targets[k].file, targets[k].line, targets[k].name, why, because.get(k, ()))
+            for k, why in reasons.items()
+            if targets[k].of is None
+        ),
+    ]
+    outside = np.zeros(len(kept), dtype=bool) if done.covered is None else ~done.covered[kept]
+    return CorrectedProgram(
+        path=path,
+        maker=maker.name,
+        files=dict(zip(texts.names, map(as_bytes, new), strict=False)),
+        names=tuple(targets[k].name for k in kept),
+        places=tuple((targets[k].file, targets[k].line) for k in kept),
+        moved_mm=moved_mm[kept],
+        u_mm=done.u_mm[kept],
+        u_frame_mm=done.u_frame_mm[kept],
+        outside=tuple(outside.tolist()),
+        rounded_um=np.array([_off_um(arm, after.targets[k], located[k], scale, done.T[k]) for k in kept]),
+        left=tuple(sorted(left, key=lambda target: (target.file, target.line))),
+        beside_left_mm=moved_mm[_beside_left(parsed, set(kept))],
+        sources=texts.names,
+        overruled=tuple(named for named in parsed.sets if _otherwise(named, frames)),
+        held=whole and any(target.reason != "unused" for target in left),
+        start=start if _needs_start(parsed) else None,
+    )
+
+
+def _joints_at(
+    arm: Arm,
+    parsed: Parsed,
+    located: Sequence[_Located],
+    scale: Sequence[float] | None,
+    start: tuple[float, ...] | None,
+) -> tuple[Array, dict[int, Reason]]:
+    """Return the joint angles (n, 6) rad at which the program has the nominal arm stand at its targets, and for each of
+    those at which it cannot, why. Raises UseError for a start that the arm does not reach."""
+    targets, reasons = parsed.targets, dict[int, Reason]()
     poses, angles = np.full((len(targets), 4, 4), np.nan), np.full((len(targets), 6), np.nan)
     for k, target in enumerate(targets):
         place = _given(target, located[k], scale)
@@ -132,53 +177,18 @@ def correct_program(
             angles[k] = place
         else:
             poses[k] = _in_world(arm, located[k], place)
-    if start is not None and ((start < arm.limits[:, 0]) | (start > arm.limits[:, 1])).any():
+    low, high = arm.limits.T
+    if start is not None and ((start < low) | (start > high)).any():
         raise UseError("--start-joints", "is beyond the limits of the arm's joints", "give angles that it can stand at")
     q, unsolved = solved(arm, targets, poses, angles, parsed.steps, start)
-    reasons |= unsolved
-    beyond = ((q < arm.limits[:, 0] - 1e-9) | (q > arm.limits[:, 1] + 1e-9)).any(axis=1)
-    reasons |= {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
-    from_begin = [(targets[step.target], step) for step in parsed.steps if AT_BEGIN in step.comes_from]
-    unsaid = any(not of.joints and not of.near and not (of.flags and step.by_flags) for of, step in from_begin)
-    done = corrected(rig, supported, q, [NotCorrected(k, why, "") for k, why in reasons.items()])
-    moved_mm = np.linalg.norm(done.T[:, :3, 3] - forward(arm, q)[:, :3, 3], axis=1)
-    reasons |= {target.place: target.reason for target in done.left}
-    reasons |= _implausible(arm, targets, q, done, moved_mm)
-    because = _off_by_offset(arm, targets, located, done, reasons)
-    kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
-    old = texts.texts[: texts.own]
-    changes: list[list[tuple[Number, str]]] = [[] for _ in old]
-    for k in kept:
-        if not np.array_equal(done.q[k], q[k]):  # what needs no correction keeps its bytes
-            value = done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
-            file = targets[k].file
-            changes[file] += _changes(reader, old[file], targets[k], value, scale)
-    new = tuple(map(replaced, old, changes))
-    after = _read_back(reader, parsed, replace(texts, texts=(*new, *texts.texts[texts.own :])))
-    left = [
-        Left(targets[k].file, targets[k].line, targets[k].name, why, because.get(k, ()))
-        for k, why in reasons.items()
-        if targets[k].of is None
-    ]
-    everything = tuple(sorted([*parsed.left, *left], key=lambda target: (target.file, target.line)))
-    return CorrectedProgram(
-        path,
-        maker.name,
-        dict(zip(texts.names, map(as_bytes, new), strict=False)),
-        tuple(targets[k].name for k in kept),
-        tuple((targets[k].file, targets[k].line) for k in kept),
-        moved_mm[kept],
-        done.u_mm[kept],
-        done.u_frame_mm[kept],
-        tuple((np.zeros(len(kept), dtype=bool) if done.covered is None else ~done.covered[kept]).tolist()),
-        np.array([_off_um(arm, after.targets[k], located[k], scale, done.T[k]) for k in kept]),
-        everything,
-        moved_mm[_beside_left(parsed, set(kept))],
-        texts.names,
-        tuple(named for named in parsed.sets if _otherwise(named, frames)),
-        whole and any(target.reason != "unused" for target in everything),
-        start if unsaid else None,
-    )
+    beyond = ((q < low - 1e-9) | (q > high + 1e-9)).any(axis=1)
+    return q, reasons | unsolved | {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
+
+
+def _needs_start(parsed: Parsed) -> bool:
+    """Whether the posture of a target comes from where the arm stands when the program begins."""
+    first = [(parsed.targets[step.target], step) for step in parsed.steps if AT_BEGIN in step.comes_from]
+    return any(not of.joints and not of.near and not (of.flags and step.by_flags) for of, step in first)
 
 
 def _beside_left(parsed: Parsed, kept: set[int]) -> list[int]:

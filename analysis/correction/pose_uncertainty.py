@@ -67,36 +67,6 @@ class CalibratedUncertainty:
     def pose_displacements(self, q: Array) -> Array:
         """Return independent displacements (k, n, 6) of the tool, mm and rad, each one standard uncertainty, at joint
         angles q (n, 6) rad."""
-        moves: Array = np.tensordot(self._root.T, self._derivatives(q), axes=1)
-        return np.concatenate([moves, EffectsUncertainty(self.rig, self.others).pose_displacements(q)])
-
-    @property
-    def unexplained_mm(self) -> float:
-        """What the model does not explain of the tool's place where a diagnosis judged it, root mean square: as much in
-        each of three coordinates. It differs from place to place, so that no frame that is taught takes it away."""
-        judged = self.calibrated.judged
-        return 0.0 if judged is None else np.sqrt(3.0) * judged.unexplained_um / 1e3
-
-    @property
-    def joints_rad(self) -> Array:
-        """The lowest and highest angle of each joint (6, 2) rad in the runs behind the model, then of a rail in m."""
-        joints, rail = np.radians(np.array(self.calibrated.joints_deg)), self.calibrated.rail_mm
-        return joints if rail is None else np.vstack([joints, np.array(rail) / RAIL_MM])
-
-    def is_within_reach(self, q: Array) -> Mask:
-        """Return whether the ball (n,) is no farther from a socket touched than placements were that judged the model,
-        at joint angles q (n, 6) rad; everywhere where an instrument saw it, and nowhere of a model that corrects
-        nothing."""
-        reach_mm, judged = self.calibrated.reach_mm, verdict_of(self.calibrated) == "correct"
-        if reach_mm is None or not judged:
-            return np.full(len(q), judged)
-        placed = list(self.calibrated.setups.values())
-        sockets = -np.array([setup.T_instrument_world for setup in placed])[:, :3, 3]
-        balls = (tool_poses(model_of(self.rig, ()), q) @ np.array(placed[0].T_tool_target))[:, :3, 3]
-        return np.asarray(np.linalg.norm(balls[:, None] - sockets, axis=2).min(axis=1) <= reach_mm)
-
-    def _derivatives(self, q: Array) -> Array:
-        """Return the change (p, n, 6) of the tool, mm and rad, for each kept parameter in its own unit."""
         model = model_of(self.rig)
         base = tool_poses(model, q)
         by_joint = np.stack([
@@ -131,7 +101,33 @@ class CalibratedUncertainty:
             step = _SMALL * healthy_size(effect) if parameter.field == size_field(effect) else _SMALL
             stepped = effect.model_copy(update={parameter.field: getattr(effect, parameter.field) + step})
             derivatives[row] = (of(stepped) - of(effect)) / step
-        return derivatives
+        moves: Array = np.tensordot(self._root.T, derivatives, axes=1)
+        return np.concatenate([moves, EffectsUncertainty(self.rig, self.others).pose_displacements(q)])
+
+    @property
+    def unexplained_mm(self) -> float:
+        """What the model does not explain of the tool's place where a diagnosis judged it, root mean square: as much in
+        each of three coordinates. It differs from place to place, so that no frame that is taught takes it away."""
+        judged = self.calibrated.judged
+        return 0.0 if judged is None else np.sqrt(3.0) * judged.unexplained_um / 1e3
+
+    @property
+    def joints_rad(self) -> Array:
+        """The lowest and highest angle of each joint (6, 2) rad in the runs behind the model, then of a rail in m."""
+        joints, rail = np.radians(np.array(self.calibrated.joints_deg)), self.calibrated.rail_mm
+        return joints if rail is None else np.vstack([joints, np.array(rail) / RAIL_MM])
+
+    def is_within_reach(self, q: Array) -> Mask:
+        """Return whether the ball (n,) is no farther from a socket touched than placements were that judged the model,
+        at joint angles q (n, 6) rad; everywhere where an instrument saw it, and nowhere of a model that corrects
+        nothing."""
+        reach_mm, judged = self.calibrated.reach_mm, verdict_of(self.calibrated) == "correct"
+        if reach_mm is None or not judged:
+            return np.full(len(q), judged)
+        placed = list(self.calibrated.setups.values())
+        sockets = -np.array([setup.T_instrument_world for setup in placed])[:, :3, 3]
+        balls = (tool_poses(model_of(self.rig, ()), q) @ np.array(placed[0].T_tool_target))[:, :3, 3]
+        return np.asarray(np.linalg.norm(balls[:, None] - sockets, axis=2).min(axis=1) <= reach_mm)
 
 
 def _with(model: Model, effect: Effect) -> Model:

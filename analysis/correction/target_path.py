@@ -7,19 +7,24 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
 from analysis.correction.corrected_targets import Corrected
+from analysis.correction.refusal import ANYWAY, hold_verdict, why_nothing
 from analysis.files.cells import TableFileError, TableProblem, value
 from analysis.files.read import MOST_BYTES
 from analysis.kinematics.arm import RAIL_MM, Array, roll_pitch_yaw
+from analysis.robot_programs.compensated import compensated
+from analysis.robot_programs.plan import Comment, Plan
 from analysis.traces.table_layout import JOINTS, PLACE, RAIL, TURN, joint_columns
 from rigs.errors import FileError
 from rigs.files import read_bytes
+from rigs.rig import Rig
 
 POSES = (*PLACE, *TURN)
 ADDED = ("missed_mm", "left_out_mm", "u_um", "u_frame_um", "covered", "corrected")
@@ -82,6 +87,20 @@ def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
     names, rows = _rows(path)
     remedy = "give the table corrected-….csv that rig correct --path wrote"
     return _targets(path, names, rows, JOINTS, remedy), _targets(path, names, rows, POSES, remedy)
+
+
+def compensated_plans(plans: Sequence[Plan], path: Path, rig: Rig, rig_file: str, *, anyway: bool) -> list[Plan]:
+    """Return the plans with the targets of a corrected path. Raises FileError where the model of the rig or of the path
+    is to correct nothing, unless they are written `anyway`, and as `read_path` and `compensated` do."""
+    hold_verdict(rig, rig_file, anyway=anyway)
+    joints, poses = read_corrected_path(path)
+    against = AGAINST in joints.columns
+    if against and not anyway:
+        raise FileError(str(path), f"was {ANYWAY}", "use the nominal targets, or add --anyway; the programs say so")
+    made = compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
+    if not (against or why_nothing(rig)):
+        return made
+    return [replace(plan, steps=(Comment(ANYWAY), *plan.steps)) for plan in made]
 
 
 def _targets(

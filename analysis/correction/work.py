@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -30,11 +30,10 @@ from analysis.geometry.pose_setup import best_rigid, in_frame
 from analysis.geometry.programs import drive, radial_program
 from analysis.kinematics.arm import RAIL_MM, Array, arm_of
 from analysis.model.hysteresis import Motion
-from analysis.model.predict import Model, Path, geometric_part, is_geometric, model_of, moved
+from analysis.model.predict import Model, Path, model_of, moved
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.scene import Stage
 
 _FEWEST, _SPREAD = 12, 60
 """Postures below which the work is too little to judge a correction by, and those that are taken then instead. Chosen:
@@ -236,28 +235,3 @@ def base_u_um(u_mm: Array, u_frame_mm: Array) -> float:
     """Return what the place of the whole arm on its base adds, root mean square in µm, to the uncertainty of places
     with standard uncertainty (n,) mm in the robot's base and (n,) mm in a taught frame."""
     return 1e3 * float(np.sqrt(max(0.0, float(np.mean(u_mm**2 - u_frame_mm**2)))))
-
-
-_OF_THE_ARM: tuple[Stage, ...] = ("arm", "joint", "tool")
-"""The stages whose effects move the tool; the others are of clocks, the ball and the gauges."""
-
-
-@dataclass(frozen=True)
-class GeometricShare:
-    """What effects move the tool by over the work, root mean square in µm: all of them, and what is left when the arm
-    has the constants. left_out: the effects that no constants carry."""
-
-    all_um: float
-    left_um: float
-    left_out: tuple[Effect, ...]
-
-
-def geometric_share(model: Model) -> GeometricShare:
-    """Return how much of a model's displacement of the tool the constants of an arm do not carry."""
-    whole = replace(model, effects=tuple(effect for effect in model.effects if effect.STAGE in _OF_THE_ARM))
-    q = work_angles(model.rig)
-    return GeometricShare(
-        rms_um(apart_mm(whole, replace(model, effects=()), q)),
-        rms_um(apart_mm(whole, geometric_part(whole), q)),
-        tuple(effect for effect in whole.effects if not is_geometric(effect)),
-    )

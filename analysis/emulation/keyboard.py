@@ -135,21 +135,18 @@ class Keyboard:
         else:
             name, seconds = line, self._robot.start(line)
         self._report(CellEvent("driving", name, f"{name}: driving, {seconds:.1f} s"))
-        self._watch(name)
-
-    def _with_programs(self) -> Pendant:
-        if self._pendant is None:
-            raise UseError("rig emulate", "has no programs", "start it with --programs DIRECTORY")
-        return self._pendant
-
-    def _watch(self, name: str) -> None:
-        """Say each change of what the program does, until it is over."""
+        # Say each change of what the program does, until it is over.
         before: State = "drives"
         while before not in ("done", "stopped"):
             if (state := self._robot.state(clock.now_ns())) != before:
                 before = state
                 self._report(CellEvent(state, name, f"{name}: {_SAID[state]}"))
             clock.sleep(_LOOK_S)
+
+    def _with_programs(self) -> Pendant:
+        if self._pendant is None:
+            raise UseError("rig emulate", "has no programs", "start it with --programs DIRECTORY")
+        return self._pendant
 
     def _try(self, act: Callable[[str], None], line: str) -> None:
         try:

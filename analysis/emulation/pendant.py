@@ -102,7 +102,13 @@ class Pendant:
         maker, texts = program_texts(path)
         controller, test = self._of(maker.name, str(path)), _test_of(path)
         try:
-            driven = self._driven(path, texts, controller, test)
+            T = arm_of(self._rig.robot).T_flange_tool
+            entered = maker_by(controller.maker).driver.tool_entered
+            machine = Machine(controller.flange, Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) if entered else None)
+            interpret(controller.maker, texts, machine)
+            place = self._rig.tests.circle if test in CIRCLES else self._rig.tests.hemisphere
+            near = np.radians(place.posture_deg) if place else np.zeros(6)
+            driven = drive(controller, machine.events, near, str(path))
         except ProgramError as error:
             raise FileError(str(path), f"the controller refuses it: {error}", "correct the program") from None
         g_mm, shown = trace_along(self._rig, test, driven.t_s, driven.q - controller.reads_more), self._signals(driven)
@@ -132,15 +138,6 @@ class Pendant:
             problem = f"is for a controller of {maker!r}, and this one is of {self._maker!r}"
             raise FileError(where, problem, f"write it for {self._maker}, or start with --for {maker}")
         return self.controller or Controller.of_rig(self._rig, self._maker)
-
-    def _driven(self, path: Path, texts: Mapping[str, str], controller: Controller, test: DrivenTest) -> Driven:
-        T = arm_of(self._rig.robot).T_flange_tool
-        entered = maker_by(controller.maker).driver.tool_entered
-        machine = Machine(controller.flange, Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) if entered else None)
-        interpret(controller.maker, texts, machine)
-        place = self._rig.tests.circle if test in CIRCLES else self._rig.tests.hemisphere
-        near = np.radians(place.posture_deg) if place else np.zeros(6)
-        return drive(controller, machine.events, near, str(path))
 
     def _signals(self, driven: Driven) -> tuple[tuple[float, float], ...]:
         """From when on the robot shows which number: that of the outputs, the first that is switched the least, or as

@@ -153,7 +153,13 @@ def _gathered(
     directory: Path, file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str
 ) -> Fleet:
     catalogued = known_of(file, seen, workers, progress, why)
-    digests = _digests(catalogued.runs.values())
+    # A digest for each robot of all that its state follows from.
+    hashes: dict[Key, hashlib._Hash] = {}
+    for entry in catalogued.runs.values():
+        if entry.key[1]:
+            line = json.dumps([entry.run, entry.fingerprint, entry.problem])
+            hashes.setdefault(entry.key, hashlib.sha256()).update(line.encode())
+    digests = {key: digest.hexdigest() for key, digest in hashes.items()}
     # The states of all robots; those whose runs are the same are as they were kept
     before = catalogue.states(file)
     catalogue.forget_states(file, before.keys() - digests.keys())
@@ -177,16 +183,6 @@ def _gathered(
         catalogued.examined,
         catalogued.gone,
     )
-
-
-def _digests(entries: Iterable[Entry]) -> dict[Key, str]:
-    """A digest for each robot of all that its state follows from."""
-    hashes: dict[Key, hashlib._Hash] = {}
-    for entry in entries:
-        if entry.key[1]:
-            line = json.dumps([entry.run, entry.fingerprint, entry.problem])
-            hashes.setdefault(entry.key, hashlib.sha256()).update(line.encode())
-    return {key: digest.hexdigest() for key, digest in hashes.items()}
 
 
 def _state(file: Path, text: str) -> State:

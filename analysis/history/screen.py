@@ -29,10 +29,6 @@ def as_screen(history: History) -> RenderableType:
     head = [Text(line, style="yellow") for line in filter(None, [origin(history)])]
     head += [Text(sentence, style="bold") for sentence in sentences(history) or [too_few(history)]]
     lines = [Text(line, style="dim") for line in remarks(history)]
-    return Group(*head, _table(history), *lines, *(Text(line, style="yellow") for line in doubts(history)))
-
-
-def _table(history: History) -> Table:
     days = [run.when.date() for series in history.series for run in series.runs]
     span = sorted({str(min(days)), str(max(days))}) if days else []
     title = " · ".join([history.robot, *filter(None, [" to ".join(span)])])
@@ -64,7 +60,7 @@ def _table(history: History) -> Table:
         )
         table.add_row(name, series.label, *over, *limit, style=style)
         before = series.title
-    return whole(table)
+    return Group(*head, whole(table), *lines, *(Text(line, style="yellow") for line in doubts(history)))
 
 
 def as_differences(compared: Sequence[Difference]) -> RenderableType:

@@ -357,20 +357,6 @@ class Judgement(Detected):
 def judged(expected: ExpectedPosterior) -> Judgement:
     """Return the judgement of an expected posterior."""
     chosen, detectabilities = detectabilities_of(expected)
-    return Judgement(tuple(detectabilities), tuple(_close_pairs(expected, chosen, detectabilities)))
-
-
-def separation_sigma(expected: ExpectedPosterior, pair: ClosePair) -> float:
-    """Return the sigmas by which the two names of a pair are separated, whichever of them is present."""
-    first, second = pair.first, pair.second
-    return min(expected.separation_sigma(first, second), expected.separation_sigma(second, first))
-
-
-def _close_pairs(
-    expected: ExpectedPosterior, chosen: Sequence[Candidate], detectabilities: Sequence[Detectability]
-) -> list[ClosePair]:
-    """Return the pairs of names separated by less than SEPARABLE in either direction, the closest first. Orders of one
-    gear are not rivals."""
     seen = [k for k, detectability in enumerate(detectabilities) if not detectability.hidden]
     sizes = [max(expected.least, detectabilities[k].limit / healthy_size(detectabilities[k].effect)) for k in seen]
     closest: dict[tuple[str, str], ClosePair] = {}
@@ -381,7 +367,13 @@ def _close_pairs(
             earlier = closest.get(pair.names)
             nearer = pair if earlier is None or pair.sigma < earlier.sigma else earlier
             closest[pair.names] = replace(nearer, others=earlier.others + 1 if earlier else 0)
-    return sorted(closest.values(), key=lambda pair: pair.sigma)
+    return Judgement(tuple(detectabilities), tuple(sorted(closest.values(), key=lambda pair: pair.sigma)))
+
+
+def separation_sigma(expected: ExpectedPosterior, pair: ClosePair) -> float:
+    """Return the sigmas by which the two names of a pair are separated, whichever of them is present."""
+    first, second = pair.first, pair.second
+    return min(expected.separation_sigma(first, second), expected.separation_sigma(second, first))
 
 
 def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
@@ -446,6 +438,12 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
     judgement = judged(expected_posterior(blocks, setups, level))
     possible, impossible = possible_tests(rig, tests, blocks, setups, level, runs=runs)
     further, gains = _further_tests(possible, judgement)
+    # Groups of names that are connected by pairs.
+    groups: list[list[str]] = []
+    for pair in [pair.names for pair in judgement.pairs]:
+        joined = [group for group in groups if set(group) & set(pair)]
+        groups = [group for group in groups if group not in joined]
+        groups.append(list(dict.fromkeys([name for group in joined for name in group] + list(pair))))
     return Plan(
         detectabilities=tuple(
             replace(detectability, further=further.get(name_of(detectability.effect), ()))
@@ -453,7 +451,7 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
         ),
         tests=tuple(tests),
         runs=runs,
-        groups=_groups([pair.names for pair in judgement.pairs]),
+        groups=tuple(tuple(group) for group in groups),
         pairs=tuple(
             Pair((label_of(pair.first[0]), label_of(pair.second[0])), pair.sigma, pair.others, further[pair.names])
             for pair in judgement.pairs
@@ -478,16 +476,6 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
         if name not in every:
             raise UseError("--tests", f"{name!r} is not a test", f"give one or more of {','.join(every)}")
     return tuple(name for name in every if name in asked)
-
-
-def _groups(pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, ...], ...]:
-    """Return groups of names that are connected by pairs."""
-    groups: list[list[str]] = []
-    for pair in pairs:
-        joined = [group for group in groups if set(group) & set(pair)]
-        groups = [group for group in groups if group not in joined]
-        groups.append(list(dict.fromkeys([name for group in joined for name in group] + list(pair))))
-    return tuple(tuple(group) for group in groups)
 
 
 def _further_tests(

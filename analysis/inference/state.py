@@ -438,42 +438,31 @@ def starting_effects(linear: Linearisation, columns: Columns, posterior: Posteri
     """
     effect = form.effect
     if is_play(effect):
-        return _plays(columns, linear, posterior, effect)
+        expected = identity(effect).model_copy(update={free.field: free.expected for free in effect.FREE})
+        tried = [expected.model_copy(update={free.field: value}) for free in effect.FREE for value in free.tried]
+        shapes = [healthy(shape) for shape in (expected, *tried)]
+        # The background expects some of this play, which the tried one replaces.
+        indices = [k for form in columns.forms if is_alike(form.effect, effect) for k in form.columns]
+        at_mean = columns.X[:, indices] @ posterior.background.mean[indices]
+        cost, energy = np.empty((len(shapes), len(_WIDTHS))), np.empty(0)
+        for k, shape in reversed(list(enumerate(shapes))):
+            widths = [scaled(shape, float(width)) for width in _WIDTHS]
+            each = linear.near.of("every width", shape, {}, partial(linear.columns, widths))
+            added = each.columns - at_mean[:, None]
+            remaining = posterior.residual[:, None] - posterior.left_of(added)
+            cost[k] = columns.count @ np.log([np.sum(remaining[rows] ** 2, axis=0) for rows in columns.rows])
+            energy = np.sum(linear.without_set_up(posterior.unexplained[:, None] - added) ** 2, axis=0)
+        beside_others, by_itself = float(_WIDTHS[np.argmin(cost.min(axis=0))]), float(_WIDTHS[np.argmin(energy)])
+        if max(beside_others, by_itself) <= FAULT:
+            likeliest = np.argsort(cost.min(axis=1))[:2].tolist()
+            return [scaled(shapes[k], float(_WIDTHS[np.argmin(cost[k])])) for k in likeliest]
+        return [
+            *(scaled(shape, beside_others) for shape in shapes),
+            *[scaled(shapes[0], by_itself)] * (by_itself != beside_others),
+        ]
     if hasattr(effect, "order"):
         return _waves(columns, linear, posterior, form)
     return [combined_effect(form.effects, posterior.size(form))]
-
-
-def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect: Effect) -> list[Effect]:
-    """Return plays of two widths: the one that is most likely beside everything else, in each shape, and the one that
-    leaves least (N,) with the set-ups alone. A play of about healthy size has the two likeliest shapes, each in its
-    likeliest width.
-
-    The strengths of the residual were estimated without the play and would hide it, so the first is the most likely one
-    whatever the strength of each band is. Where everything else has taken up the play already, the second is nearer.
-    """
-    expected = identity(effect).model_copy(update={free.field: free.expected for free in effect.FREE})
-    tried = [expected.model_copy(update={free.field: value}) for free in effect.FREE for value in free.tried]
-    shapes = [healthy(shape) for shape in (expected, *tried)]
-    # The background expects some of this play, which the tried one replaces.
-    indices = [k for form in columns.forms if is_alike(form.effect, effect) for k in form.columns]
-    at_mean = columns.X[:, indices] @ posterior.background.mean[indices]
-    cost, energy = np.empty((len(shapes), len(_WIDTHS))), np.empty(0)
-    for k, shape in reversed(list(enumerate(shapes))):
-        widths = [scaled(shape, float(width)) for width in _WIDTHS]
-        each = linear.near.of("every width", shape, {}, partial(linear.columns, widths))
-        added = each.columns - at_mean[:, None]
-        remaining = posterior.residual[:, None] - posterior.left_of(added)
-        cost[k] = columns.count @ np.log([np.sum(remaining[rows] ** 2, axis=0) for rows in columns.rows])
-        energy = np.sum(linear.without_set_up(posterior.unexplained[:, None] - added) ** 2, axis=0)
-    beside_others, by_itself = float(_WIDTHS[np.argmin(cost.min(axis=0))]), float(_WIDTHS[np.argmin(energy)])
-    if max(beside_others, by_itself) <= FAULT:
-        likeliest = np.argsort(cost.min(axis=1))[:2].tolist()
-        return [scaled(shapes[k], float(_WIDTHS[np.argmin(cost[k])])) for k in likeliest]
-    return [
-        *(scaled(shape, beside_others) for shape in shapes),
-        *[scaled(shapes[0], by_itself)] * (by_itself != beside_others),
-    ]
 
 
 def _waves(columns: Columns, linear: Linearisation, posterior: Posterior, form: Form) -> list[Effect]:

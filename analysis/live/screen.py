@@ -30,34 +30,30 @@ def screen(view: LiveView, controls: Controls, width: int, height: int) -> Canva
         if area.height > len(rows):
             draw_foot(area.part(len(rows), 0, area.width, area.height - len(rows)), view, controls)
     else:
-        _whole(area, view, controls)
+        figures = 3 if area.width >= _THREE_WIDE else 2
+        most = 1 if area.height < 30 else 4
+        scale = min(most, scale_for(view, controls, area.width // figures))
+        links = 1 + len(view.state["streams"]) if view.state else 0 if view.played else 4
+        links = min(links, max(4, area.height // 6))
+        fixed = 1 + gauge_rows(scale) + links + 1
+        trace = max(3, (area.height - fixed) // 4)
+        heights = (1, gauge_rows(scale), area.height - fixed - trace, trace, links, 1)
+        head, gauges, middle, below, foot, _ = area.rows(*heights)
+        draw_head(head, view)
+        parts = gauges.columns(*[area.width // figures] * figures)
+        for k in range(2):
+            draw_gauge(parts[k], view, controls, k, scale)
+        if figures == 3:
+            draw_angle(parts[2], view, controls, scale)
+        _middle(middle, view, controls, with_angle=figures == 2)
+        draw_trace(below, view, controls)
+        draw_links(foot, view)
+        if view.lost:  # what is shown is the last that is known
+            area.part(1, 0, area.width, area.height - 2).dim()
+        draw_foot(area, view, controls)
     if controls.shows_help:
         draw_help(area)
     return canvas
-
-
-def _whole(area: Area, view: LiveView, controls: Controls) -> None:
-    figures = 3 if area.width >= _THREE_WIDE else 2
-    most = 1 if area.height < 30 else 4
-    scale = min(most, scale_for(view, controls, area.width // figures))
-    links = 1 + len(view.state["streams"]) if view.state else 0 if view.played else 4
-    links = min(links, max(4, area.height // 6))
-    fixed = 1 + gauge_rows(scale) + links + 1
-    trace = max(3, (area.height - fixed) // 4)
-    heights = (1, gauge_rows(scale), area.height - fixed - trace, trace, links, 1)
-    head, gauges, middle, below, foot, _ = area.rows(*heights)
-    draw_head(head, view)
-    parts = gauges.columns(*[area.width // figures] * figures)
-    for k in range(2):
-        draw_gauge(parts[k], view, controls, k, scale)
-    if figures == 3:
-        draw_angle(parts[2], view, controls, scale)
-    _middle(middle, view, controls, with_angle=figures == 2)
-    draw_trace(below, view, controls)
-    draw_links(foot, view)
-    if view.lost:  # what is shown is the last that is known
-        area.part(1, 0, area.width, area.height - 2).dim()
-    draw_foot(area, view, controls)
 
 
 def _middle(area: Area, view: LiveView, controls: Controls, *, with_angle: bool) -> None:

@@ -9,24 +9,6 @@ Ball and zeros of the gauges must not be touched between the runs. A ball that s
 order one and nothing else, in the distance and, of a yaw, in the angle alike: such runs are not a pair. A lag between
 gauges and robot belongs to the set-up: it is drawn once for both runs, from what the less certain of them knows of it,
 and moves them apart, which is the worst it can do.
-
-The largest size of a noisy curve, and where it lies.
-
-The maximum of a noisy curve is chosen by its noise and too large on average; by how much depends on how many places
-come near it. On a plateau, as a play makes one between two reversals, any place may be the largest. So the curve is
-flattened: all that stands above some level is taken for noise, and that level is the size of which the observed
-maximum is the median, with the same noise again. It is the least favourable curve that the readings allow, as in the
-half-median-unbiased bounds of Chernozhukov, Lee and Rosen (Intersection bounds, Econometrica 2013).
-
-The lag of the gauges behind the robot's feedback, as an acw and a cw run of one circle show it.
-
-Gauges stamped late show at each moment what was true a lag before: the curve is dragged along with the motion, forwards
-in one direction and backwards in the other, so acw - cw holds twice the lag times the speed times the curve's
-slope. Plays and friction reverse with the direction too, and their first harmonic cannot be distinguished from a
-lag. What they leave in the others shows how large it may be: it is taken for a random part that falls with the
-harmonic's number, as that of a step does, and it makes the uncertainty. So does the robot, which is never at quite the
-same places in two runs. One direction alone shows nothing of it: there a lag turns the curve as another
-place of the ball would.
 """
 
 from __future__ import annotations
@@ -58,7 +40,14 @@ _HALVINGS = 10
 def largest(curve: Array, errors: Array, blur: float, unit: str, samples: int) -> tuple[Quantity, Quantity]:
     """The largest size of a curve (NODES,) without sign, and the place of it, with errors (m, NODES) that noise may
     have put into it. Its rows fell anywhere about their places with a standard deviation of `blur` rad, which takes
-    something off a narrow peak."""
+    something off a narrow peak.
+
+    The maximum of a noisy curve is chosen by its noise and too large on average; by how much depends on how many places
+    come near it. On a plateau, as a play makes one between two reversals, any place may be the largest. So the curve is
+    flattened: all that stands above some level is taken for noise, and that level is the size of which the observed
+    maximum is the median, with the same noise again. It is the least favourable curve that the readings allow, as in
+    the half-median-unbiased bounds of Chernozhukov, Lee and Rosen (Intersection bounds, Econometrica 2013).
+    """
     peak = int(np.argmax(np.abs(curve)))
     top = float(np.abs(curve[peak]))
     # The level at which the curve is cut off, so that with its errors again the observed maximum is the median.
@@ -103,9 +92,18 @@ class _Evidence:
 
 
 def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float], samples: int) -> Quantity:
-    """The lag in ms, from curves of an acw and a cw run; several kinds (angle, distance) together determine it better.
+    """The lag in ms of the gauges behind the robot's feedback, from curves of an acw and a cw run of one circle;
+    several kinds (angle, distance) together determine it better.
 
     radii_mm: of each kind, what turns a move of the ball into its unit: 1 for a distance, the circle's for an angle.
+
+    Gauges stamped late show at each moment what was true a lag before: the curve is dragged along with the motion,
+    forwards in one direction and backwards in the other, so acw - cw holds twice the lag times the speed times the
+    curve's slope. Plays and friction reverse with the direction too, and their first harmonic cannot be distinguished
+    from a lag. What they leave in the others shows how large it may be: it is taken for a random part that falls with
+    the harmonic's number, as that of a step does, and it makes the uncertainty. So does the robot, which is never at
+    quite the same places in two runs. One direction alone shows nothing of it: there a lag turns the curve as another
+    place of the ball would.
     """
     kinds = []
     for (acw, cw), radius_mm in zip(pairs, radii_mm, strict=True):

@@ -1,15 +1,15 @@
 """The paths of the cube in a tracker's recording: which move is which, in which frame, and how far off each was.
 
-A move is a path whose way and chord it has; of the two ways around the large circle the first is anticlockwise, as the
-program drives it. Where the instrument's frame is not known it is fitted to all paths together: first by the share of
-each path that was driven, then each place to the nearest of its path. Deviations are taken across the path, as ISO 9283
-has it, and averaged between stations, which lie closer than anything a robot does.
-
-What a tracker wrote while a tool drove paths, divided into moves: the pieces between two stands of the tool.
+    recording  →  moves, between two stands of the tool  →  paths, by way and chord  →  frame  →  deviations
 
 Places are averaged over short spans, so that the tracker's noise, which is read off the second differences of its
 places, is no motion. A stand is a rest of more than half a second: a corner, at which some controllers all but stop,
 takes less. What lies before the first and after the last stand is cut off: how much of it is missing is unknown.
+
+A move is a path whose way and chord it has; of the two ways around the large circle the first is anticlockwise, as the
+program drives it. Where the instrument's frame is not known it is fitted to all paths together: first by the share of
+each path that was driven, then each place to the nearest of its path. Deviations are taken across the path, as ISO 9283
+has it, and averaged between stations, which lie closer than anything a robot does.
 """
 
 from __future__ import annotations

@@ -3,14 +3,13 @@
     part of a run  →  joined on the rows of gauge 1  →  φ at the robot's rate, between its rows on a line
                    →  sums of the rows beside each node, by stretches of time  →  laps  →  readings at 720 circle angles
 
+A part is the rows of all streams that came in the same time, in memory of a few chunks, and is evaluated like a run of
+its own. What is seen only from before and after, as whether an instrument waited or a computer was held up for a
+second, is seen of the rows near its ends as well: a part has some seconds more on either side, which belong to its
+neighbours.
+
 The laps are cut out of a table of every so many rows, which the run is shown by as well; each stretch of rows beside
 one node then falls into a lap by its time.
-
-The streams of a long run part by part: rows of all of them that came in the same time, in memory of a few chunks.
-
-A part is evaluated like a run of its own. What is seen only from before and after, as whether an instrument waited or a
-computer was held up for a second, is seen of the rows near its ends as well: a part has some seconds more on either
-side, which belong to its neighbours.
 """
 
 from __future__ import annotations

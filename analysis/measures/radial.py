@@ -1,8 +1,15 @@
 """Radial test: the distance of tool and ball on a hemisphere, after Oh 2019, section 2.3.
 
 A reading g at a target puts the tool's ball at B + (R + g) × the target's direction, in the hemisphere's frame: z
-to its middle (polar 0), x to azimuth 0. Per target, the mean and the range over the tool's orientations; the
-means make the sphere.
+to its middle (polar 0), x to azimuth 0. Per target, the mean and the range over the tool's orientations; through the
+means goes the least-squares sphere.
+
+A target is left out only where no robot error explains it, since what a robot does is what is measured: plays make
+a few targets differ from the others by much more than those do among themselves. So one of its readings must lie
+(1) more than 2 mm and (2) more than ten robust standard deviations of all readings (scaled median of absolute
+residuals) from a sphere fitted with the soft_l1 loss, which a few bad readings barely move, and (3) no more than one
+target in ten (or a single one) may be so. A wrong place is off in all orientations, a slip of the gauge in one.
+Otherwise every target stays.
 
 That targets and orientations differ is the robot's error; that it does not come back to the same place is noise. How
 large that is at each target, visits of the same target and orientation show (`analysis.noise.target_scatter`); where
@@ -11,15 +18,6 @@ one over draws of those places, its uncertainty such that value ± 2 u holds 95 
 none is too large by the noise. A drift that the visits show is taken out. A length is then that of the middle of the
 run, and may be asked for at its start: what it drifted by between is in its uncertainty, as of a law with its weight at
 both ends (JCGM 101, 6.4.6).
-
-Least-squares sphere through points seen from a ball, and which of them do not belong to it.
-
-A target is left out only where no robot error explains it, since what a robot does is what is measured: plays make
-a few targets differ from the others by much more than those do among themselves. So one of its readings must lie
-(1) more than 2 mm and (2) more than ten robust standard deviations of all readings (scaled median of absolute
-residuals) from a sphere fitted with the soft_l1 loss, which a few bad readings barely move, and (3) no more than one
-target in ten (or a single one) may be so. A wrong place is off in all orientations, a slip of the gauge in one.
-Otherwise every target stays.
 """
 
 from __future__ import annotations

@@ -1,6 +1,5 @@
-"""Figures that are made of scatter: what they would be, were all visits made again.
-
-Figures of the standards, on stacks: ISO 9283:1998 clause 7.2, ISO 230-2:2014 clause 3.
+"""Figures that are made of scatter: the standards' own (ISO 9283:1998 clause 7.2, ISO 230-2:2014 clause 3), and what
+they would be, were all visits made again.
 """
 
 from __future__ import annotations

@@ -55,14 +55,6 @@ def pull(arm: Arm, load: Load, q: Array) -> Pull:
             and known_load.payload_kg == load.payload_kg
         ):
             return pulled
-    pulled = _pull(arm, load, q)
-    if len(q) <= _KEPT_ROWS:
-        _recent.append((arm, load, q, pulled))
-    return pulled
-
-
-def _pull(arm: Arm, load: Load, q: Array) -> Pull:
-    """From the last link back: what lies beyond a joint weighs on it by the horizontal part of its first moment."""
     # Masses (axes,) kg and their centres (axes, 3) mm with the payload, which hangs at the flange, the last frame.
     mass, centre = load.mass.copy(), load.centre.copy()
     mass[-1] += load.payload_kg
@@ -80,4 +72,7 @@ def _pull(arm: Arm, load: Load, q: Array) -> Pull:
             per_theta[axis, block] = _G * (z[1] * across_x - z[0] * across_y)
         beside_x, beside_y = beyond_kg_mm - beyond_kg * base_places(arm, q[block])[:, :2].T
         about_base[:2, block] = -_G * beside_y, _G * beside_x
-    return Pull((arm.coupling.T @ per_theta / 1000.0).T, about_base.T @ arm.T_world_base[:3, :3] / 1000.0)
+    pulled = Pull((arm.coupling.T @ per_theta / 1000.0).T, about_base.T @ arm.T_world_base[:3, :3] / 1000.0)
+    if len(q) <= _KEPT_ROWS:
+        _recent.append((arm, load, q, pulled))
+    return pulled

@@ -62,15 +62,11 @@ def is_wild(values: Array) -> Mask:
         return np.zeros(len(values), dtype=bool)
     median = running_median(values)
     away = np.abs(values - median)
-    return beyond_neighbours(away) & (away > _JUMPS * _change(median, 4))
-
-
-def _change(values: Array, reach: int) -> Array:
-    """Return the change (n,) of a curve within `reach` rows, before or after each; the ends are repeated."""
-    padded = np.pad(values, reach, mode="edge")
-    before = np.abs(values - padded[: -2 * reach])
-    change: Array = np.maximum(before, np.abs(padded[2 * reach :] - values))
-    return change
+    # The change (n,) of a curve within `reach` rows, before or after each; the ends are repeated.
+    padded = np.pad(median, 4, mode="edge")
+    before = np.abs(median - padded[: -2 * 4])
+    change: Array = np.maximum(before, np.abs(padded[2 * 4 :] - median))
+    return beyond_neighbours(away) & (away > _JUMPS * change)
 
 
 def beyond_neighbours(away: Array) -> Mask:

@@ -103,7 +103,10 @@ def _of_differences(laps: Array, rows: float, lap_s: float, drift_mm: float) -> 
     spectra = np.fft.rfft(laps - laps.mean(axis=0), axis=1) / NODES
     seen = _banded((np.abs(spectra) ** 2).sum(axis=0) / freedom)
     white, slow = _banded(_white(rows)), _banded(_shapes(lap_s, len(laps))[0])
-    weight = freedom * _weights()
+    # The number of orders (bands,) in each band; order 0 is one real number and counts half.
+    weights = np.diff(_edges()).astype(float)
+    weights[0] = 0.5
+    weight = freedom * weights
     evidence = np.empty((len(_WHITES_MM), len(_SLOWS_MM), len(slow)))
     for shape, slow_power in enumerate(slow):
         power = _WHITES_MM[:, None, None] ** 2 * white + _SLOWS_MM[None, :, None] ** 2 * slow_power
@@ -124,7 +127,11 @@ def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
         passed = _third_difference_passes(scale)
         variance = _WHITES_MM[:, None, None] ** 2 * (_white(rows) @ passed)
         variance = variance + _SLOWS_MM[None, :, None] ** 2 * (slow @ passed)
-        seen = (1.4826 * float(np.median(np.abs(_third_difference(lap, scale))))) ** 2
+        # The third differences (NODES,) of means of `scale` nodes, equally far apart, around a closed lap.
+        summed = np.cumsum(np.concatenate([[0.0], lap, lap[:scale]]))
+        means = (summed[scale:] - summed[:-scale])[:NODES] / scale
+        third: Array = means - 3 * np.roll(means, -scale) + 3 * np.roll(means, -2 * scale) - np.roll(means, -3 * scale)
+        seen = (1.4826 * float(np.median(np.abs(third)))) ** 2
         # A median of NODES / scale overlapping differences determines a variance with a quarter as many
         # degrees of freedom.
         spread = np.sqrt(8.0 * scale / NODES)
@@ -133,14 +140,6 @@ def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
         with_curve = np.where(off > 0, np.exp(-np.maximum(off, 0.0) / _LARGER), close) / _LARGER
         evidence += np.log((1 - curved) * close / (spread * np.sqrt(2 * np.pi)) + curved * with_curve + 1e-300)
     return evidence
-
-
-def _third_difference(lap: Array, scale: int) -> Array:
-    """Return the third differences (NODES,) of means of `scale` nodes, equally far apart, around a closed lap."""
-    summed = np.cumsum(np.concatenate([[0.0], lap, lap[:scale]]))
-    means = (summed[scale:] - summed[:-scale])[:NODES] / scale
-    third: Array = means - 3 * np.roll(means, -scale) + 3 * np.roll(means, -2 * scale) - np.roll(means, -3 * scale)
-    return third
 
 
 @lru_cache(maxsize=16)
@@ -227,10 +226,3 @@ def _banded(power: Array) -> Array:
     edges = _edges()
     means: Array = np.add.reduceat(power[..., : edges[-1]], edges[:-1], axis=-1) / np.diff(edges)
     return means
-
-
-def _weights() -> Array:
-    """Return the number of orders (bands,) in each band; order 0 is one real number and counts half."""
-    weights = np.diff(_edges()).astype(float)
-    weights[0] = 0.5
-    return weights

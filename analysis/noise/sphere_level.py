@@ -39,7 +39,18 @@ class SphereLevel:
     def __call__(self, rng: np.random.Generator, weight: Array, mean: Array) -> tuple[Array, Array]:
         """Return expected values and draws (m, t, o) of the cells, from their weights and weighted means (m, t, o)."""
         if not self._begun:
-            self._begin(weight, mean)
+            # Initialise from plain means, with the noise known so far subtracted.
+            seen_cells = weight > 0
+            self._target = (weight * mean).sum(axis=2) / weight.sum(axis=2)
+            self._tilt = np.zeros((len(weight), weight.shape[2]))
+            away = mean - self._target[..., None]
+            self._orientation_mm2 = np.full(len(weight), _LEAST_MM2)
+            if not self._alone:
+                excess = (weight * away**2).sum(axis=(1, 2)) - (seen_cells.sum(axis=2) - 1).clip(min=0).sum(axis=1)
+                self._orientation_mm2 = np.maximum(excess / weight.sum(axis=(1, 2)), _LEAST_MM2)
+            off_sphere = self._target - self._target @ self._basis @ self._basis.T / len(self._basis)
+            self._target_mm2 = np.maximum((off_sphere**2).mean(axis=1), _LEAST_MM2)
+            self._begun = True
         across, along = self._orientation_mm2[:, None, None], self._target_mm2[:, None]
         precision = weight / (1 + weight * across)
         self._tilt_from(rng, precision, mean)
@@ -59,20 +70,6 @@ class SphereLevel:
         residual = cell - self._target[..., None] - self._tilt[:, None, :]
         self._widths(rng, self._target - sphere - moved, residual * (weight > 0), weight)
         return best, cell
-
-    def _begin(self, weight: Array, mean: Array) -> None:
-        """Initialise from plain means, with the noise known so far subtracted."""
-        seen_cells = weight > 0
-        self._target = (weight * mean).sum(axis=2) / weight.sum(axis=2)
-        self._tilt = np.zeros((len(weight), weight.shape[2]))
-        away = mean - self._target[..., None]
-        self._orientation_mm2 = np.full(len(weight), _LEAST_MM2)
-        if not self._alone:
-            excess = (weight * away**2).sum(axis=(1, 2)) - (seen_cells.sum(axis=2) - 1).clip(min=0).sum(axis=1)
-            self._orientation_mm2 = np.maximum(excess / weight.sum(axis=(1, 2)), _LEAST_MM2)
-        off_sphere = self._target - self._target @ self._basis @ self._basis.T / len(self._basis)
-        self._target_mm2 = np.maximum((off_sphere**2).mean(axis=1), _LEAST_MM2)
-        self._begun = True
 
     def _tilt_from(self, rng: np.random.Generator, precision: Array, mean: Array) -> None:
         """Draw the tilt, which has mean zero over the orientations because their common part belongs to the targets."""

@@ -199,7 +199,19 @@ class _Sampler:
         mean = (weight * y).sum(axis=-1) / np.maximum(total, 1e-300)
         shared = shared_rounding(self.step_mm, np.maximum(self.variance - self.step_mm**2 / 12, 0.0))[..., None]
         best, cell = level(self.rng, total / (1 + total * shared), mean)
-        self._noise_from(np.where(self.there, y - self._read(cell, shared, total, mean)[..., None], 0.0))
+        # Tail, shares, variances, s0 and d0 are drawn in this order, from errors (m, t, k, n).
+        error = np.where(self.there, y - self._read(cell, shared, total, mean)[..., None], 0.0)
+        squares = error**2 / self.variance[:, :, None, None]
+        fit = [self._tail_fit(squares, nu) for nu in _TAILS]
+        self.tail = self._chosen(_TAILS, np.stack(fit, axis=1))
+        nu = self.tail[:, None, None, None]
+        self.share = self.rng.standard_gamma(np.broadcast_to((nu + 1) / 2, squares.shape)) * 2 / (nu + squares)
+        self.share *= self.there
+        spread = (self.share * error**2).sum(axis=(2, 3))
+        chi2 = self.rng.chisquare(self.d0[:, None] + self.counts)
+        self.variance = ((self.d0 * self.s0_sq)[:, None] + spread) / chi2
+        self.variance = np.maximum(self.variance, self.least_mm**2)
+        self._common()
         return best, cell
 
     def _read(self, cell: Array, shared: Array, total: Array, mean: Array) -> Array:
@@ -229,20 +241,6 @@ class _Sampler:
         kick = self.rng.standard_normal((self.chains, d, 1))
         self.drift = (np.linalg.solve(normal, right[..., None]) + root @ kick)[..., 0]
         return np.asarray(self.y - (self.drift @ flat.T).reshape(weight.shape))
-
-    def _noise_from(self, error: Array) -> None:
-        """Draw tail, shares, variances, s0 and d0, in this order, from errors (m, t, k, n)."""
-        squares = error**2 / self.variance[:, :, None, None]
-        fit = [self._tail_fit(squares, nu) for nu in _TAILS]
-        self.tail = self._chosen(_TAILS, np.stack(fit, axis=1))
-        nu = self.tail[:, None, None, None]
-        self.share = self.rng.standard_gamma(np.broadcast_to((nu + 1) / 2, squares.shape)) * 2 / (nu + squares)
-        self.share *= self.there
-        spread = (self.share * error**2).sum(axis=(2, 3))
-        chi2 = self.rng.chisquare(self.d0[:, None] + self.counts)
-        self.variance = ((self.d0 * self.s0_sq)[:, None] + spread) / chi2
-        self.variance = np.maximum(self.variance, self.least_mm**2)
-        self._common()
 
     def _tail_fit(self, squares: Array, nu: float) -> Array:
         """Return the log-likelihood (m,) of Student's t with nu degrees of freedom."""

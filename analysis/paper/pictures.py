@@ -18,10 +18,10 @@ from matplotlib.figure import FigureBase
 
 from analysis.api import CircleCurve, RadialCurve, RepeatabilityCurve, Result
 from analysis.kinematics.arm import Array
+from analysis.measures.result_curves import JointReversal
 from analysis.paper.published import NOMINAL_RADIUS_MM
 from analysis.paper.rows import DIRECTIONS, Row, written
 from analysis.paper.simulated_figures import SimulatedFigures, figures_of
-from analysis.reporting.run_pictures import mark_reversals
 from analysis.reporting.sheet import Sheet
 from rigs.rig import Rig
 
@@ -153,7 +153,28 @@ def _errors(figure: FigureBase, results: Sequence[Result]) -> None:
         axes.axhspan(error.min(), error.max(), color=_INK[direction], alpha=0.08, lw=0)
         axes.set_title(f"{direction}, error band {result.figures['band_deg'].value:.3f}°", fontsize=9, loc="left")
         axes.margins(y=0.3)
-        mark_reversals(axes, result.reversals)
+        _mark_reversals(axes, result.reversals)
+
+
+def _mark_reversals(axes: Axes, turns: Sequence[JointReversal]) -> None:
+    """A dashed line where a joint turns back; names of close neighbours take turns in height."""
+    previous, step = -100.0, 0
+    for turn in turns:
+        phi = turn.phi_deg
+        step = (step + 1) % 3 if phi - previous < 16 else 0
+        axes.axvline(phi, color=_GREY, lw=0.7, ls="--")
+        axes.annotate(
+            f"{turn.name} {'↓' if turn.upper else '↑'}",
+            (phi, 1.0 - 0.085 * step),
+            xycoords=("data", "axes fraction"),
+            xytext=(-3 if phi > 345 else 2, -2),
+            textcoords="offset points",
+            fontsize=7.5,
+            color=_GREY,
+            va="top",
+            ha="right" if phi > 345 else "left",
+        )
+        previous = phi
 
 
 def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:

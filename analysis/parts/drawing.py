@@ -26,7 +26,8 @@ def drawing(parts: Sequence[PrintedPart], title: str) -> str:
     """Return an SVG of the parts, a unit of which is a millimetre; title: what stands at its head."""
     body, x, tallest = list[str](), 0.0, 0.0
     for part in parts:
-        width, height = _size(part)
+        low, high = part.solid.corners.min(axis=0), part.solid.corners.max(axis=0)
+        width, height = float(high[0] - low[0]), float(high[2])
         column = max(width + 2 * _MARGIN + 14, _COLUMN)
         body += [f'<g transform="translate({x + column / 2:.2f} {_HEAD})">', *_part(part, width, height), "</g>"]
         x += column
@@ -46,12 +47,6 @@ def drawing(parts: Sequence[PrintedPart], title: str) -> str:
             "</svg>\n",
         ]
     )
-
-
-def _size(part: PrintedPart) -> tuple[float, float]:
-    """How wide and how high a part is as it is drawn."""
-    low, high = part.solid.corners.min(axis=0), part.solid.corners.max(axis=0)
-    return float(high[0] - low[0]), float(high[2])
 
 
 def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:

@@ -77,19 +77,13 @@ def turned(profile: Profile) -> Solid:
 def bar(hole: Profile, apart_mm: float, beyond_mm: float) -> Solid:
     """Return a bar with two like holes along x, apart_mm from axis to axis, that goes on beyond_mm from each axis at
     its ends and its sides. hole: radii and heights from the top to the bottom, which are those of the bar."""
-    half = _cell(hole, apart_mm / 2, beyond_mm)
-    mirrored = half[:, ::-1] * [-1, 1, 1]
-    moved = np.array([apart_mm / 2, 0, 0])
-    return _joined([*(half - moved), *(mirrored + moved)])
-
-
-def _cell(hole: Profile, to_cut: float, beyond: float) -> Array:
-    """The triangles (m, 3, 3) of the half of a bar about one hole at the origin, open at its cut, x = to_cut."""
-    corners = np.arctan2([beyond, beyond, -beyond, -beyond], [to_cut, -beyond, -beyond, to_cut])
+    # The triangles (m, 3, 3) of the half of a bar about one hole at the origin, open at its cut, x = to_cut.
+    to_cut = apart_mm / 2
+    corners = np.arctan2([beyond_mm, beyond_mm, -beyond_mm, -beyond_mm], [to_cut, -beyond_mm, -beyond_mm, to_cut])
     angles = np.unique(np.concatenate([2 * np.pi * np.arange(SEGMENTS) / SEGMENTS - np.pi, corners]).round(12))
     way = np.column_stack([np.cos(angles), np.sin(angles)])
     with np.errstate(divide="ignore"):
-        length = np.minimum(np.where(way[:, 0] > 0, to_cut, -beyond) / way[:, 0], beyond / np.abs(way[:, 1]))
+        length = np.minimum(np.where(way[:, 0] > 0, to_cut, -beyond_mm) / way[:, 0], beyond_mm / np.abs(way[:, 1]))
     edge = way * length[:, None]
     top, bottom = hole[0][1], hole[-1][1]
 
@@ -103,7 +97,10 @@ def _cell(hole: Profile, to_cut: float, beyond: float) -> Array:
     is_cut = np.isclose(edge[:, 0], to_cut)
     open_side = is_cut & np.roll(is_cut, -1)
     walls = np.array(_band(at(edge, top), at(edge, bottom))).reshape(-1, 3, 3)
-    return np.concatenate([np.array(faces), walls[~np.repeat(open_side, 2)]])
+    half = np.concatenate([np.array(faces), walls[~np.repeat(open_side, 2)]])
+    mirrored = half[:, ::-1] * [-1, 1, 1]
+    moved = np.array([apart_mm / 2, 0, 0])
+    return _joined([*(half - moved), *(mirrored + moved)])
 
 
 def _band(upper: Array, lower: Array) -> list[Array]:

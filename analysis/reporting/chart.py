@@ -88,6 +88,8 @@ class Chart:
     ticks: tuple[tuple[float, str], ...] = ()
     panels: tuple[str, ...] = ()
     """Names of the steps, for the one picture of which paper shows each step."""
+    span: tuple[float, float] | None = None
+    """From where to where the scale of paper goes, where several pictures share it."""
 
     @property
     def steps(self) -> int:

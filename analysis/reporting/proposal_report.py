@@ -33,7 +33,16 @@ def as_table(proposal: Proposal) -> RenderableType:
     tried = proposal.feasible + sum(proposal.refused.values())
     parts.append(Text(f"{proposal.feasible} of {tried} circles can be driven" + (f" ({reasons})" if reasons else "")))
     if proposal.circles:
-        parts.append(_circles(proposal))
+        title = f"{proposal.used_min:.0f} min in all, with {SET_UP_MIN:g} min to set up each"
+        columns = ("circle", right("min"), Column("makes testable", ratio=1), Column("separates", ratio=1))
+        table = Table(*columns, title=title, title_style="dim")
+        for number, circle in enumerate(proposal.circles, start=1):
+            pairs = ", ".join(" and ".join(pair) for pair in _separated(proposal, circle))
+            names = ", ".join(_testable(proposal, circle))
+            table.add_row(
+                f"{number}. {circle.candidate.words}", f"{circle.candidate.minutes:.0f}", names or "–", pairs or "–"
+            )
+        parts.append(whole(table))
     else:
         parts.append(Text("no circle within this time makes anything else testable", style="yellow"))
     parts += [
@@ -52,19 +61,6 @@ def _count(judgement: Judgement) -> str:
     names, hidden = len(judgement.names), len(judgement.undetectable)
     pairs = "1 pair looks" if len(judgement.pairs) == 1 else f"{len(judgement.pairs) or 'no'} pairs look"
     return f"{names - hidden} of {names} names are testable, {pairs} alike"
-
-
-def _circles(proposal: Proposal) -> Table:
-    title = f"{proposal.used_min:.0f} min in all, with {SET_UP_MIN:g} min to set up each"
-    columns = ("circle", right("min"), Column("makes testable", ratio=1), Column("separates", ratio=1))
-    table = Table(*columns, title=title, title_style="dim")
-    for number, circle in enumerate(proposal.circles, start=1):
-        pairs = ", ".join(" and ".join(pair) for pair in _separated(proposal, circle))
-        names = ", ".join(_testable(proposal, circle))
-        table.add_row(
-            f"{number}. {circle.candidate.words}", f"{circle.candidate.minutes:.0f}", names or "–", pairs or "–"
-        )
-    return whole(table)
 
 
 def _testable(proposal: Proposal, circle: ProposedCircle) -> list[str]:

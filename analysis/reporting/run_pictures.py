@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,17 +18,17 @@ from analysis.kinematics.arm import Array
 from analysis.measures.lap_curve import at_resolution
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.reduction import PHI
-from analysis.measures.result_curves import JointReversal, PoseCurve
+from analysis.measures.result_curves import PoseCurve
 from analysis.measures.results import Result, by_test
-from analysis.reporting.chart import Picture, SphereChart
+from analysis.reporting.chart import Chart, Line, Picture, SphereChart, marks_of
 from analysis.reporting.labels import LEADING, label
 from analysis.reporting.run_charts import target_charts
 from analysis.reporting.sheet import Sheet, as_png
 from analysis.reporting.still_chart import part_of
 from analysis.reporting.texts import texts_of
 
-_INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
+_PHI_DEG = np.degrees(PHI)
 _OF_CUBE = ("ap_mm", "rp_mm", "ad_mm", "rd_mm")
 _APART_DEG = 4.0
 """Between the readings at one target and its middle, so that none hides another."""
@@ -42,8 +43,11 @@ def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
     for group in by_test(results):  # of one test on one rig, and named by both
         stem = f"{group[0].measured.rig.name}-{group[0].test}"
         if isinstance(group[0].found, CircleResult):
-            figures[f"{stem}-raw.png"] = partial(raw_figure, group)
-            figures[f"{stem}-error.png"] = partial(error_figure, group)
+            for kind, chart, title in (
+                ("raw", raw_chart, f"{group[0].test.capitalize()} angle and least-squares sine"),
+                ("error", error_chart, f"Orientation error in {group[0].test}"),
+            ):
+                figures[f"{stem}-{kind}.png"] = partial(circle_figure, group, title, chart)
             continue
         for name, result in distinctly_named(group):
             pictures = target_charts(result, texts_of("en"))
@@ -64,6 +68,14 @@ def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
         (name if names.count(name) == 1 else f"{name}-{place}", result)
         for place, (name, result) in enumerate(zip(names, results, strict=True), start=1)
     ]
+
+
+def circle_figure(results: Sequence[Result], title: str, chart: Callable[[Result, CircleResult], Chart]) -> Figure:
+    """A chart of each circle below each other, all in one scale."""
+    charts = [chart(result, result.found) for result in results if isinstance(result.found, CircleResult)]
+    low, high = (float(end(of.reach[k] for of in charts)) for k, end in enumerate((min, max)))
+    parts = [part_of(replace(chart, span=(low, high))) for chart in charts]
+    return Sheet.of_parts([f"{title} · {results[0].measured.rig.name}"], parts, 9.0)
 
 
 def target_figure(result: Result, pictures: Sequence[Picture], leading: Collection[str]) -> Figure:
@@ -109,78 +121,32 @@ def draw_hemisphere(
     )
 
 
-def raw_figure(results: Sequence[Result]) -> Figure:
-    """Angle over circle angle with its least-squares sine, a panel for each run (the paper's figure 3)."""
-    test = results[0].test
-    figure, panels = _panels(results, f"{test.capitalize()} angle and least-squares sine")
-    for circle, axes in zip(_circles(results), panels, strict=True):
-        for lap in circle.curve.laps:
-            axes.plot(np.degrees(PHI), np.degrees(lap), ".", ms=2, color=_INK[circle.laps.direction])
-        laps = "1 lap" if circle.laps.count == 1 else f"{circle.laps.count} laps"
-        axes.plot([], [], ".", ms=2, color=_INK[circle.laps.direction], label=f"readings, {laps}")
-        whole = np.linspace(0, 2 * np.pi, 361)
-        sine = f"sine, amplitude {circle.figures['amplitude_deg']}"
-        axes.plot(np.degrees(whole), np.degrees(circle.sine(whole)), "-", lw=1, color="black", label=sine)
-        axes.set_ylabel(f"{circle.laps.direction}: {test} / °")
-        axes.legend(loc="upper left", fontsize=8, framealpha=0.9)
-    return figure
+def raw_chart(result: Result, circle: CircleResult) -> Chart:
+    """Angle over circle angle with its least-squares sine (the paper's figure 3)."""
+    many = "1 lap" if circle.laps.count == 1 else f"{circle.laps.count} laps"
+    at_deg, whole = np.tile(_PHI_DEG, len(circle.curve.laps)), np.linspace(0, 2 * np.pi, 361)
+    lines = (
+        Line(f"readings, {many}", circle.laps.direction, at_deg, np.degrees(circle.curve.laps).ravel(), points=True),
+        Line(
+            f"sine, amplitude {circle.figures['amplitude_deg']}", "sixth", np.degrees(whole),
+            np.degrees(circle.sine(whole)),
+        ),
+    )  # fmt: skip
+    return _circle_chart(result, circle, f"{result.test} / °", lines)
 
 
-def error_figure(results: Sequence[Result]) -> Figure:
-    """Orientation error with its band and the joints' reversals, a panel for each run (figure 6)."""
-    figure, panels = _panels(results, f"Orientation error in {results[0].test}")
-    # One scale for all panels, with room for the marks above and the band's text below
-    errors = np.degrees(np.concatenate([circle.residual for circle in _circles(results)]))
-    low, high = float(errors.min()), float(errors.max())
-    for result, circle, axes in zip(results, _circles(results), panels, strict=True):
-        error = np.degrees(circle.residual)
-        for lap in circle.curve.laps if circle.laps.count > 1 else ():
-            lap_error = np.degrees(at_resolution(lap - circle.sine(PHI)))
-            axes.plot(np.degrees(PHI), lap_error, "-", lw=0.5, color=_INK[circle.laps.direction], alpha=0.4)
-        axes.plot(np.degrees(PHI), error, "-", lw=1, color=_INK[circle.laps.direction])
-        axes.axhspan(error.min(), error.max(), color=_INK[circle.laps.direction], alpha=0.08, lw=0)
-        axes.set_ylim(low - 0.28 * (high - low), high + 0.3 * (high - low))
-        axes.set_ylabel(f"{circle.laps.direction}: error / °")
-        band = f"error band {circle.figures['band_deg']}"
-        axes.text(0.01, 0.04, band, transform=axes.transAxes, fontsize=9, va="bottom")
-        mark_reversals(axes, result.reversals)
-    return figure
+def error_chart(result: Result, circle: CircleResult) -> Chart:
+    """Orientation error, of each lap as well where there are several, with its band and the joints' reversals (the
+    paper's figure 6)."""
+    each = np.degrees(at_resolution(circle.curve.laps - circle.sine(PHI))) if circle.laps.count > 1 else ()
+    laps = tuple(Line("" if k else "each lap", "quiet", _PHI_DEG, lap) for k, lap in enumerate(each))
+    mean = Line(
+        f"error band {circle.figures['band_deg']}", circle.laps.direction, _PHI_DEG, np.degrees(circle.residual)
+    )
+    chart = _circle_chart(result, circle, "error / °", (*laps, mean))
+    return replace(chart, marks=marks_of([(turn.phi_deg, turn.joint) for turn in result.reversals], texts_of("en")))
 
 
-def _panels(results: Sequence[Result], title: str) -> tuple[Figure, list[Axes]]:
-    figure = Sheet(9, 1.2 + 2.6 * len(results))
-    panels: list[Axes] = list(figure.subplots(len(results), 1, sharex=True, squeeze=False)[:, 0])
-    figure.suptitle(f"{title} · {results[0].measured.rig.name}", fontsize=11)
-    for result, axes in zip(results, panels, strict=True):
-        axes.set_title(result.name, fontsize=8, color=_GREY, loc="right")
-        axes.set_xlim(0, 360)
-        axes.set_xticks(range(0, 361, 30))
-        axes.grid(color="#dddddd", lw=0.5)
-        axes.spines[["top", "right"]].set_visible(False)
-    panels[-1].set_xlabel("circle angle φ / °")
-    return figure, panels
-
-
-def _circles(results: Sequence[Result]) -> list[CircleResult]:
-    return [result.found for result in results if isinstance(result.found, CircleResult)]
-
-
-def mark_reversals(axes: Axes, turns: Sequence[JointReversal]) -> None:
-    """A dashed line where a joint turns back; names of close neighbours take turns in height."""
-    previous, step = -100.0, 0
-    for turn in turns:
-        phi = turn.phi_deg
-        step = (step + 1) % 3 if phi - previous < 16 else 0
-        axes.axvline(phi, color=_GREY, lw=0.7, ls="--")
-        axes.annotate(
-            f"{turn.name} {'↓' if turn.upper else '↑'}",
-            (phi, 1.0 - 0.085 * step),
-            xycoords=("data", "axes fraction"),
-            xytext=(-3 if phi > 345 else 2, -2),
-            textcoords="offset points",
-            fontsize=7.5,
-            color=_GREY,
-            va="top",
-            ha="right" if phi > 345 else "left",
-        )
-        previous = phi
+def _circle_chart(result: Result, circle: CircleResult, y_label: str, lines: tuple[Line, ...]) -> Chart:
+    title = f"{circle.laps.direction} · {result.name}"
+    return Chart(title, "", "straight", texts_of("en")("circle_angle"), y_label, "°", lines)

@@ -147,6 +147,8 @@ def _lay_out(axes: Axes, chart: Chart, *, shared: bool = False) -> None:
         axes.set_xticks([at for at, _ in chart.ticks], [name for _, name in chart.ticks])
     if chart.frame == "plane":
         axes.set_aspect("equal")
+    if chart.span:
+        axes.set_ylim(*chart.span)
     if not shared:
         axes.set_xlabel(chart.x_label)
         axes.set_ylabel(chart.y_label)

@@ -116,7 +116,16 @@ class Rigd:
         _hold_unserved(rig_name)
         rigd = cls(rig_name, Child.start("daq.service.rigd", "rigd", [rig_file, "--runs", runs], log))
         try:
-            rigd._come_up()
+            until_s = clock.now_s() + _READY_S
+            while rigd._client is None:
+                if not rigd._child.runs:
+                    raise rigd._child.ended()
+                if clock.now_s() > until_s:
+                    raise CellError("rigd", f"was not ready after {_READY_S:.0f} s", f"see {rigd._child.log}")
+                clock.sleep(LOOK_S)
+                with suppress(CellError):
+                    rigd._client = Client(find_socket(rigd._name)).__enter__()
+            rigd._hold_reading()
         except BaseException:
             rigd.stop()
             raise
@@ -126,18 +135,6 @@ class Rigd:
         self._name, self._child = rig_name, child
         self._client: Client | None = None
         self._after: dict[str, int] = {}
-
-    def _come_up(self) -> None:
-        until_s = clock.now_s() + _READY_S
-        while self._client is None:
-            if not self._child.runs:
-                raise self._child.ended()
-            if clock.now_s() > until_s:
-                raise CellError("rigd", f"was not ready after {_READY_S:.0f} s", f"see {self._child.log}")
-            clock.sleep(LOOK_S)
-            with suppress(CellError):
-                self._client = Client(find_socket(self._name)).__enter__()
-        self._hold_reading()
 
     def _hold_reading(self) -> None:
         """Wait until every stream has readings. Raises CellError."""

@@ -192,7 +192,13 @@ class Guide:
         following = next_of(state.session)
         match following:
             case Drive(number):
-                return self._to_drive(state, number)
+                step = state.session.steps[number]
+                stage = state.session.stage_of(step)
+                asked = Say(tuple(words.step_lines(state.session, number)))
+                driving = replace(state, stage=stage.name, driving=number)
+                if stage.name == state.stage:
+                    return driving, (asked, Drive(number))
+                return driving, (Say((f"-- {stage.name}: {stage.words}",)), SetUp(stage), asked, Drive(number))
             case Infer(joins):
                 begun, actions = (state, ()) if state.inferring else _begun(state, joins=joins)
                 return begun, (*actions, "await")
@@ -207,15 +213,6 @@ class Guide:
                 return state, (following,)
         next_state, further = self._following(changed)
         return next_state, (*actions, *further)
-
-    def _to_drive(self, state: State, number: int) -> Outcome:
-        step = state.session.steps[number]
-        stage = state.session.stage_of(step)
-        asked = Say(tuple(words.step_lines(state.session, number)))
-        driving = replace(state, stage=stage.name, driving=number)
-        if stage.name == state.stage:
-            return driving, (asked, Drive(number))
-        return driving, (Say((f"-- {stage.name}: {stage.words}",)), SetUp(stage), asked, Drive(number))
 
     def _nothing(self, session: Session) -> str:
         """Why nothing is corrected, empty where something may be."""

@@ -3,10 +3,9 @@
 Gauge 1 sets the rows; the other gauge and the robot are interpolated to its instants. A row is left out,
 and counted, where either has a gap there: a straight line across missing data is not a measurement.
 
-Whether the columns of a stream can have been recorded: stamps of one computer's clock in order, values in bounds.
-
-`rigd` stamps what it reads by a clock that never goes back. What breaks this rule was changed since, whatever the
-checksums say, and no time can be made of it. A value that cannot be a reading is left out instead, and counted.
+A stream whose stamps `rigd` cannot have written was changed since, whatever the checksums say: its clock never goes
+back, and no time can be made of one that does, so such a run is refused. A value that cannot be a reading is left out
+instead, and counted.
 """
 
 from __future__ import annotations

@@ -4,11 +4,10 @@ A straight line over a short span; over a long one, where a clock's rate follows
 windows joined without a step. Both are the line under all points that lies closest to them on average (Olson, A
 Passive Solution to the Sensor Synchronization Problem, IROS 2010, for the straight one).
 
-The heights of the broken line under corners that lies highest on average: a linear program of a chain.
-
-Each corner binds the two knots beside it alone, so the normal equations have three diagonals, and one step costs as
-little for the clock of a day as for that of a minute. A predictor and a corrector (Mehrotra, On the implementation of a
-primal-dual interior point method, 1992); `scipy.optimize` takes longer to import than this takes to solve.
+The broken one is a linear program of a chain, whose corners bind the two knots beside them alone: its normal equations
+have three diagonals, and one step costs as little for the clock of a day as for that of a minute. A predictor and a
+corrector solve it (Mehrotra, On the implementation of a primal-dual interior point method, 1992); `scipy.optimize`
+takes longer to import than this takes to solve.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""When a gauge with a cycle of its own read what it answers: its ticks, found from the readings themselves.
+"""When a gauge with a cycle of its own read what it answers: its ticks, seen in the readings themselves.
 
 Such a gauge answers with the last reading of its cycle, however old. Its value can change only at a tick, so two
 answers that differ have a tick between them. Each such change bounds one tick; a steady cycle, numbered and fitted
@@ -6,13 +6,9 @@ through all of them, gives each far better than its own bounds (`CycleLine`). In
 hold. Where answers come hardly oftener than ticks nothing is seen of them, and the age of a reading is anything up to
 a cycle.
 
-Where the value of a gauge changes from answer to answer: between two that differ it was read again.
-
-A steady cycle through ticks of which each is known to lie within bounds, and no better.
-
-Interval-censored least squares by the EM algorithm (Dempster, Laird, Rubin 1977): each tick is expected within its
-bounds where the line and the scatter about it put it, the line goes through the expected ticks, and the scatter is the
-likeliest.
+The fit is interval-censored least squares by the EM algorithm (Dempster, Laird, Rubin 1977): each tick is expected
+within its bounds where the line and the scatter about it put it, the line goes through the expected ticks, and the
+scatter is the likeliest.
 """
 
 from __future__ import annotations

@@ -5,10 +5,9 @@ nearest of the rig file's; the side of approach is where the tool was, along the
 Stands that do not belong to the program's order are not visits: where the robot stood before it began or after its end,
 or waited at a target for something else. They are counted, not used.
 
-Several readings of one stand of the robot as one: only a visit after a move shows repeatability.
-
-Readings at one stand scatter by the instrument alone. Taken for visits, three of them gave an RP of 0.008 mm, and made
-the fits of a calibration, and what is held out of them, three times the same.
+In a table several readings of one stand count as one, since only a visit after a move shows repeatability: they scatter
+by the instrument alone. Taken for visits, three of them gave an RP of 0.008 mm, and made the fits of a calibration, and
+what is held out of them, three times the same.
 """
 
 from __future__ import annotations

@@ -66,27 +66,24 @@ class Watcher:
         due_s, tick = time.monotonic(), 0
         try:
             while True:
-                self._tick(tick)
+                for update in self._source.updates():
+                    self.view = self.view.after(update)
+                board, view = self.board, self.view
+                if self._shows is not None:
+                    self._shows(view)
+                board.post("cell", frames.cell(view))
+                board.post("now", frames.now(view, self.zero_mm, tick))
+                if tick % _SLOW_TICKS == 0:
+                    for kind, values in frames.curves(view).items():
+                        board.post(kind, values)
+                    board.post("trace", frames.trace(view))
+                    board.post("links", frames.links(view))
+                    self._look_at_session()
                 tick += 1
                 due_s = max(due_s + _TICK_S, time.monotonic() + _TICK_S / 4)
                 await asyncio.sleep(due_s - time.monotonic())
         finally:
             self._source.end()
-
-    def _tick(self, tick: int) -> None:
-        for update in self._source.updates():
-            self.view = self.view.after(update)
-        board, view = self.board, self.view
-        if self._shows is not None:
-            self._shows(view)
-        board.post("cell", frames.cell(view))
-        board.post("now", frames.now(view, self.zero_mm, tick))
-        if tick % _SLOW_TICKS == 0:
-            for kind, values in frames.curves(view).items():
-                board.post(kind, values)
-            board.post("trace", frames.trace(view))
-            board.post("links", frames.links(view))
-            self._look_at_session()
 
     def _look_at_session(self) -> None:
         """Put the session up where its file has changed."""

@@ -269,18 +269,15 @@ class Bursts:
                 merged.append(item)
                 self._open[key] = replace(item, at_ns=now_ns, count=0)
             else:
-                merged += self._again(key, item.count, now_ns)
+                fault = replace(self._open[key], count=self._open[key].count + item.count)
+                due = now_ns - fault.at_ns >= _TELL_NS
+                self._open[key] = replace(fault, at_ns=now_ns, count=0) if due else fault
+                merged += [fault] if due else []
         return merged
 
     def end(self) -> list[Item]:
         """Return the faults that are still held back."""
         return [fault for key in list(self._open) for fault in self._close(key)]
-
-    def _again(self, key: tuple[FaultKind, str], count: int, now_ns: int) -> list[Item]:
-        fault = replace(self._open[key], count=self._open[key].count + count)
-        due = now_ns - fault.at_ns >= _TELL_NS
-        self._open[key] = replace(fault, at_ns=now_ns, count=0) if due else fault
-        return [fault] if due else []
 
     def _close(self, key: tuple[FaultKind, str]) -> list[Item]:
         fault = self._open.pop(key)

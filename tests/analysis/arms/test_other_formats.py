@@ -16,7 +16,7 @@ from analysis.arms.driver_kinematics import driver_kinematics
 from analysis.arms.mjcf_text import JointTraits, mjcf_text
 from analysis.arms.urdf_text import urdf_text
 from analysis.arms.xacro_text import xacro_text
-from analysis.correction.joint_traits import friction_nm, joint_traits, torques_of
+from analysis.correction.exported_arm import friction_nm, joint_traits, torques_of
 from analysis.correction.work import tool_poses
 from analysis.kinematics.arm import Array
 from analysis.model.predict import geometric_arm, model_of

@@ -136,7 +136,7 @@ def test_a_directory_that_is_there_has_all_new_files_or_none(tmp_path: Path) -> 
 _WRITERS = {"write_text", "write_bytes", "savefig", "mkdir", "touch"}
 _KNOWN = {
     "batch/fetched.py": "copies in a temporary directory",
-    "cli/emulate.py": "the directory of a cell, whose files durable.replace writes",
+    "emulation/served_cell.py": "the directory of a cell, whose files durable.replace writes",
     "simulation/emulated_robot.py": "the same",
     "cli/export.py": "the directory of many exports, whose files write_new writes",
     "cli/simulate.py": "the directory of many tables, whose files write_new writes",

@@ -12,7 +12,7 @@ from analysis.files.write import write_csv
 from analysis.traces.csv_tables import columns_of
 from analysis.traces.tables import PoseTable
 from tests.analysis.conventions.test_lost_poses import table
-from tests.analysis.traces.test_single_stands import read_thrice
+from tests.analysis.traces.test_stands import read_thrice
 from tests.support.command_line import ran
 
 

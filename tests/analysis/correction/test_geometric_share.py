@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.correction.work import geometric_share, tool_poses, work_angles
+from analysis.correction.exported_arm import geometric_share
+from analysis.correction.work import tool_poses, work_angles
 from analysis.kinematics.arm import forward
 from analysis.model.predict import geometric_arm, model_of
 from rigs.effects.backlash import Backlash

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from analysis.measures.certificate_uncertainty import with_certificates
 from analysis.measures.evaluate import evaluate
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.quantity import Quantity
-from analysis.measures.results import with_certificates
 from analysis.noise.certificate import NO_CERTIFICATE, Systematic
 from analysis.simulation.simulate import simulate
 from analysis.traces.tables import CircleTable, RadialTable, RepeatabilityTable

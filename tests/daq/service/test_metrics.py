@@ -88,7 +88,7 @@ def test_a_daemon_tells_what_it_reads_and_records(bench: Bench) -> None:
         for kind in set(FaultKind) - {FaultKind.CLOCK}:
             assert ("rig_faults_total", labels(stream=stream, kind=kind)) in values
     assert ("rig_faults_total", labels(stream="host", kind="clock")) in values
-    assert 0 <= value("rig_reading_age_seconds", stream="g1", column="g1_mm") < 5
+    assert 0 <= value("rig_reading_age_seconds", stream="g1", column="g1_mm") < 60
     assert value("rig_recording") == 1 and value("rig_recording_seconds") > 0
     assert value("rig_recording_info", name="lap", test="yaw", direction="acw", run=str(path)) == 1
     assert 0 < value("rig_disk_free_bytes") <= value("rig_disk_size_bytes")
