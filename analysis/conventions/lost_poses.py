@@ -20,7 +20,7 @@ import numpy as np
 
 from analysis.conventions.finding import Finding
 from analysis.conventions.path_places import places_of
-from analysis.conventions.two_placings import FITTED, SPARE, two_placings
+from analysis.conventions.place import FITTED, SPARE, two_placings
 from analysis.geometry.pose_setup import fit_arm, fit_setup, position_error, socket_design
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, without_setup
 from analysis.noise.cell import TARGET_MM

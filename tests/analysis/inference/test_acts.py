@@ -72,7 +72,9 @@ def test_the_demo_is_told_all_three_by_name_in_the_first_sentence_and_what_remov
     assert mastered == (zero.posterior > 20 / 21)
     named = [act.test.test for act in others if act.why == "group" and act.test]
     assert mastered or named == ["--unseen"]
-    assert ActWords(found).next.startswith("Load the corrected programs and entries")
+    assert ActWords(found).next.startswith(
+        "Load corrected programs or enter values at the controller, one of the two and never both"
+    )
 
 
 def test_a_group_above_a_third_names_its_members_and_the_runs_that_only_judged_would_name_one() -> None:

@@ -99,9 +99,3 @@ def test_nothing_of_a_healthy_arm_is_unusual_and_scatter_is_what_there_is() -> N
     assert all(one.rank != "unusual" for one in found.budget)
     assert found.budget[0].kind == "scatter"
     assert found.budget[0].um == pytest.approx(found.train.noise_floor_um, rel=0.5)
-
-
-def test_a_budget_in_plain_types_has_its_class() -> None:
-    told = _of_circles(PLAY).to_dict()["budget"][0]
-    assert (told["kind"], told["name"], told["class"]) == ("effect", "backlash 1", "unusual")
-    assert told["share"] > 0.95 and told["u_um"] < told["um"]
