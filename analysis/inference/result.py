@@ -149,6 +149,8 @@ class Accuracy:
 _DIFFERS, _SURE = 0.5, 3.0
 """Difference of the shares of two set-ups above which they contradict a name, and the standard uncertainties by which
 they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
+_COMPLETE = 0.9
+"""Share of the error from which scatter is all that is left: every other part has less than a tenth, as no act has."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
@@ -494,6 +496,14 @@ class Diagnosis(Tabular):
     def is_testable(self) -> bool:
         """Whether the runs can show effects; where they cannot, nobody knows what a calibration by them leaves."""
         return self.condition != "not_testable_here"
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether nothing is missing in a model that was calibrated, or holds effects, before: what is left of the runs
+        differs from run to run."""
+        has_model = self.rig.calibrated is not None or bool(self.rig.effects)
+        scatter = sum(part.share for part in self.budget if part.kind == "scatter")
+        return has_model and self.condition in ("uncalibrated", "nothing_unusual") and scatter > _COMPLETE
 
     @property
     def next_act(self) -> Act | None:
