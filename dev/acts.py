@@ -2,33 +2,37 @@
 
 `scripts/dev acts 60 --seed 1` makes cells on circles, of poses and of touches by generators that share no code with rig
 (one to three faults, sound, few runs, outside the library), diagnoses them by their runs with another place that only
-judges, does the first act, and compares the error there before and after with what the act stated.
+judges, does the first act, and compares the error there before and after with what the act stated. `--kinds none one
+outside` takes these kinds in turn; the second table counts names, their sizes, and what every act serves.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from analysis.inference.acts import Act
 from analysis.inference.diagnose import diagnose
 from analysis.inference.observation import ObservedRun, by_socket, observe_run
-from analysis.inference.result import Diagnosis
+from analysis.inference.result import Diagnosis, Named
 from analysis.inference.setups import FittedRuns
 from analysis.inference.validation import left_um
+from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from analysis.reporting.answer_words import AnswerWords, large_parts, sure_parts
 from analysis.traces.loading import Measured, load_measured
 from analysis.traces.tables import CircleTable, PoseTable, TouchTable
+from dev.trials.blind import scoring
 from dev.trials.blind.trial import Job, make_case, runs_of
 from dev.trials.stranger import cases
 from dev.trials.stranger.faults import Fault
@@ -36,18 +40,31 @@ from rigs.arms import load_arm
 from rigs.effects import Effect
 from rigs.load import load, parse
 from rigs.rig import Rig
-from rigs.schema.effect import name_of
+from rigs.schema.effect import name_of, size_field
 from tests.support import seven_axes
 
 KINDS = ("one", "two", "three", "none", "few", "outside")
 """As in the blind trial; `few` is two faults by a lap each way, or by a fourth of the poses or touches."""
 WAYS = ("circles", "poses", "touches")
-ARMS = ("ur10e", "franka-fr3")
+ARMS = ("ur10e", "franka-fr3", "doosan-m1013", "kuka-lbr-iiwa-14")
 """Arms of the library that are measured by poses and touches, in turn."""
 BALL_MM = np.array([10.0, -5.0, 120.0])
 POSES, TOUCHES, SOCKETS, FEWER = 100, 80, 2, 4
 _FAULTS = {"one": 1, "two": 2, "three": 3, "few": 2}
-_SLIP_DEG = (0.05, 0.2)
+_STRANGE = ("slip", "cross", "drag")
+"""What no library has: a joint's link is off beyond one angle, errs with the sum of its angle and another's, or leans
+to the side from which another joint came."""
+_TIMES_ALL_ELSE = (1.2, 3.0)
+"""How many times as much it makes as all else of the arm."""
+_TAKEN_AWAY = 0.8
+"""Share of the energy that a fault makes from which an act has taken it away."""
+_PROBE_RAD = 0.002
+_GROUPS = {
+    "joint_offset": "constants", "link_geometry": "constants", "compliance": "gravity", "backlash": "reversal",
+}  # fmt: skip
+"""The group of small terms to which each kind of fault belongs."""
+_BY_NAME = ("first", "act", "part", "rival", "member")
+"""Ways in which an act serves a fault by its name."""
 _SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "other")
 _DONE = ("repair", "mount", "remaster", "enter", "load")
 """Acts that change the arm or what is sent to it."""
@@ -57,13 +74,25 @@ _DONE = ("repair", "mount", "remaster", "enter", "load")
 class Cell:
     """A cell: its runs, those of another place, and the error there (µm) of the stranger's arm without the cause of a
     name, beside effects that are entered. `hidden` has the names that count as each of what is hidden, the one that
-    makes most first."""
+    makes most first; `makes_um` is what that makes, and `sizes` what the arm really has of each, by name; `strange` is
+    the part of the budget that says what no library has, where there is one."""
 
     rig: Rig
     used: Sequence[Measured]
     unseen: Sequence[Measured]
     error_um: Callable[[str | None, Sequence[Effect]], float]
     hidden: Sequence[frozenset[str]]
+    makes_um: float = math.nan
+    sizes: Mapping[str, float] = field(default_factory=dict)
+    strange: str = ""
+
+
+@dataclass(frozen=True)
+class Sized:
+    """A size that stands: its name, its error over u."""
+
+    name: str
+    error_over_u: float
 
 
 @dataclass(frozen=True)
@@ -80,6 +109,21 @@ class Scored:
     after_um: float
     is_named: bool | None
     seconds: float
+    condition: str = ""
+    makes_um: float = math.nan
+    served: tuple[str, ...] = ()
+    """How an act serves each hidden effect: `first` and `act` by itself, `part` or `rival` of what an act serves,
+    `member` of a group that names its likeliest, `test` that would name it, `group` of constants, softness or
+    reversals, or `none`."""
+    vain: tuple[str, ...] = ()
+    sized: tuple[Sized, ...] = ()
+    is_strange_said: bool | None = None
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the first act is about the cause of what makes most, or takes away most of what that makes."""
+        taken = self.before_um**2 - self.after_um**2
+        return self.served[:1] == ("first",) or taken >= _TAKEN_AWAY * self.makes_um**2
 
     @property
     def fell_as_stated(self) -> bool | None:
@@ -101,7 +145,9 @@ class Scored:
         return (
             f"{self.kind:8s}{self.way:8s}{self.seed:4d}  {self.seconds:5.1f} s {act.kind:9s}{act.why:15s} stated "
             f"{stated}, came {self.before_um:.1f} to {self.after_um:.1f}: {verdict}{' LARGER' * self.is_larger}; "
-            f"{named}: {self.headline}"
+            f"{named}: {self.headline} [{self.condition}; served {self.served}; vain {self.vain}; sizes "
+            f"{', '.join(f'{one.name} {one.error_over_u:+.2f}' for one in self.sized)}; strange "
+            f"{self.is_strange_said}; right {self.is_right}]"
         )
 
 
@@ -110,6 +156,7 @@ def main() -> None:
     parser.add_argument("count", type=int, nargs="?", default=6, help="cells (6)")
     parser.add_argument("--seed", type=int, default=1, help="of the first cell, which decides its kind and way too (1)")
     parser.add_argument("--ways", nargs="*", choices=WAYS, default=WAYS, help="circles, poses, touches (all)")
+    parser.add_argument("--kinds", nargs="*", choices=KINDS, default=KINDS, help="in turn, some more often (all)")
     parser.add_argument("--minutes", type=float, default=60.0, help="begin no further cell after so many minutes (60)")
     given = parser.parse_args()
     done, begin = [], time.monotonic()
@@ -118,10 +165,11 @@ def main() -> None:
             if time.monotonic() - begin > 60 * given.minutes:
                 break
             seed = given.seed + k
-            way = given.ways[(seed + seed // len(KINDS)) % len(given.ways)]
-            done.append(scored(KINDS[seed % len(KINDS)], way, seed, Path(directory)))
+            way = given.ways[(seed + seed // len(given.kinds)) % len(given.ways)]
+            done.append(scored(given.kinds[seed % len(given.kinds)], way, seed, Path(directory)))
             print(done[-1], flush=True)
     print(table(done))
+    print("\n".join(scoring.table(rates(done))))
 
 
 def table(done: Sequence[Scored]) -> str:
@@ -137,6 +185,38 @@ def table(done: Sequence[Scored]) -> str:
     ])  # fmt: skip
 
 
+def rates(done: Sequence[Scored]) -> list[scoring.Row]:
+    """The rates of the specification, with Wilson's intervals."""
+    of = {kind: [one for one in done if one.kind == kind] for kind in KINDS}
+    several = [level for one in (*of["two"], *of["three"]) for level in one.served]
+    cells = [one.served for one in (*of["two"], *of["three"])]
+    sizes = [one for cell in done for one in cell.sized]
+    names = len(sizes) + sum(len(one.vain) for one in done)
+    inside = [abs(one.error_over_u) <= 2 for one in sizes]
+    kinds = sorted({one.name.split()[0] for one in sizes})
+    strange = [bool(one.is_strange_said) for one in of["outside"]]
+    return [
+        scoring.counted("sound: sent to repair", 0.0, sum(map(_is_sent, of["none"])), len(of["none"]), most=True),
+        scoring.counted("one fault: first act right", 0.97, sum(one.is_right for one in of["one"]), len(of["one"])),
+        scoring.counted("two, three: all in the acts", 0.93, sum("none" not in cell for cell in cells), len(cells)),
+        scoring.counted("  faults by name", 0.93, sum(level in _BY_NAME for level in several), len(several)),
+        scoring.counted("foreign: said", 0.95, sum(strange), len(strange)),
+        scoring.counted("names in vain", 0.05, sum(len(one.vain) for one in done), names, most=True),
+        scoring.counted("sizes within 2 u", 0.92, sum(inside), len(inside)),
+        *(
+            scoring.counted(
+                f"  {kind}", 0.92, sum(abs(one.error_over_u) <= 2 for one in sizes if one.name.startswith(kind)),
+                sum(one.name.startswith(kind) for one in sizes),
+            )
+            for kind in kinds
+        ),
+    ]  # fmt: skip
+
+
+def _is_sent(one: Scored) -> bool:
+    return one.act.kind in ("repair", "mount", "remaster", "enter")
+
+
 def scored(kind: str, way: str, seed: int, directory: Path) -> Scored:
     """A cell made, diagnosed and done as its first act says."""
     cell = of_circles(kind, seed, directory) if way == "circles" else of_places(kind, way, seed)
@@ -146,8 +226,46 @@ def scored(kind: str, way: str, seed: int, directory: Path) -> Scored:
     act = found.acts[0]
     return Scored(
         kind, way, seed, AnswerWords(found).headline, act, cell.error_um(None, []), _after(found, act, cell),
-        _is_named(found, cell.hidden), seconds,
+        _is_named(found, cell.hidden), seconds, found.condition, cell.makes_um,
+        tuple(_served(found, names) for names in cell.hidden),
+        tuple(name for name in map(_name, found.standing) if not any(name in names for names in cell.hidden)),
+        tuple(_sizes(found, cell)), _is_strange_said(found, cell.strange) if kind == "outside" else None,
     )  # fmt: skip
+
+
+def _name(one: Named) -> str:
+    return name_of(one.effect)
+
+
+def _served(found: Diagnosis, names: frozenset[str]) -> str:
+    """The nearest way in which an act serves what is hidden."""
+    by_act = [{name_of(act.effect)} if act.effect else set() for act in found.acts]
+    parts = [found.budget[k] for act in found.acts for k in act.parts]
+    effects = [found.effects[part.index] for part in parts if part.index is not None]
+    levels = {
+        "first": by_act[0],
+        "act": set().union(*by_act),
+        "part": set(map(_name, effects)),
+        "rival": {name_of(rival.effect) for one in effects for rival in one.rivals},
+        "member": {name_of(member.effect) for part in parts for member in part.members},
+        "test": {name for act in found.acts if act.test for name in act.test.names},
+    }
+    groups = {part.kind for part in parts if part.index is None}
+    grouped = "group" if any(_GROUPS.get(name.split()[0]) in groups for name in names) else "none"
+    return next((level for level, own in levels.items() if own & names), grouped)
+
+
+def _sizes(found: Diagnosis, cell: Cell) -> Iterator[Sized]:
+    for one in found.standing:
+        key = size_field(one.effect)
+        if _name(one) in cell.sizes:
+            error = getattr(one.effect, key) - cell.sizes[_name(one)]
+            yield Sized(_name(one), error / one.sd.get(key, math.nan))
+
+
+def _is_strange_said(found: Diagnosis, strange: str) -> bool:
+    """Whether the first sentence has that something unknown is there, or what it really is."""
+    return found.condition == "outside_library" or any(part.label == strange for part in large_parts(found))
 
 
 def _after(found: Diagnosis, act: Act, cell: Cell) -> float:
@@ -235,31 +353,77 @@ def of_places(kind: str, way: str, seed: int) -> Cell:
     arm = load_arm(ARMS[seed % len(ARMS)])
     rig = parse(f"name: cell\n{arm.text}tests: {{touch: {{sockets: [{letters}]}}}}\n", "cell.yaml")
     faults = seven_axes.draw_faults(rig.robot, rng, _FAULTS.get(kind, 0))
-    slip = None
+    strange: Strange | None = None
     if kind == "outside":
-        slip = (int(rng.integers(1, 4)), float(rng.uniform(-0.3, 0.3)), float(np.radians(rng.uniform(*_SLIP_DEG))))
+        joints = rng.choice(range(1, len(rig.robot.axes) - 1), 2, replace=False)
+        joint, other = map(int, joints)
+        middle = float(np.mean(np.radians(rig.robot.axes[joint].limits_deg)))  # beyond the least angle it is a zero
+        at = middle + float(rng.uniform(-0.3, 0.3))
+        strange = Strange(_STRANGE[seed // 2 % 3], joint, other, at, _PROBE_RAD)
 
-    def arm_with(rest: Sequence[seven_axes.Fault]) -> seven_axes.Truth:
+    def arm_with(rest: Sequence[seven_axes.Fault], seen: Strange | None) -> seven_axes.Truth:
         drawn = seven_axes.draw_truth(rig.robot, np.random.default_rng([53, seed]), tuple(rest))
-        return replace(drawn, slip=slip)
+        return StrangeArm(**vars(drawn), strange=seen)
 
     fewer = FEWER if kind == "few" else 1
     measured = partial(_measured, rig, way)
-    used = measured(arm_with(faults), np.random.default_rng([54, seed]), fewer)
-    unseen = measured(arm_with(faults), np.random.default_rng([55, seed]), 1)
 
-    def error_um(repaired: str | None, entered: Sequence[Effect]) -> float:
+    def error_um(
+        repaired: str | None, entered: Sequence[Effect], by: Strange | Literal["as it is"] | None = "as it is"
+    ) -> float:
         rest = [fault for fault in faults if fault.name != repaired]
-        still = replace(arm_with(rest), scatter_mm=0.0)
+        still = replace(arm_with(rest, strange if by == "as it is" else by), scatter_mm=0.0)
         there = observe_run(model_of(rig), measured(still, np.random.default_rng([55, seed]), 1), way)
         runs = by_socket(there)
         return left_um(runs, FittedRuns(runs), entered)
 
+    if strange:
+        plain_um, probe_um = error_um(None, [], None), error_um(None, [], strange)
+        share = math.sqrt(max(probe_um**2 - plain_um**2, (0.02 * plain_um) ** 2)) / plain_um
+        strange = replace(strange, size=strange.size * float(rng.uniform(*_TIMES_ALL_ELSE)) / share)
+    used = measured(arm_with(faults, strange), np.random.default_rng([54, seed]), fewer)
+    unseen = measured(arm_with(faults, strange), np.random.default_rng([55, seed]), 1)
     whole = error_um(None, [])
     makes = {fault.name: whole**2 - error_um(fault.name, []) ** 2 for fault in faults}
     hidden = [frozenset([name]) for name in sorted(makes, key=lambda name: -makes[name])]
     runs = (seven_axes.run_of(rig, table, name, name) for table, name in ((used, "used"), (unseen, "unseen")))
-    return Cell(rig, [next(runs)], [next(runs)], error_um, hidden)
+    drawn = arm_with(faults, strange)
+    return Cell(
+        rig, [next(runs)], [next(runs)], error_um, hidden, math.sqrt(max([0.0, *makes.values()])),
+        {fault.name: drawn.size_of(fault) for fault in faults},
+        f"curve {strange.joint + 1}" if strange and strange.form == "slip" else "",
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Strange:
+    """Something of a form in no library: of a joint from 0, with another, at an angle (rad), so large (rad)."""
+
+    form: str
+    joint: int
+    other: int
+    at: float
+    size: float
+
+
+@dataclass(frozen=True)
+class StrangeArm(seven_axes.Truth):
+    """An arm that has it."""
+
+    strange: Strange | None = None
+
+    def link_q(self, q: Array, came_from: Array) -> Array:
+        """Link-side angles (n, axes) rad."""
+        out = super().link_q(q, came_from)
+        if one := self.strange:
+            mine, other = q[:, one.joint], q[:, one.other]
+            form = {
+                "slip": np.where(mine > one.at, 1.0, 0.0),
+                "cross": np.sin(2 * (mine + other) + one.at),
+                "drag": np.sign(other - came_from[:, one.other]),
+            }[one.form]
+            out[:, one.joint] += one.size * form
+        return out
 
 
 def _measured(

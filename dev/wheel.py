@@ -20,6 +20,8 @@ from typing import Annotated
 
 import typer
 
+from rigs.distribution import NAME
+
 ROOT = Path(__file__).parents[1]
 VERSION: str = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
 OFFLINE = 75
@@ -28,6 +30,11 @@ TYPED = """
 from importlib.resources import files
 assert all((files(package) / "py.typed").is_file() for package in ("rigs", "daq", "analysis"))
 """
+PARTS = """
+import distributed, foxglove, s3fs, sshfs
+import analysis.window.serve, daq.feedback.opc_ua_robotics
+"""
+"""What needs the extras that no command without a network uses: cluster, foxglove, remote, web, opcua."""
 
 
 @dataclass(frozen=True)
@@ -50,15 +57,21 @@ class Environment:
 def main(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Keep the wheel and the source here.")] = None,
     borrow: Annotated[bool, typer.Option("--borrow", help="Take the packages that rig needs from here.")] = False,
+    extras: Annotated[bool, typer.Option("--extras", help="Install the source with every extra, too.")] = False,
 ) -> None:
     """Build, install and use the wheel; each step prints a line."""
     with tempfile.TemporaryDirectory(prefix="rig-wheel-") as scratch:
         wheel = build(output or Path(scratch) / "dist")
         print(f"built {wheel.name}, {wheel.stat().st_size / 1e3:.0f} kB", flush=True)
-        environment = install(wheel, Path(scratch), borrow=borrow)
+        environment = install(str(wheel), Path(scratch) / "core", borrow=borrow)
         print("installed it into an empty environment", flush=True)
         for line in use(environment):
             print(line, flush=True)
+        if extras:
+            source = wheel.with_name(f"rig_metrology-{VERSION}.tar.gz").resolve()
+            whole = install(f"{NAME}[all] @ {source.as_uri()}", Path(scratch) / "whole")
+            print(f"installed {source.name} with every extra into another", flush=True)
+            print(use_extras(whole), flush=True)
 
 
 def build(folder: Path) -> Path:
@@ -70,20 +83,20 @@ def build(folder: Path) -> Path:
     return folder / f"rig_metrology-{VERSION}-py3-none-any.whl"
 
 
-def install(wheel: Path, scratch: Path, *, borrow: bool) -> Environment:
-    """Make an empty environment, and install a wheel with what it asks for, or with what is installed here."""
+def install(package: str, scratch: Path, *, borrow: bool = False) -> Environment:
+    """Make an empty environment, and install a package with what it asks for, or with what is installed here."""
     environment = Environment(scratch / "environment", scratch / "empty")
-    environment.work.mkdir()
+    environment.work.mkdir(parents=True)
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment.place], check=True)
     if borrow:
         packages = environment.place / "lib" / Path(sysconfig.get_path("purelib")).parent.name / "site-packages"
         # A path alone: what is installed here from the working tree by a .pth of its own is not in reach.
         (packages / "borrowed.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
-    if _pip(environment, str(wheel), *(("--no-deps",) if borrow else ())):
+    if _pip(environment, package, *(("--no-deps",) if borrow else ())):
         if _pip(environment, "--dry-run", "--ignore-installed", "--no-deps", "pyserial"):
             print("error: the package registry cannot be reached; run it again with network", file=sys.stderr)
             raise typer.Exit(OFFLINE)
-        _fail("pip cannot install the wheel; its message stands above")
+        _fail(f"pip cannot install {package}; its message stands above")
     return environment
 
 
@@ -107,6 +120,18 @@ def use(environment: Environment) -> list[str]:
         f"rig example wrote {len(rigs)} files, and each rig is good",
         f"rig simulate, rig analyse and rig report: {len(runs)} runs, {len(pictures)} pictures, a page",
     ]
+
+
+def use_extras(environment: Environment) -> str:
+    """Use each extra in an environment that has all of them, and return a line."""
+    environment.run("rig", "example", "rigs")
+    (run, *_) = environment.run("rig", "simulate", "rigs/ur10e.yaml", "--test", "yaw", "-o", "runs").split()
+    environment.run("rig", "export-urdf", "rigs/ur10e.yaml", "-o", "arm.urdf")
+    environment.run("rig", "import-urdf", "arm.urdf", "-o", "arm.yaml")
+    environment.run("rig", "export", run, "--to", "xlsx", "-o", "run.xlsx")
+    environment.run("rig", "report", run, "--no-diagnosis", "-o", "report.pdf")
+    environment.run("python", "-c", PARTS)
+    return "URDF, workbook and PDF written; the parts for cluster, Foxglove, remote runs, window and OPC UA are there"
 
 
 def _pip(environment: Environment, *arguments: str) -> int:

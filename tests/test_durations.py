@@ -54,10 +54,10 @@ def test_a_session_keeps_what_each_test_and_each_fixture_took(tmp_path: Path, wo
     assert done.returncode == 0, done.stdout + done.stderr
     found = durations(tmp_path / "kept" / "d" / "durations", tmp_path)
     assert set(found.tests) == {"test_it.py::test_quick", "test_it.py::test_slow"}
-    assert found.tests["test_it.py::test_quick"] < 0.1
-    assert 0.19 < found.tests["test_it.py::test_slow"] < 1.0
+    slow_s = found.tests["test_it.py::test_slow"]
+    assert slow_s > 0.19 and found.tests["test_it.py::test_quick"] <= slow_s - 0.19
     ((fixture, (took,)),) = found.by_fixture().items()
-    assert fixture == "test_it.py::slow" and 0.09 < took < 0.5
+    assert fixture == "test_it.py::slow" and 0.09 < took <= slow_s - 0.09
 
 
 def test_the_newest_of_each_test_counts_and_the_longest_comes_first(

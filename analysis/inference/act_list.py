@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from analysis.inference.acts import FOUND, Act, Against, Cost, JudgedOn, NamingTest, Reason
 from analysis.inference.observation import ObservedRun
-from analysis.inference.result import LARGE_SHARE, ODDS, BudgetPart, Diagnosis, Gap, Named, is_open, is_sure
+from analysis.inference.result import LARGE_SHARE, ODDS, BudgetPart, Diagnosis, Gap, Member, Named, is_open, is_sure
 from analysis.inference.setups import FittedRuns
 from analysis.inference.validation import Stages, left_um
 from rigs.calibration import verdict_of
@@ -73,8 +73,8 @@ def acts_of(
     if diagnosis.condition == "not_testable_here":
         return (*before, Act("measure", "not_visible", command=("plan", _model(diagnosis))))
     repairs, following = _repairs(diagnosis, judged)
-    acts = _in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)]) + following
-    acts = one_after_the_other(acts, judged)
+    acts = in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)], diagnosis.train.before_um)
+    acts = one_after_the_other(acts + following, judged)
     asked = _measurements(diagnosis, judged, tests)
     first = [act for act in asked if _comes_first(act, acts, diagnosis)]
     acts = [*first, *acts, *(act for act in asked if act not in first)]
@@ -87,15 +87,20 @@ def acts_of(
     return (*before, *(acts or [Act("none", "sound")]))
 
 
-def _in_order(acts: Sequence[Act]) -> list[Act]:
+def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
     """Return acts, what removes most first, and an approach from one side, whose gain is unknown beforehand, by what
-    its part makes. What is usual is corrected for today, and repaired where that is not enough: its repair stands
-    behind its correction."""
+    the error now would lose without its part. What is usual is corrected for today, and repaired where that is not
+    enough: its repair stands behind its correction."""
     corrected = {k for act in acts if act.kind in ("load", "approach") for k in act.parts}
     late = [act for act in acts if act.why == "sure_and_large" and act.kind == "repair" and {*act.parts} <= corrected]
     late.sort(key=lambda act: -act.removes_um)
     ordered: list[Act] = []
-    by_weight = sorted(acts, key=lambda act: -(act.remains_um if act.kind == "approach" else act.removes_um))
+
+    def weight_um(act: Act) -> float:
+        without_um = math.sqrt(max(now_um**2 - act.remains_um**2, 0.0))
+        return now_um - without_um if act.kind == "approach" else act.removes_um
+
+    by_weight = sorted(acts, key=weight_um, reverse=True)
     for act in [act for act in by_weight if act not in late]:
         ordered.append(act)
         served = {part for done in ordered if done.kind in ("load", "approach") for part in done.parts}
@@ -160,6 +165,8 @@ def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
     of_part = [diagnosis.effects[part.index]] if part.index is not None else []
     rare = (part.times_usual or 0.0) >= _RARE or diagnosis.accuracy.standing in ("watch", "fail")
     is_much = part.share > LARGE_SHARE and is_sure(diagnosis, part)
+    if part.cause:
+        of_part = [_named(part.cause)]
     first = [
         name for name in of_part if name.stands or (is_much and (rare or name.effect.DEED in ("remaster", "enter")))
     ]
@@ -167,6 +174,12 @@ def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
         name for name in diagnosis.standing if name not in of_part and label_of(name.effect) in part.cancelled
     ]
     return [name for name in [*first, *cancelling] if name.shown]
+
+
+def _named(cause: Member) -> Named:
+    """Return the one member of a group that is certain as an effect of usual size."""
+    effect, um = cause.effect, cause.um
+    return Named(effect, cause.sd, cause.odds, (), math.nan, effect.remedy(), um, None, "usual", u_um=cause.u_um)
 
 
 def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, done: Sequence[Effect]) -> Act:
@@ -265,7 +278,7 @@ def _measurements(
         if named.stands and any(rival.posterior * ODDS >= named.posterior for rival in named.rivals):
             acts.append(test_of("rivals", k))
     for k, part in enumerate(diagnosis.budget):
-        if part.members or (k in fitted and is_open(part, fitted[k])):
+        if (part.members and not part.cause) or (k in fitted and is_open(part, fitted[k])):
             acts.append(test_of("group", k))
     if diagnosis.condition == "outside_library":
         parts = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "unexplained")

@@ -7,7 +7,6 @@ the size that is expected of it. `departure_columns` are what a real gear, ball 
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -43,12 +42,13 @@ healthy sizes. Chosen: a factor of about five apart, since the fit then adjusts 
 class Candidate:
     """One name in one form. `effects` has one effect for each column, at `size` of its healthy size, because the
     response to a play is not proportional to its width. `shaped` has the same effect in the other shapes that a search
-    also tries."""
+    also tries, and `weight` how likely each of these is beside this one."""
 
     name: str
     effects: tuple[Effect, ...]
     size: float = 1.0
     shaped: tuple[Effect, ...] = ()
+    weight: float = 1.0
 
     @property
     def effect(self) -> Effect:
@@ -68,10 +68,12 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
             sizes = [min(1.0, form.STRAIGHT)]
             if is_play(form):  # its response depends on its width
                 sizes = sorted({min(1.0, _PLAY_SIGMA / max(float(next(sigmas)), 1e-9)), *_PLAYS})
-            tried = [{free.field: free.tried} for free in form.free(scope.payload_kg) if free.tried is not None]
+            tried = [(free.stated, {free.field: value}) for free in form.free(scope.payload_kg) for value in free.tried]
+            # All that is against what the rig file states is as likely as that: more of it makes no name less likely.
+            weight = 1 / len(tried) if any(stated for stated, _ in tried) else 1.0
             for whole, size in ((scaled(healthy(form), size), size) for size in sizes):
-                shaped = tuple(whole.model_copy(update=shape) for shape in tried)
-                candidates.append(Candidate(name_of(form), phases(whole), size, shaped))
+                shaped = tuple(whole.model_copy(update=shape) for _, shape in tried)
+                candidates.append(Candidate(name_of(form), phases(whole), size, shaped, weight))
     return candidates
 
 
@@ -279,11 +281,9 @@ def fault_sizes(level: float) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Form(Candidate):
-    """One way in which a name may appear: a candidate with the indices of its `columns`, `among` so many forms of its
-    name."""
+    """One way in which a name may appear: a candidate with the indices of its `columns`."""
 
     columns: tuple[int, ...]
-    among: int
 
     @property
     def one_sided(self) -> bool:
@@ -318,9 +318,12 @@ class Columns:
     _uneven: dict[tuple[int, bytes], Array] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
-    def among(self) -> Counter[str]:
-        """The number of forms of each name."""
-        return Counter(form.name for form in self.forms)
+    def among(self) -> dict[str, float]:
+        """The number of forms of each name, by their weights."""
+        among = dict.fromkeys((form.name for form in self.forms), 0.0)
+        for form in self.forms:
+            among[form.name] += form.weight
+        return among
 
     @cached_property
     def likelihoods(self) -> Array:
@@ -496,18 +499,18 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
 def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return candidates, each followed by its variants in other shapes."""
     return [
-        replace(candidate, effects=effects, shaped=())
+        replace(candidate, effects=effects, shaped=(), weight=candidate.weight if k else 1.0)
         for candidate in candidates
-        for effects in (candidate.effects, *((shape,) for shape in candidate.shaped))
+        for k, effects in enumerate((candidate.effects, *((shape,) for shape in candidate.shaped)))
     ]
 
 
 def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
     """Return the forms of candidates, with columns in their order."""
-    among, first, forms = Counter(form.name for form in every), 0, []
+    first, forms = 0, []
     for form in every:
         columns = tuple(range(first, first := first + len(form.effects)))
-        forms.append(Form(form.name, form.effects, form.size, columns=columns, among=among[form.name]))
+        forms.append(Form(**vars(form), columns=columns))
     return tuple(forms)
 
 
@@ -556,13 +559,13 @@ def _is_ordered(orders: Array) -> bool:
 
 
 def _likelihoods(forms: Sequence[Form]) -> Array:
-    """Return how likely each form is (n,) among those of its name: all alike, but for the orders of a gear.
+    """Return how likely each form is (n,) among those of its name: by their weights, but for the orders of a gear.
 
     Orders are ratios of gear stages, so every octave of them is equally likely. With the same likelihood for every
     order of a joint that turns far, a healthy gear error of order 3 was expected to be a third of what it was, and a
     form error of the ball that resembles it came out 8 % too small, 6 times its uncertainty.
     """
-    likely, names = np.ones(len(forms)), np.array([form.name for form in forms])
+    likely, names = np.array([form.weight for form in forms]), np.array([form.name for form in forms])
     for name in dict.fromkeys(names.tolist()):
         indices = np.flatnonzero(names == name)
         orders = np.array([order_of(forms[k].effect) for k in indices.tolist()])

@@ -377,7 +377,7 @@ def _unknowns(linear: Linearisation, effects: Sequence[Effect], first: int) -> l
             )
         for free in effect.free(linear.payload_kg):
             begin = float(getattr(effect, free.field))
-            unknowns.append(Unknown(k, free.field, free.expected, free.spread_from(begin)))
+            unknowns.append(Unknown(k, free.field, free.expected, free.spread_from(begin), free.low))
     return unknowns
 
 

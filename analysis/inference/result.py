@@ -18,7 +18,7 @@ from analysis.model.predict import SetUp
 from rigs.calibration import CalibratedModel
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.effect import SEATS, PartKind, name_of
+from rigs.schema.effect import SEATS, PartKind, name_of, size_field
 from rigs.schema.limits import Standing
 from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction, TestName
 
@@ -40,15 +40,23 @@ Rank = Literal["unusual", "usual", "undecided"]
 @dataclass(frozen=True)
 class Member:
     """An effect that a group of small terms may be, with its size in its own unit as the readings show it beside
-    everything else, the rms in µm that the group gives it, and the odds that it is the one that stands out."""
+    everything else, the rms in µm that the group gives it with its standard uncertainty, and the odds that it is the
+    one that stands out."""
 
     effect: Effect
     um: float
     odds: float
+    u_um: float = 0.0
+
+    @property
+    def sd(self) -> dict[str, float]:
+        """The standard uncertainty of its size, as that of what it does; empty where that is not known."""
+        field = size_field(self.effect)
+        return {field: abs(getattr(self.effect, field)) * self.u_um / self.um} if self.um > 0 else {}
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        return _of_effect(self.effect, {}, self.odds) | {"um": self.um}
+        return _of_effect(self.effect, self.sd, self.odds) | {"um": self.um, "u_um": self.u_um}
 
 
 @dataclass(frozen=True)
@@ -78,13 +86,25 @@ class BudgetPart:
     """The index of the fitted effect among the effects of the diagnosis."""
     members: tuple[Member, ...] = ()
     """What a group that makes more than a third of the gap may be, the likeliest first."""
-    cancelled: tuple[str, ...] = ()
-    """The labels of what cancels some of it, which is counted with it."""
+    alone: tuple[BudgetPart, ...] = ()
+    """Where something cancels some of it and is counted with it: each of them as it is alone, the part itself first."""
+
+    @property
+    def cancelled(self) -> tuple[str, ...]:
+        """The labels of what cancels some of it."""
+        return tuple(part.label for part in self.alone[1:])
 
     @property
     def label(self) -> str:
         """What it is, for a machine: the name of an effect, or its kind with the axis."""
         return self.name or (f"{self.kind} {self.axis}" if self.axis else self.kind)
+
+    @property
+    def cause(self) -> Member | None:
+        """The member of a group that is certain: it alone stands out, and what it does is known."""
+        likeliest = next(iter(self.members), None)
+        is_cause = likeliest and likeliest.odds >= CERTAIN_ODDS and likeliest.um > SURE_SIGMA * likeliest.u_um
+        return likeliest if is_cause else None
 
     @property
     def sigma(self) -> float:
@@ -93,8 +113,9 @@ class BudgetPart:
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        plain = {key: value for key, value in vars(self).items() if key != "members"}
-        return {**plain, "class": self.rank, "members": [member.to_dict() for member in self.members]}
+        parts = {"alone": self.alone, "members": self.members}
+        plain = vars(self) | {key: [part.to_dict() for part in every] for key, every in parts.items()}
+        return {**plain, "class": self.rank, "cancelled": self.cancelled}
 
 
 @dataclass(frozen=True)

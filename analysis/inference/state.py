@@ -439,7 +439,7 @@ def starting_effects(linear: Linearisation, columns: Columns, posterior: Posteri
     effect = form.effect
     if is_play(effect):
         expected = identity(effect).model_copy(update={free.field: free.expected for free in effect.FREE})
-        tried = [expected.model_copy(update={free.field: free.tried}) for free in effect.FREE if free.tried is not None]
+        tried = [expected.model_copy(update={free.field: value}) for free in effect.FREE for value in free.tried]
         shapes = [healthy(shape) for shape in (expected, *tried)]
         # The background expects some of this play, which the tried one replaces.
         indices = [k for form in columns.forms if is_alike(form.effect, effect) for k in form.columns]

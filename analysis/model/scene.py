@@ -73,8 +73,9 @@ class Scene:
         return self.motion.reversals(axis)
 
     def torques(self, payload_kg: float = 0.0) -> Array:
-        """Torque of gravity on each joint (n, axes) Nm, with so much more at the flange."""
-        return pull(self.arm, replace(self.load, payload_kg=self.load.payload_kg + payload_kg), self.q).torque
+        """Torque of gravity on each joint (n, axes) Nm, with so much more at the flange, or less, down to nothing."""
+        hangs_kg = max(self.load.payload_kg + payload_kg, 0.0)
+        return pull(self.arm, replace(self.load, payload_kg=hangs_kg), self.q).torque
 
     def moment(self) -> Array:
         """Moment of gravity (n, 3) Nm on the base, about its origin and in its axes."""

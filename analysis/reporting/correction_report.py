@@ -26,8 +26,8 @@ from analysis.makers.reading import with_remark
 from analysis.measures.parameters import quantity_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note, rounded_um, short
-from analysis.reporting.diagnosis_words import percent
 from analysis.reporting.plain_console import right, whole
+from analysis.reporting.texts import texts_of
 from rigs.effects import size_field
 from rigs.errors import FileError
 from rigs.schema.effect import label_of
@@ -65,7 +65,9 @@ def as_table(corrections: Corrections) -> RenderableType:
         field = size_field(play)
         value = f"{getattr(play, field):.4g} {quantity_of(play, field, {}).sign}"
         effects.add_row(label_of(play), value, Text("not corrected", style="yellow"), play.compensation().why_not)
-    parts: list[RenderableType] = [Text(_first(corrections) + _not_known(corrections.work.unknown), style="bold")]
+    parts: list[RenderableType] = [
+        Text(_first(corrections) + texts_of("en").not_known(corrections.work.unknown), style="bold")
+    ]
     if effects.row_count:
         parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):
@@ -84,23 +86,22 @@ def _first(corrections: Corrections) -> str:
             "the table says why."
         )
     if corrections.at_controller:
-        return controller_report.first_sentence(corrections.at_controller) + _either(corrections)
+        return controller_report.first_sentence(corrections.at_controller) + _never_both(corrections)
     work = corrections.work
-    targets = (
-        f"the targets of corrected-{corrections.path[0].name}"
-        if corrections.path
-        else "corrected targets (--path TARGETS.csv)"
-    )
+    targets = f"the targets of corrected-{corrections.path[0].name}" if corrections.path else ""
+    targets = targets or ("the corrected targets of --program" if corrections.programs else "")
+    targets = targets or "corrected targets (--program FILE, or --path TARGETS.csv)"
     send = f"Send the controller to {targets}: the tool's error over the work falls from"
     if work.before_um - work.after_um >= _GAIN_UM:
         return (
             f"{send} {_mm(work.before_um)} to {_mm(work.after_um)} mm rms with frame and tool taught with the robot "
             f"(standard uncertainty of the model {_mm(work.u_um)} mm).{base_note(work.base_u_um, work.after_um)}"
+            f"{_never_both(corrections)}"
         )
     if work.base.before_um - work.base.after_um >= _GAIN_UM:
         return (
             f"{send} {_mm(work.base.before_um)} to {_mm(work.base.after_um)} mm rms in the robot's base; in a frame "
-            f"taught with the robot it is {_mm(work.before_um)} mm as it is."
+            f"taught with the robot it is {_mm(work.before_um)} mm as it is.{_never_both(corrections)}"
         )
     return (
         f"Leave the targets as they are: what can be corrected moves the tool by {_mm(work.model_um)} mm rms over the "
@@ -110,20 +111,18 @@ def _first(corrections: Corrections) -> str:
     )
 
 
-def _not_known(share: float) -> str:
-    """The sentence about the share of the work at which no run says how well the arm is known."""
-    where = "where the work is" if share == 1 else f"at {percent(share)} of the work"
-    return f" No run shows how large the error stays {where}." if share else ""
-
-
 def _mm(um: float) -> str:
     return f"{um / 1e3:.3f}"
 
 
-def _either(corrections: Corrections) -> str:
-    """Which controller the corrected path is for, since entries and targets together would correct twice."""
-    if not corrections.path or not corrections.at_controller or not corrections.at_controller.entries:
+def _never_both(corrections: Corrections) -> str:
+    """Which controller corrected targets are for, since entries and targets together correct twice."""
+    if not corrections.at_controller:
+        return " A controller gets corrected programs or values that are entered, never both, which corrects twice."
+    if not corrections.at_controller.entries:
         return ""
+    if not corrections.path:
+        return " Programs and targets then stay as they are: never correct both, which corrects twice."
     state = (
         "that has these values already: it holds the rest"
         if corrections.entered
@@ -144,7 +143,7 @@ def _lines(corrections: Corrections) -> list[str]:
         f"(± {constant.u:.2g})"
         for constant in corrections.constants
     ]
-    return lines + _path_lines(corrections)
+    return [f"to enter instead: {line}" for line in lines] + _path_lines(corrections)
 
 
 def _path_lines(corrections: Corrections) -> list[str]:

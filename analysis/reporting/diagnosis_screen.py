@@ -97,10 +97,12 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
     table = bare_table("part", *map(right, ("µm rms", "share", "× usual")), "class")
     words, (large, small) = AnswerWords(diagnosis), shown_parts(diagnosis)
     for part in large:
-        name = ", ".join(filter(None, [words.part_name(part), words.size_of(part)]))
+        name = ", ".join(filter(None, [words.short_name(part), words.size_of(part)]))
         times = f"{part.times_usual:.1f}" if part.times_usual is not None else ""
         style = "bold" if part.rank == "unusual" else ""
         table.add_row(name, beside_u(part.um, part.u_um), percent(part.share), times, words.rank_of(part), style=style)
+        for line in part.alone:  # where some cancel others, which that line has together
+            table.add_row(f"  {words.short_name(line)}, alone", beside_u(line.um, line.u_um), "", "", "", style="dim")
     if small:
         share = sum(part.share for part in small)
         table.add_row(f"{len(small)} smaller parts (all with --json)", "", percent(share), "", "", style="dim")

@@ -80,11 +80,14 @@ def first_open(session: Session, purpose: Purpose) -> int | None:
 
 
 def is_answered(session: Session, answer: Answer) -> bool:
-    """Whether what is asked is known: repeats in both directions were used, and the condition is settled."""
-    circles = [(step.test, step.direction) for step in session.runs_for("find") if step.direction]
+    """Whether what is asked is known: repeats in both directions were used, the condition is settled, and no group that
+    makes much of the error beside the faults waits for the test that names it."""
+    used = session.runs_for("find")[: answer.runs - answer.joined]
+    circles = [(step.test, step.direction) for step in used if step.direction]
     repeated = bool(circles) and all(circles.count(circle) >= _REPEATS for circle in ((MAIN, "acw"), (MAIN, "cw")))
     unexplained = sum(part.share for part in answer.parts if part.kind == "unexplained")
-    return repeated and answer.condition in _SETTLED and unexplained <= _UNEXPLAINED
+    is_open = answer.condition == "named" and any(act.why == "group" for act in answer.acts)
+    return repeated and answer.condition in _SETTLED and unexplained <= _UNEXPLAINED and not is_open
 
 
 def why_nothing(session: Session) -> str:

@@ -273,7 +273,8 @@ class Conductor:
         file = entries_file(self.place.directory / CORRECTIONS)
         self.screen.say(f"enter the values of {file}, as it says")
         if not self.driver.enter(file):
-            remedy = f"enter them, then: rig session {self.state.session.rig_file} --entered"
+            kept = self.state.session
+            remedy = f"enter them, then: {self.place.command(kept.rig_file, kept)} --entered"
             raise CellError(str(file), "no person has confirmed that its values are entered", remedy)
         return "entered"
 

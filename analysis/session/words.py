@@ -8,25 +8,12 @@ from pathlib import Path
 
 from analysis.correction.deviation import Deviation, Side
 from analysis.reporting.texts import texts_of
-from analysis.session.next_step import Following
+from analysis.session.next_step import Drive, Following
 from analysis.session.plan import Pace, minutes_of
-from analysis.session.state import (
-    Answer,
-    Correction,
-    PartOfError,
-    Session,
-    Stage,
-    Step,
-    Way,
-    own_programs,
-)
+from analysis.session.state import Answer, Correction, PartOfError, Place, Session, Stage, Step, Way, own_programs
 from rigs.text import as_argument
 
-_PURPOSES = {
-    "find": "to find errors",
-    "judge": "to judge by, used for nothing else",
-    "verify": "after the correction",
-}
+_PURPOSES = {"find": "to find errors", "judge": "to judge by, used for nothing else", "verify": "after the correction"}
 _BAR = 10
 _WIDTH = 34
 _LONGEST = 46
@@ -130,14 +117,14 @@ def correction_lines(correction: Correction, sides: Sequence[Side]) -> Iterator[
     yield _DRIVEN[correction.way] if is_driven else correction.sentence
     for side in sides:
         where = f"error of the path {'on the same circle' if side.place == 'same' else 'at the other place'}"
-        expected = f" (expected {side.expected.um:.1f} ± {side.expected.u_um:.1f})" if side.expected else ""
+        expected = f" (expected {side.expected.text})" if side.expected else ""
         before = _size(side.before)
         yield f"{where}: was {before}, is {_size(side.after)}{expected}" if side.after else f"{where}: {before}"
     if is_driven and correction.work:
         work = correction.work
         yield (
             f"over the whole work: {work.before_um:.0f} µm rms before, {work.after_um:.0f} expected after"
-            f" (± {work.u_um:.0f} by the model)"
+            f" (± {work.u_um:.0f} by the model){texts_of('en').not_known(work.unknown)}"
         )
 
 
@@ -165,8 +152,19 @@ def status_lines(session: Session, following: Following, directory: Path) -> Ite
     if session.report:
         yield from end_lines(session, directory)
     else:
-        action = following if isinstance(following, str) else type(following).__name__.lower()
-        yield f"next: {action}; go on with: rig session {as_argument(Path(session.rig_file))}"
+        action = _NEXT.get(following) if isinstance(following, str) else None
+        if isinstance(following, Drive):
+            action = next(step_lines(session, following.number)).partition(": ")[2]
+        command = Place(directory).command(session.rig_file, session)
+        yield f"next: {action or 'understand the runs'}; go on with: {command}"
+
+
+_NEXT: dict[Following, str] = {
+    "decide": "decide whether more is measured",
+    "correct": "make the correction",
+    "enter": "enter the values of the correction at the controller",
+    "report": "write the report",
+}
 
 
 def _state_of(step: Step) -> str:

@@ -57,7 +57,7 @@ class Backlash(Effect):
     STRAIGHT = 0.0
     MOST = 200.0
     """As wide as a rig file may state it, 2°: servos of hobby arms have 0.9° when they are new."""
-    FREE = (FreeShape("transit", 0.2, 0.4, tried=1.0), FreeShape("preload", 0.0, 0.15, tried=1.0))
+    FREE = (FreeShape("transit", 0.2, 0.4, tried=(1.0,)), FreeShape("preload", 0.0, 0.15, tried=(1.0,)))
 
     def apply(self, scene: S) -> S:
         """The joint lags; the trace begins in the middle of the play."""

@@ -38,29 +38,31 @@ _SOFT_DEG_PER_NM: dict[Build, tuple[float, float]] = {
 
 
 class Compliance(Effect):
-    """What a joint yields under load: torque times `deg_per_Nm`; `payload_kg` hangs at the flange beside the links."""
+    """What a joint yields under load: torque times `deg_per_Nm`; by `payload_kg` more hangs at the flange than the rig
+    file states, or less where it is below 0, down to nothing."""
 
     effect: Literal["compliance"] = "compliance"
     axis: Axis
     deg_per_Nm: float = size(0.05, 5e-5, least=0.0)
-    payload_kg: float = shape(0, 500, 0.0)
+    payload_kg: float = shape(-500, 500, 0.0)
 
     STAGE = "joint"
     DEED = "enter"
     PART = "gravity"
     PLACE = AT_AXIS
-    FREE = (FreeShape("payload_kg", _HANGS_KG, 7.0, tried=_HEAVY_KG),)
+    FREE = (FreeShape("payload_kg", _HANGS_KG, 7.0, tried=(_HEAVY_KG,)),)
     MOST = 1000.0
     """Chosen: as soft as a rig file may state an axis (0.05 °/Nm, a spring of 1.1 kNm/rad). Joints of light arms are
     softer by far than those of machines, whose sizes are the healthy ones: fits of FR3 arms ended at 0.006 of 0.018."""
 
     @classmethod
     def free(cls, payload_kg: float) -> tuple[FreeShape, ...]:
-        """A payload that is stated holds, within what scales and cables leave open, unless readings say otherwise."""
+        """A payload that is stated holds, within what scales and cables leave open, unless readings say otherwise: that
+        more hangs there, or nothing."""
         if payload_kg <= 0:
             return cls.FREE
         spread = max(_STATED_SHARE * payload_kg, _LEAST_KG)
-        return (FreeShape("payload_kg", 0.0, spread, tried=_HEAVY_KG, stated=True),)
+        return (FreeShape("payload_kg", 0.0, spread, tried=(_HEAVY_KG, -payload_kg), stated=True, low=-payload_kg),)
 
     def apply(self, scene: S) -> S:
         """The joint gives way in the direction in which gravity pulls it."""

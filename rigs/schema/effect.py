@@ -101,15 +101,16 @@ class Scope:
 
 @dataclass(frozen=True)
 class FreeShape:
-    """A shape that is fitted with the size: what is expected, and how far it may be off. tried: the value at which a
-    search looks for it; None where a search does not. stated: whether what is expected was stated, and so holds unless
-    readings say otherwise: a fit that begins elsewhere may be as far off as it begins."""
+    """A shape that is fitted with the size: what is expected, and how far it may be off. tried: the values at which a
+    search looks for it; none where a search does not. stated: whether what is expected was stated, and so holds unless
+    readings say otherwise: a fit that begins elsewhere may be as far off as it begins. low: a fit takes it no lower."""
 
     field: str
     expected: float
     spread: float
-    tried: float | None = None
+    tried: tuple[float, ...] = ()
     stated: bool = False
+    low: float = -math.inf
 
     def spread_from(self, begin: float) -> float:
         """Return its spread in a fit that begins at a value."""

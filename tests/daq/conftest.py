@@ -21,7 +21,7 @@ def making(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[threading.Event, t
 
     def slow(path: Path, make: Callable[[Path], None] = durable.make_directory) -> None:
         asked.set()
-        assert done.wait(20)
+        assert done.wait(60)
         make(path)
 
     monkeypatch.setattr(durable, "make_directory", slow)

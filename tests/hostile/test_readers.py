@@ -7,7 +7,6 @@ import resource
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -110,13 +109,12 @@ def many_equal_rows(rows: int) -> bytes:
     return bytes(sink.getvalue().to_pybytes())
 
 
-def test_a_small_file_that_stands_for_millions_of_rows_is_not_decoded() -> None:
+def test_a_small_file_that_stands_for_millions_of_rows_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
     data = many_equal_rows(120_000_000)
     assert len(data) < 1_000_000
-    begun_s = time.monotonic()
+    monkeypatch.setattr("pyarrow.parquet.ParquetFile.read", lambda *_, **__: pytest.fail("it is decoded"))
     with pytest.raises(OSError, match="declares 120000000 rows of 1 columns, more than any chunk has"):
         from_parquet(data)
-    assert time.monotonic() - begun_s < 1
 
 
 @pytest.mark.parametrize("is_repeated", [True, False], ids=["a text in many rows", "a long text"])

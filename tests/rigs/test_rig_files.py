@@ -4,7 +4,6 @@ import contextlib
 import datetime as dt
 import os
 import re
-import time
 from pathlib import Path
 
 import pytest
@@ -153,15 +152,14 @@ def test_a_rate_too_slow_to_record_with_is_refused() -> None:
     assert {message for _, message in _problems(text).values()} == {"should be greater than or equal to 0.5, not 0.2"}
 
 
+@pytest.mark.cpu_limit(20)  # read as numbers, the two of a megabyte of sexagesimal digits take half a minute
 def test_a_number_of_thousands_of_digits_is_told_in_short() -> None:
-    sexagesimal = "1" + ":0" * 200_000
+    sexagesimal = "1" + ":0" * 480_000
     tagged = (("!!int ", sexagesimal), ("!!float ", f"-{sexagesimal}.5"))
     for tag, digits in (("", "0x" + "f" * 10_000), ("", "9" * 10_000), *tagged, ("", "1" + "_0" * 50)):
-        begun_s = time.monotonic()
         with pytest.raises(RigFileError, match=rf"line \d+: a number of {len(digits)} characters") as raised:
             parse(TEXT.replace("radius_mm: 70", f"radius_mm: {tag}{digits}"), "rig.yaml")
         assert len(str(raised.value)) < 200
-        assert time.monotonic() - begun_s < 5, "a megabyte of sexagesimal digits took half a minute"
 
 
 def test_what_is_no_file_or_has_no_end_is_not_read(tmp_path: Path) -> None:

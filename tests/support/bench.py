@@ -20,7 +20,7 @@ from daq.service.client import Client
 from rigs.load import SHIPPED, parse
 from tests.support.command_line import ran
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 BIN = Path(sys.executable).parent
 
 
@@ -77,7 +77,7 @@ class Watched:
             state = self.status()
             if what(state):
                 return state
-            clock.sleep(0.02)
+            clock.sleep(0.05)
         raise AssertionError(state)
 
     def all_reading(self) -> dict[str, Any]:
@@ -149,7 +149,7 @@ class Bench(Watched):
             text=True,
             env=self.env,
             cwd=self.folder,
-            timeout=60,
+            timeout=3 * PATIENCE_S,
         )
 
     @contextlib.contextmanager

@@ -190,7 +190,7 @@ function showSession(told) {
   byId("corrected").hidden = !told.correction;
   put("correction", told.correction ?? "");
   byId("report").hidden = !told.report;
-  const size = (one) => (one ? `${one.um.toFixed(1)} ± ${one.u_um.toFixed(1)} µm` : "–");
+  const size = (one) => (one ? [one.um, one.u_um].filter((um) => um !== null).map((um) => um.toFixed(1)).join(" ± ") + " µm" : "–");
   items("before-after", (told.before_after ?? []).map((one) =>
     words(`where_${one.where}`, { before: size(one.before), after: size(one.after), expected: size(one.expected) })));
   rows("steps", (told.steps ?? []).map((one, at) => [

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,12 +15,15 @@ from typer.testing import CliRunner, Result
 
 from analysis.cli import app
 from analysis.cli.diagnose import say_correct, with_commands_here
+from analysis.inference.result import Diagnosis
 from analysis.reporting.act_words import ActWords
+from analysis.traces.loading import Measured
 from rigs.errors import FileError, RigError
 from rigs.load import load
 from tests.support.handmade_diagnosis import LOAD, PLAY, diagnosis
 
-CELL = load("paper-fanuc")[1]
+# Without limits: figures that nobody looks at would take a quarter of each diagnosis.
+CELL = re.sub(r"(?ms)^limits:.*?(?=^\S|\Z)", "", load("paper-fanuc")[1])
 CENTRE = "centre_mm: [930.766, -87.820, 273.2]"
 HIDDEN = "eccentricity_mm: [0.6, -0.4, 0.1]\neffects:\n  - {effect: backlash, axis: 1, width_deg: 0.06}\n"
 
@@ -87,6 +92,9 @@ def test_the_hidden_backlash_is_named_with_its_size(found: tuple[dict[str, Any],
     assert (effect["effect"], effect["axis"]) == ("backlash", 1) and effect["posterior"] > 0.9
     assert effect["parameters"]["width_deg"]["value"] == pytest.approx(0.06, rel=0.05)
     assert answer["where"] and answer["repeats_measured"]
+    part = answer["budget"][0]
+    assert (part["kind"], part["name"], part["class"]) == ("effect", "backlash 1", "unusual")
+    assert part["share"] > 0.95 and part["u_um"] < part["um"]
 
 
 def test_the_gap_shrinks_on_every_run(found: tuple[dict[str, Any], str, Path]) -> None:
@@ -139,7 +147,11 @@ def test_wrong_input_is_one_line(case: str, cell: Cell, tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "used").iterdir()] == ["mine"]
 
 
-def test_one_damaged_run_names_itself(cell: Cell, tmp_path: Path) -> None:
+def test_one_damaged_run_names_itself(cell: Cell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def judged(rig: object, runs: Sequence[Measured], *_: object) -> Diagnosis:
+        return diagnosis("named", runs=tuple(run.run.manifest.name for run in runs))
+
+    monkeypatch.setattr("analysis.inference.diagnose.diagnose", judged)
     copy = tmp_path / "run"
     shutil.copytree(cell.runs[0], copy)
     (copy / "manifest.json").write_text("{")

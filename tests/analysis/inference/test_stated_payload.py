@@ -45,9 +45,10 @@ def test_an_arm_without_masses_yields_under_the_payload_that_is_stated() -> None
     assert abs(named.effect.deg_per_Nm - true) < 2 * named.sd["deg_per_Nm"] < 0.2 * true
 
 
-@pytest.mark.nightly  # 7 s
-def test_another_payload_is_seen_where_the_links_have_masses() -> None:
-    named, true = _found(_rig("ur10e", 2), _rig("ur10e", 12), 54, Fault("compliance", 2, 0.004))
+@pytest.mark.nightly  # 7 s each
+@pytest.mark.parametrize(("stated_kg", "hangs_kg"), [(2, 12), (12, 2), (8, 0)])
+def test_another_payload_is_seen_where_the_links_have_masses(stated_kg: float, hangs_kg: float) -> None:
+    named, true = _found(_rig("ur10e", stated_kg), _rig("ur10e", hangs_kg), 54, Fault("compliance", 2, 0.004))
     assert isinstance(named.effect, Compliance)
-    assert named.effect.payload_kg == pytest.approx(10, abs=1)
+    assert named.effect.payload_kg == pytest.approx(hangs_kg - stated_kg, abs=1)
     assert abs(named.effect.deg_per_Nm - true) < 3 * named.sd["deg_per_Nm"] < 0.2 * true

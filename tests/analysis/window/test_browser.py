@@ -205,15 +205,15 @@ def test_a_lap_of_an_emulated_cell_is_recorded_from_the_page_and_a_daemon_may_go
             chromium.until("!document.getElementById('g1').textContent.includes('–')")
             chromium.value("document.getElementById('label-name').value = 'lap'; document.forms[1].requestSubmit()")
             chromium.until(f"{TEXT.format('recording')}.includes('lap yaw acw')")
-            chromium.until(f"{TEXT.format('said')}.includes('/runs/')", 20.0)
+            chromium.until(f"{TEXT.format('said')}.includes('/runs/')")
             keyboard("acw")
             chromium.until("['lap', 'lead_in'].includes(known.now.lap.place)")
             chromium.until("known.now.lap.place === 'lead_out'")
             chromium.until(f"{TEXT.format('acw-band')} !== '–'")
             chromium.value("document.querySelector('form[action=\"/control/stop\"]').requestSubmit()")
-            chromium.until(f"{TEXT.format('recording')}.includes('not recording')", 20.0)
+            chromium.until(f"{TEXT.format('recording')}.includes('not recording')")
             answered = "!document.querySelector('form[action=\"/control/stop\"] button').disabled"
-            chromium.until(answered, 20.0)
+            chromium.until(answered)
             assert [path.name.split("_")[1] for path in (tmp_path / "runs").iterdir() if path.is_dir()] == ["lap"]
             band = chromium.value(TEXT.format("acw-band"))
             bench.signalled(signal.SIGKILL)

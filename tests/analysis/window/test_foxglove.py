@@ -156,6 +156,6 @@ def test_a_page_of_another_site_is_not_connected() -> None:
         ):
             pass
         with connect(address, origin=Origin("https://app.foxglove.dev"), **known) as client:
-            assert json.loads(client.recv(timeout=30))["op"] == "serverInfo"
+            assert json.loads(client.recv(timeout=PATIENCE_S))["op"] == "serverInfo"
     finally:
         one.close()

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from analysis.window import board, serve
-from tests.support.windows import Served, served, told
+from tests.support.windows import PATIENCE_S, Served, served, told
 
 EVENTS = b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"
 """By the older version, in which a stream comes as it is, without the sizes of its parts."""
@@ -30,7 +30,7 @@ def heard(one: Served, count: int = 3) -> float:
 
 def ended(sock: socket.socket) -> bool:
     """Whether the other side has closed a connection."""
-    sock.settimeout(30)
+    sock.settimeout(PATIENCE_S)
     with suppress(ConnectionResetError):
         while sock.recv(65536):
             pass
@@ -69,7 +69,7 @@ def test_a_reader_that_takes_nothing_is_dropped_and_starves_nobody(
             sock.sendall(EVENTS)
             slow.append(sock)
         ballast, number = "x" * 60_000, 0
-        end_s = time.monotonic() + 30
+        end_s = time.monotonic() + PATIENCE_S
         while one.window.watcher.board.viewers < len(slow) and time.monotonic() < end_s:
             time.sleep(0.01)
         assert one.window.watcher.board.viewers == len(slow)
@@ -119,7 +119,7 @@ def test_a_browser_that_goes_is_forgotten(tmp_path: Path) -> None:
         with one.raw(EVENTS) as sock:
             sock.recv(100)
             assert one.window.watcher.board.viewers == 1
-        end_s = time.monotonic() + 30
+        end_s = time.monotonic() + PATIENCE_S
         while one.window.watcher.board.viewers:
             assert time.monotonic() < end_s
             time.sleep(0.02)

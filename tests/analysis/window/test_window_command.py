@@ -25,11 +25,11 @@ def test_it_serves_without_a_daemon_and_leaves_nothing_behind(tmp_path: Path, en
     )
     assert process.stdout is not None
     address = process.stdout.readline().split(" ")[0]
-    with urllib.request.urlopen(f"{address}/events", timeout=30) as answer:  # noqa: S310 - of the test
+    with urllib.request.urlopen(f"{address}/events", timeout=300) as answer:  # noqa: S310 - of the test
         assert "retry" in answer.readline().decode()
         assert len(list(tmp_path.glob("rig-window-*"))) == 1
         process.send_signal(end)
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=300)
     assert (process.returncode, said) == (code, "")
     assert list(tmp_path.glob("rig-window-*")) == []
 

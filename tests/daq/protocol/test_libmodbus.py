@@ -153,7 +153,7 @@ def _gauge(port: str, layout: str, **changes: object) -> ModbusMap:
 def _items(host: Host, port: str, enough: int) -> list[Item]:
     items: list[Item] = []
     link = open_link("g1", port, LINE)
-    until = time.monotonic() + 10
+    until = time.monotonic() + 60
     run_conversation(link, host, items.extend, lambda: len(items) >= enough or time.monotonic() > until)
     link.close()
     return items

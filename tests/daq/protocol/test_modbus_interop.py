@@ -43,12 +43,12 @@ def _pymodbus_server(*units: list[int]) -> Iterator[int]:
 
     thread = threading.Thread(target=lambda: asyncio.run(serve()))
     thread.start()
-    assert ready.wait(10)
+    assert ready.wait(60)
     try:
         yield started["port"]  # type: ignore[misc]
     finally:
         started["loop"].call_soon_threadsafe(started["stop"])  # type: ignore[attr-defined]
-        thread.join(10)
+        thread.join(60)
 
 
 def _talk(conversation: Conversation, link: socket.socket, enough: int) -> list[Item]:
@@ -77,7 +77,7 @@ def test_our_host_reads_pymodbus_server() -> None:
     registers = [1, 0, 0x7C37, 0x428B, *[0] * 5, 5, 0, 7, 0]
     with _pymodbus_server(registers) as port:
         gauge = modbus(port=f"tcp://127.0.0.1:{port}", timeout_s=0.05)
-        with socket.create_connection(("127.0.0.1", port), timeout=5) as link:
+        with socket.create_connection(("127.0.0.1", port), timeout=60) as link:
             items = _talk(daq.gauges.host([gauge]), link, 50)
     samples = [item for item in items if isinstance(item, Sample)]
     assert len(samples) >= 50 and len(samples) == len(items)
@@ -100,7 +100,7 @@ def test_our_host_reads_three_units_behind_one_address_of_pymodbus() -> None:
             modbus(unit=number, value={"address": 200, "type": kind}, **common)
             for number, kind in enumerate(kinds, start=1)
         ]
-        with socket.create_connection(("127.0.0.1", port), timeout=5) as link:
+        with socket.create_connection(("127.0.0.1", port), timeout=60) as link:
             items = _talk(daq.gauges.host(gauges), link, 60)
     samples = [item for item in items if isinstance(item, Sample)]
     assert len(samples) == len(items) and {sum(map(math.isfinite, sample.values)) for sample in samples} == {1}
@@ -111,7 +111,7 @@ def test_our_host_reads_three_units_behind_one_address_of_pymodbus() -> None:
 def test_our_host_understands_pymodbus_refusal() -> None:
     with _pymodbus_server([0] * 5) as port:
         gauge = modbus(port=f"tcp://127.0.0.1:{port}", timeout_s=0.05)
-        with socket.create_connection(("127.0.0.1", port), timeout=5) as link:
+        with socket.create_connection(("127.0.0.1", port), timeout=60) as link:
             (fault,) = _talk(daq.gauges.host([gauge]), link, 1)
     assert isinstance(fault, Fault) and fault.kind is FaultKind.DEVICE_ERROR
     assert "ILLEGAL_ADDRESS" in fault.detail
@@ -129,7 +129,7 @@ def test_pymodbus_client_reads_our_device() -> None:
 
         thread = threading.Thread(target=serve)
         thread.start()
-        client = ModbusTcpClient("127.0.0.1", port=port, retries=0, timeout=5)
+        client = ModbusTcpClient("127.0.0.1", port=port, retries=0, timeout=60)
         try:
             assert client.connect()
             answer = client.read_input_registers(200, count=13, device_id=1)
@@ -139,7 +139,7 @@ def test_pymodbus_client_reads_our_device() -> None:
             coils = client.read_coils(0, count=1, device_id=1)
         finally:
             client.close()
-            thread.join(10)
+            thread.join(60)
     assert value == pytest.approx(69.743)
     assert (refused.exception_code, unknown.exception_code, coils.exception_code) == (2, 1, 1)
     assert device.sent == 1

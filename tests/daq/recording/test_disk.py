@@ -314,14 +314,14 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
 
     def slow(fd: int) -> None:
         syncing.set()
-        assert done.wait(20)
+        assert done.wait(60)
 
     monkeypatch.setattr(daq.recording.warnings, "_SLOW_S", 0.0)
     monkeypatch.setattr(os, "fsync", slow)
     written.deliver()
     written.recorder._round()
     try:
-        assert syncing.wait(20)
+        assert syncing.wait(60)
         for _ in range(8):  # each would wait for ever, were it to wait for the disk
             written.deliver()
             written.recorder._round()
@@ -355,7 +355,7 @@ def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(
 
     def hang(fd: int) -> None:
         syncing.set()
-        assert done.wait(20)
+        assert done.wait(60)
 
     monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
     monkeypatch.setattr("daq.store.writer.MOST_PENDING", 30)
@@ -365,7 +365,7 @@ def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(
         for _ in range(12):
             written.deliver()
             written.recorder._round()
-        assert syncing.wait(20)
+        assert syncing.wait(60)
         assert len(written.writer._writers["g1"].pending) == 30
         assert written.buffers["g1"].state().waiting == 40
     finally:
@@ -383,7 +383,7 @@ def stalled(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[threading.Event, 
     def slow(path: Path, data: bytes, replace: Callable[[Path, bytes], None] = durable.replace) -> None:
         if path.suffix == ".parquet":
             begun.set()
-            assert done.wait(20)
+            assert done.wait(60)
         replace(path, data)
 
     monkeypatch.setattr(durable, "replace", slow)
@@ -419,7 +419,7 @@ def test_a_run_that_takes_long_to_close_keeps_neither_the_watchdog_nor_the_next_
     begun, done = stalled
     written.round()
     closing = written.recorder.stop_run()
-    assert begun.wait(20)
+    assert begun.wait(60)
     written.deliver()
     written.recorder._round()
     follower = written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw"))).result()
@@ -439,7 +439,7 @@ def test_a_slow_write_keeps_no_reader_waiting(
 
     def slow(fd: int, data: memoryview, offset: int, write: Callable[..., int] = os.pwrite) -> int:
         begun.set()
-        assert done.wait(20)
+        assert done.wait(60)
         return write(fd, data, offset)
 
     monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 50)
@@ -448,14 +448,14 @@ def test_a_slow_write_keeps_no_reader_waiting(
     writing = threading.Thread(target=written.round)
     writing.start()
     try:
-        assert begun.wait(20)
+        assert begun.wait(60)
         for _ in range(8):  # each would wait for ever, were it to wait for the disk
             written.deliver()
         assert written.recorder.state()["recording"] == "lap"
         assert written.buffers["g1"].state().counters == {"samples": 100, "dropped": 30}
     finally:
         done.set()
-        writing.join(20)
+        writing.join(60)
     written.round(0)
     written.recorder.stop_run().result()
     assert load_manifest(written.path).counters["g1"] == {"samples": 60, "dropped": 30}
@@ -471,7 +471,7 @@ def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
     written.recorder.stop_run().result()
     written.delivered = 0
     beginning = written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw")))
-    assert asked.wait(20)
+    assert asked.wait(60)
     for _ in range(4):  # each would wait for ever, were it to wait for the disk
         written.deliver()
         written.recorder._round()
@@ -499,7 +499,7 @@ def test_what_comes_while_a_run_begins_has_its_bound(
     asked, done = making
     written.recorder.stop_run().result()
     beginning = written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw")))
-    assert asked.wait(20)
+    assert asked.wait(60)
     for _ in range(12):
         written.deliver()
         written.recorder._round()
@@ -515,7 +515,7 @@ def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(
 
     def slow(path: Path, recover_and_log: Callable[[Path], None] = daq.recording.active_run.recover_and_log) -> None:
         reviving.set()
-        assert done.wait(20)
+        assert done.wait(60)
         recover_and_log(path)
 
     monkeypatch.setattr(daq.recording.active_run, "recover_and_log", slow)
@@ -542,7 +542,7 @@ def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(
 
     def refuse(path: Path) -> None:
         asked.set()
-        assert done.wait(20)
+        assert done.wait(60)
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     written.round()

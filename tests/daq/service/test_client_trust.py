@@ -132,11 +132,12 @@ def test_a_hostile_answer_reaches_no_terminal_as_it_is(tmp_path: Path, command: 
 
 
 def test_an_endless_line_is_given_up_on_with_little_memory(tmp_path: Path) -> None:
-    with answering(tmp_path / "rigd" / "cell.sock", b"x" * (1 << 20), pause_s=1e-6) as path, Client(path) as client:
-        begun_s = time.monotonic()
-        with pytest.raises(CellError, match="sends more than 1048576 bytes"):
-            client.ask("status")
-        assert time.monotonic() - begun_s < 10
+    with (
+        answering(tmp_path / "rigd" / "cell.sock", b"x" * (1 << 20), pause_s=1e-6) as path,
+        Client(path) as client,
+        pytest.raises(CellError, match="sends more than 1048576 bytes"),
+    ):
+        client.ask("status")
 
 
 def test_an_answer_in_drops_is_not_waited_for_longer_than_any(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,7 @@ from daq.service.control import ControlServer
 from daq.store import read_run
 from tests.support.bench import BIN, Bench
 
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 
 
 @contextlib.contextmanager
@@ -132,8 +132,10 @@ def test_several_requests_at_once_are_answered_in_order(tmp_path: Path) -> None:
 
 
 def test_where_the_system_has_no_descriptor_left_that_is_what_is_said(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    tries, warn = [], ControlServer._warn  # private: each try to accept ends with it
+    monkeypatch.setattr(ControlServer, "_warn", lambda server, problem: (tries.append(problem), warn(server, problem)))
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     with served(tmp_path / "socket") as path, socket.socket(socket.AF_UNIX) as sock:
         sock.settimeout(PATIENCE_S)
@@ -141,11 +143,11 @@ def test_where_the_system_has_no_descriptor_left_that_is_what_is_said(
         taken = fill()
         try:
             sock.connect(str(path))
-            until_s, begun_s = time.monotonic() + PATIENCE_S, time.process_time()
+            until_s = time.monotonic() + PATIENCE_S
             while "Too many open files" not in caplog.text and time.monotonic() < until_s:
                 time.sleep(0.01)
             time.sleep(0.5)
-            assert time.process_time() - begun_s < 0.4, "it waits, and does not spin"
+            assert len(tries) < 100, "it waits, and does not spin"
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
             for fd in taken:

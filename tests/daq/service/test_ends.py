@@ -31,7 +31,7 @@ def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(t
     def answer(request: dict[str, object]) -> dict[str, object]:
         commands.append(request["command"])
         asked.set()
-        may_answer.wait(10)
+        may_answer.wait(60)
         return {"run": "x", "counters": {}}
 
     server = ControlServer(tmp_path / "socket", answer)
@@ -49,14 +49,14 @@ def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(t
     asking = threading.Thread(target=client)
     asking.start()
     with Client(tmp_path / "socket"):  # connected, and silent: it keeps nothing waiting
-        assert asked.wait(10)
+        assert asked.wait(60)
         closing = threading.Thread(target=server.close)
         closing.start()
         time.sleep(0.3)
         assert closing.is_alive() and not (tmp_path / "socket").exists()
         may_answer.set()
-        closing.join(5)
-        asking.join(5)
+        closing.join(60)
+        asking.join(60)
     assert answers == [{"run": "x", "counters": {}}, "rigd closed the connection"]
     assert commands == ["record_stop"]
 
@@ -66,7 +66,7 @@ def test_a_port_that_takes_long_to_open_is_no_reader_that_hangs(monkeypatch: pyt
 
     def resolve(*_: object) -> Link:
         opening.set()
-        resolved.wait(10)
+        resolved.wait(60)
         raise CellError("robot", "no such host", "correct it")
 
     monkeypatch.setattr(Stream, "open", resolve)
@@ -75,12 +75,12 @@ def test_a_port_that_takes_long_to_open_is_no_reader_that_hangs(monkeypatch: pyt
     reader = Reader(robot, buffer, _lost(robot))
     reader.start()
     try:
-        assert opening.wait(10)
+        assert opening.wait(60)
         time.sleep(0.2)
         assert buffer.alive(0.1)
         resolved.set()
         reader.stop()
-        reader.join(5)
+        reader.join(60)
         time.sleep(0.2)
         assert not buffer.alive(0.1), "a reader that goes round no more is told from one that opens its port"
     finally:

@@ -10,7 +10,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.acquisition.host_clock import DriftMonitor
@@ -20,6 +20,7 @@ from daq.service.maintenance import Maintenance, write_atomically
 from rigs.errors import CellError
 from rigs.text import plain_lines
 from tests.support.bench import Bench
+from tests.support.nightly import examples
 
 _LINE = re.compile(r'([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{((?:[a-zA-Z_]\w*="(?:[^"\\\n]|\\["\\n])*",?)*)\})? (\S+)', re.ASCII)
 _LABEL = re.compile(r'(\w+)="((?:[^"\\\n]|\\["\\n])*)"', re.ASCII)
@@ -53,12 +54,17 @@ def _plain(quoted: str) -> str:
     return re.sub(r"\\(.)", lambda match: "\n" if match[1] == "n" else match[1], quoted)
 
 
-@given(st.text(), st.dictionaries(st.sampled_from("abc"), st.text()), st.floats())
-def test_whatever_a_label_holds_is_read_back(words: str, labels: dict[str, str], value: float) -> None:
-    values = read(render([Metric("rig_x", "gauge", words, ((labels, value),))]))
-    ((key, back),) = values.items()
-    assert key == ("rig_x", frozenset((label, plain_lines(text)) for label, text in labels.items()))
-    assert back == value or (math.isnan(back) and math.isnan(value))
+@examples(30, 100)
+def test_whatever_a_label_holds_is_read_back(examples: int) -> None:
+    @settings(max_examples=examples)
+    @given(st.text(), st.dictionaries(st.sampled_from("abc"), st.text()), st.floats())
+    def holds(words: str, labels: dict[str, str], value: float) -> None:
+        values = read(render([Metric("rig_x", "gauge", words, ((labels, value),))]))
+        ((key, back),) = values.items()
+        assert key == ("rig_x", frozenset((label, plain_lines(text)) for label, text in labels.items()))
+        assert back == value or (math.isnan(back) and math.isnan(value))
+
+    holds()
 
 
 def test_a_metric_without_a_value_is_not_told() -> None:
@@ -88,7 +94,7 @@ def test_a_daemon_tells_what_it_reads_and_records(bench: Bench) -> None:
         for kind in set(FaultKind) - {FaultKind.CLOCK}:
             assert ("rig_faults_total", labels(stream=stream, kind=kind)) in values
     assert ("rig_faults_total", labels(stream="host", kind="clock")) in values
-    assert 0 <= value("rig_reading_age_seconds", stream="g1", column="g1_mm") < 5
+    assert 0 <= value("rig_reading_age_seconds", stream="g1", column="g1_mm") < 60
     assert value("rig_recording") == 1 and value("rig_recording_seconds") > 0
     assert value("rig_recording_info", name="lap", test="yaw", direction="acw", run=str(path)) == 1
     assert 0 < value("rig_disk_free_bytes") <= value("rig_disk_size_bytes")
