@@ -10,24 +10,10 @@ from analysis.correction.deviation import Deviation, Side
 from analysis.reporting.texts import texts_of
 from analysis.session.next_step import Drive, Following
 from analysis.session.plan import Pace, minutes_of
-from analysis.session.state import (
-    Answer,
-    Correction,
-    PartOfError,
-    Place,
-    Session,
-    Stage,
-    Step,
-    Way,
-    own_programs,
-)
+from analysis.session.state import Answer, Correction, PartOfError, Place, Session, Stage, Step, Way, own_programs
 from rigs.text import as_argument
 
-_PURPOSES = {
-    "find": "to find errors",
-    "judge": "to judge by, used for nothing else",
-    "verify": "after the correction",
-}
+_PURPOSES = {"find": "to find errors", "judge": "to judge by, used for nothing else", "verify": "after the correction"}
 _BAR = 10
 _WIDTH = 34
 _LONGEST = 46
