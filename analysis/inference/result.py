@@ -113,8 +113,8 @@ class BudgetPart:
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        alone, members = [part.to_dict() for part in self.alone], [part.to_dict() for part in self.members]
-        return {**vars(self), "alone": alone, "members": members, "class": self.rank, "cancelled": self.cancelled}
+        parts = {name: [part.to_dict() for part in getattr(self, name)] for name in ("alone", "members")}
+        return {**vars(self), **parts, "class": self.rank, "cancelled": self.cancelled}
 
 
 @dataclass(frozen=True)

@@ -363,13 +363,13 @@ def _answered(state: State, answer: Answer) -> Outcome:
         return changed, actions
     if is_answered(changed.session, answer):
         early = changed.skipping("find", _ANSWERED)
-        said = "{0}: {1} to find errors {2} left out"
+        sentence = "{0}: {1} to find errors {2} left out"
     else:  # more runs may show less for sure
         early = changed.reopened()
-        said = "the question is open again: {1} to find errors {2} driven after all"
+        sentence = "the question is open again: {1} to find errors {2} driven after all"
     if count := abs(len(session.open_steps) - len(early.session.open_steps)):
         programs, are = ("1 further program", "is") if count == 1 else (f"{count} further programs", "are")
-        return early, (*actions, Say((f"  {said.format(_ANSWERED, programs, are)}",)))
+        return early, (*actions, Say((f"  {sentence.format(_ANSWERED, programs, are)}",)))
     return changed, actions
 
 
