@@ -5,7 +5,7 @@ reverse the reading direction, and lone surrogates that no encoder accepts. Each
 (`\\x1b`), so that nothing is hidden, and passing a text through twice changes nothing. Every output of the programs
 goes through here at the place where it leaves them: docs/decisions/0018-one-gate-for-text.md.
 
-Names as people write them: UR10E, ur-10e and Ur 10e are ur10e.
+Names are as people write them: UR10E, ur-10e and Ur 10e are ur10e.
 """
 
 from __future__ import annotations

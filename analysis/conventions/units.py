@@ -3,16 +3,12 @@
 Nothing here is a matter of taste: a claim needs data that are impossible as labelled and right as claimed.
 What is only unlikely is a doubt; what cannot be detected is accepted.
 
-Gauges in another unit: what the two readings on a circle show of one another.
+The two gauges on a circle show their unit of one another: at circle angle phi their mean is R - e_u cos(phi) - e_v
+sin(phi) for an eccentricity e, and each gauge sees the same e in yaw and roll alike.
 
-At circle angle phi the mean of the gauges is R - e_u cos(phi) - e_v sin(phi) for an eccentricity e, and each gauge
-sees the same e in yaw and roll alike.
-
-A tracker's places and angles in another unit or order: held against the robot's own motion, whatever the frames.
-
-Where a rail stood, read in another unit: held against a tracker's places, whatever the frames.
-
-Places in a left-handed frame: a tracker's export with one axis turned round, which no rigid frame makes right.
+A tracker's places and angles, their units and order, are held against the robot's own motion, whatever the frames; so
+is where a rail stood. Places in a left-handed frame are a tracker's export with one axis turned round, which no rigid
+frame makes right.
 """
 
 from __future__ import annotations

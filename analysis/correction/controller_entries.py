@@ -4,8 +4,6 @@ The whole model's error over the work is projected onto the parameters that the 
 of the rig file, never that of a path, so that one rig file has one set of entries and targets for a controller that has
 them stay right.
 
-The whole model projected onto the constants that a controller has.
-
 A controller's zeros and lengths cannot follow a soft joint or a gear, and still take up a part of what these do to the
 tool. The error of the tool at the postures of the work, place and turn together, is fitted by the constants:
 

@@ -33,6 +33,8 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES, MakerName
 
 NO_PROGRAMS = Programs()
+GAIN_UM = 1.0
+"""Gain below which nothing can be corrected. Chosen: below any robot's repeatability."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,11 @@ class WorkError:
     base_u_um: float
     model_um: float
     unknown: float
+
+    @property
+    def gains(self) -> bool:
+        """Whether corrected targets take away error, with frame and tool taught or in the base."""
+        return max(self.before_um - self.after_um, self.base.before_um - self.base.after_um) >= GAIN_UM
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,8 @@
-"""One cell of a table: its value, or why it has none.
+"""The cells of a table: the value of each, or why it has none, by its line and column; and its rows as columns of
+numbers, counts and words, a batch at a time, every bad cell named.
 
-Python's own float() takes `1_000`, `nan` and digits of any script; a table of measurements does not.
-
-The mistakes of a table file, each with its line and column; the first twenty are reported.
-
-The rows of a table as columns of numbers, counts and words, a batch of rows at a time, every bad cell named.
+Python's own float() takes `1_000`, `nan` and digits of any script; a table of measurements does not. The first twenty
+mistakes are reported.
 """
 
 from __future__ import annotations

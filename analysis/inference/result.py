@@ -113,9 +113,8 @@ class BudgetPart:
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        parts = {"alone": self.alone, "members": self.members}
-        plain = vars(self) | {key: [part.to_dict() for part in every] for key, every in parts.items()}
-        return {**plain, "class": self.rank, "cancelled": self.cancelled}
+        alone, members = [part.to_dict() for part in self.alone], [part.to_dict() for part in self.members]
+        return {**vars(self), "alone": alone, "members": members, "class": self.rank, "cancelled": self.cancelled}
 
 
 @dataclass(frozen=True)
@@ -149,6 +148,8 @@ class Accuracy:
 _DIFFERS, _SURE = 0.5, 3.0
 """Difference of the shares of two set-ups above which they contradict a name, and the standard uncertainties by which
 they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
+_COMPLETE = 0.9
+"""Share of the error from which scatter is all that is left: every other part has less than a tenth, as no act has."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
@@ -491,6 +492,19 @@ class Diagnosis(Tabular):
     """What follows from it, the first act first; every output prints from here."""
 
     @property
+    def is_testable(self) -> bool:
+        """Whether the runs can show effects; where they cannot, nobody knows what a calibration by them leaves."""
+        return self.condition != "not_testable_here"
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether nothing is missing in a model that was calibrated, or holds effects, before: what is left of the runs
+        differs from run to run."""
+        has_model = self.rig.calibrated is not None or bool(self.rig.effects)
+        scatter = sum(part.share for part in self.budget if part.kind == "scatter")
+        return has_model and self.condition in ("uncalibrated", "nothing_unusual") and scatter > _COMPLETE
+
+    @property
     def next_act(self) -> Act | None:
         """What to do next; None where fits of given effects ask for nothing."""
         return self.acts[0] if self.acts else None
@@ -536,10 +550,14 @@ class Diagnosis(Tabular):
         """
         outside = {"held_out": self.held_out, "unseen_place": self.unseen}
         gaps = {"train": self.train.to_dict()} | {name: gap and gap.to_dict() for name, gap in outside.items()}
+        accuracy = self.accuracy.to_dict()
+        if not self.is_testable:
+            for figures, key in ((accuracy, "calibrated_um"), *((gap, "calibrated") for gap in gaps.values() if gap)):
+                figures[key] = None
         plain: dict[str, Any] = for_json(
             {
                 "condition": self.condition,
-                "accuracy": self.accuracy.to_dict(),
+                "accuracy": accuracy,
                 "budget": [part.to_dict() for part in self.budget],
                 "acts": [act.to_dict() for act in self.acts],
                 "runs_to_decide": self.runs_to_decide,

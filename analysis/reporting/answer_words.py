@@ -104,10 +104,13 @@ class AnswerWords:
     def accuracy(self) -> str:
         """The error now, and what the calibration leaves of it where it had no part, or on the runs used."""
         accuracy = self.diagnosis.accuracy
-        which = "error_corrected" if self.diagnosis.rig.calibrated else "error_now"
-        now = self.texts(which, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
+        model = "error_corrected" if self.diagnosis.rig.calibrated else "error_now"
+        now = self.texts(model, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
         values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
-        return f"{now} {self.texts(f'calibrated_{accuracy.place}', **values)}"
+        if self.diagnosis.is_complete and accuracy.place == "used":
+            return now
+        which = f"calibrated_{accuracy.place}" if self.diagnosis.is_testable else "calibrated_unknown"
+        return f"{now} {self.texts(which, **values)}"
 
     @property
     def judged(self) -> str:
@@ -175,6 +178,7 @@ class AnswerWords:
             return ""
         single = any(part.index is not None for part in large_parts(diagnosis))
         which = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
+        which = "nothing_missing" if diagnosis.is_complete else which
         # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""

@@ -14,7 +14,7 @@ from rich.console import Group, RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
-from analysis.correction.correct import Corrections
+from analysis.correction.correct import GAIN_UM, Corrections
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.plays import known_plays
 from analysis.correction.refusal import ANYWAY, why_nothing
@@ -34,8 +34,6 @@ from rigs.schema.effect import label_of
 
 _REPORTED_MM = 1e-3
 """An effect that is not corrected is reported if it moves a target by at least this."""
-_GAIN_UM = 1.0
-"""Gain below which nothing can be corrected. Chosen: below any robot's repeatability."""
 _ERRORS = ("before_um", "after_um", "u_um")
 _HEAD = """\
 # Corrections for the cell {name} from the effects of its rig file, {date}. Use one of these ways for each effect:
@@ -80,7 +78,7 @@ def as_table(corrections: Corrections) -> RenderableType:
 
 
 def _first(corrections: Corrections) -> str:
-    if all(support.use == "none" for support in corrections.effects) and corrections.work.model_um < _GAIN_UM:
+    if all(support.use == "none" for support in corrections.effects) and corrections.work.model_um < GAIN_UM:
         return (
             f"Nothing of the tool's {corrections.work.before_um:.0f} µm over the work can be corrected; "
             "the table says why."
@@ -92,13 +90,13 @@ def _first(corrections: Corrections) -> str:
     targets = targets or ("the corrected targets of --program" if corrections.programs else "")
     targets = targets or "corrected targets (--program FILE, or --path TARGETS.csv)"
     send = f"Send the controller to {targets}: the tool's error over the work falls from"
-    if work.before_um - work.after_um >= _GAIN_UM:
+    if work.before_um - work.after_um >= GAIN_UM:
         return (
             f"{send} {_mm(work.before_um)} to {_mm(work.after_um)} mm rms with frame and tool taught with the robot "
             f"(standard uncertainty of the model {_mm(work.u_um)} mm).{base_note(work.base_u_um, work.after_um)}"
             f"{_never_both(corrections)}"
         )
-    if work.base.before_um - work.base.after_um >= _GAIN_UM:
+    if work.gains:
         return (
             f"{send} {_mm(work.base.before_um)} to {_mm(work.base.after_um)} mm rms in the robot's base; in a frame "
             f"taught with the robot it is {_mm(work.before_um)} mm as it is.{_never_both(corrections)}"
@@ -108,6 +106,13 @@ def _first(corrections: Corrections) -> str:
         f"work, and is known to ± {_mm(work.u_um)} mm, with frame and tool taught with the robot. The error would go "
         f"from {_mm(work.before_um)} to {_mm(work.after_um)} mm. More runs, at another place or of another test, would "
         "make it surer."
+    )
+
+
+def why_not(corrections: Corrections) -> str:
+    """Why nothing is to be corrected; empty where something is."""
+    return why_nothing(corrections.rig) or (
+        "" if corrections.work.gains else "corrected targets take away no error over the work"
     )
 
 
@@ -206,7 +211,7 @@ def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, An
 def _contents(corrections: Corrections) -> dict[str, Any]:
     return {
         "rig": corrections.rig.name,
-        "verdict": "nothing" if (why := why_nothing(corrections.rig)) else "correct",
+        "verdict": "nothing" if (why := why_not(corrections)) else "correct",
         "verdict_why": why or None,
         "joint_zeros": [
             {"axis": zero.axis, "add_deg": short(zero.delta), "u_deg": short(zero.u)} for zero in corrections.zeros
@@ -269,7 +274,8 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     from analysis.files.write import holding, write_all_new, write_csv  # noqa: PLC0415
 
     head = _HEAD.format(name=corrections.rig.name, date=dt.datetime.now(dt.UTC).date())
-    if why := why_nothing(corrections.rig):
+    has_targets = bool(corrections.path or corrections.programs)
+    if why := why_not(corrections) if has_targets else why_nothing(corrections.rig):
         head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why}.\n"
     text = head + yaml.safe_dump(_contents(corrections), sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}

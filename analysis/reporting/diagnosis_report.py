@@ -110,7 +110,7 @@ def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool 
         "diagnosis.json": holding((json.dumps(diagnosis.to_dict(), indent=2) + "\n").encode()),
         "diagnosis.png": lambda file: picture(diagnosis, in_session=in_session).savefig(file, format="png", dpi=130),
     }
-    if diagnosis.condition != "not_testable_here":
+    if diagnosis.is_testable:
         rig_file = directory / f"{diagnosis.rig.name}.yaml"
         files |= extended_files(text, _origins(diagnosis), rig_file, diagnosis.calibrated)
     return write_all_new(directory, files)

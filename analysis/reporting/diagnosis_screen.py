@@ -142,13 +142,13 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
 
 def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
     effects = bool(diagnosis.standing)
-    last = ("calibrated", "noise floor")
+    last = ("calibrated", "noise floor") if diagnosis.is_testable else ("noise floor",)
     headings = ("before", "after", *last, "closed") if effects else ("rms", *last)
     table = bare_table("µm rms", *map(right, headings))
     places = (("runs used", diagnosis.train), ("held-out runs", diagnosis.held_out), ("unseen place", diagnosis.unseen))
     for name, gap in places:
         if gap is not None:
-            ends = (gap.calibrated_um, gap.noise_floor_um)
+            ends = (gap.calibrated_um, gap.noise_floor_um) if diagnosis.is_testable else (gap.noise_floor_um,)
             cells = (gap.before_um, gap.after_um, *ends) if effects else (gap.before_um, *ends)
             how = "" if gap.keeps_setup else ", own set-up"
             share = closed(gap)
@@ -162,7 +162,7 @@ def _number(value: float) -> str:
 
 
 def _unexplained(diagnosis: Diagnosis) -> list[RenderableType]:
-    if diagnosis.condition == "not_testable_here":
+    if not diagnosis.is_testable:
         return []
     remainder = diagnosis.remainder
     lines = [Text(f"{remainder.um:.1f} µm ({percent(remainder.share)} of the gap): {remainder.words}")]

@@ -102,6 +102,7 @@ def why_nothing(session: Session) -> str:
 _WHY_NOTHING = {
     "unknown_cause": "Correct nothing: what explains most of the error is in no library, and a correction that leaves "
     "it out may add to the error elsewhere. --correct programs corrects by it all the same.",
+    "not_shown": "Correct nothing: these runs cannot show what is wrong. --correct programs corrects all the same.",
     "no_gain_elsewhere": "Correct nothing: the model takes away no error where it had no part. --correct programs "
     "corrects by it all the same.",
 }

@@ -169,6 +169,7 @@ def judged(**changed: object) -> Judged:
         (judged(place="used", condition="outside_library"), "unknown_cause", "nothing"),
         (judged(condition="outside_library", handed_um=90.0), "unknown_cause", "nothing"),
         (judged(condition="outside_library", names_um=54.0, handed_um=54.0), "gains_elsewhere", "correct"),
+        (judged(place="used", condition="not_testable_here"), "not_shown", "nothing"),
         (judged(handed_um=101.0), "no_gain_elsewhere", "nothing"),
     ],
 )

@@ -79,6 +79,10 @@ def test_what_remains_after_the_calibration_is_said_of_where_it_was_found() -> N
     )
     used = replace(words.diagnosis.accuracy, place="used")
     assert "how much elsewhere is not known" in AnswerWords(diagnosis(accuracy=used)).accuracy
+    few = diagnosis("not_testable_here", accuracy=used)  # four poses have fewer numbers than there are unknowns
+    assert AnswerWords(few).accuracy.endswith("What a calibration leaves is not known: these runs cannot show it.")
+    plain = few.to_dict()
+    assert plain["accuracy"]["calibrated_um"] is None and plain["gap"]["train"]["calibrated"] is None
     judged = replace(words.diagnosis.accuracy, standing="fail", limit="rig_file")
     assert AnswerWords(diagnosis(accuracy=judged)).judged == "Accuracy: FAIL, by the limits of the rig file."
 
