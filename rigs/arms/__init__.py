@@ -8,6 +8,7 @@ there is the section with its comments, ready to be pasted.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from pydantic import Field, ValidationError, model_validator
@@ -89,6 +90,7 @@ def load_arm(name: str) -> Arm:
     return _parsed(library_name, file.read_text(encoding="utf-8"), str(file))
 
 
+@cache
 def _parsed(name: str, text: str, where: str) -> Arm:
     """The arm of a file's text. Raises RigFileError."""
     root, data = read_yaml(text, where)
