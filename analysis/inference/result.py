@@ -66,7 +66,7 @@ class BudgetPart:
 
     `um` is its root mean square in the readings in µm, with set-ups fitted, and `u_um` the standard uncertainty of that
     change. `share` is its share of the gap's energy: shares add up to 1, and of what two parts have in common each has
-    half; a part whose share would be negative is counted with what it cancels (`cancelled`). `times_usual` is how many
+    half; none is negative, and a part that cancels another is counted with it (`cancelled`). `times_usual` is how many
     times as much it does as a healthy arm shows, None where that has no meaning. `odds`, `held_out_gain` and `doubt`
     are those of a fitted effect, and `name` its name.
     """

@@ -19,6 +19,7 @@ from analysis.session.plan import Pace, minutes_of, numbered, separating
 from analysis.session.state import MOST_TRIES, Answer, Correction, Purpose, Session, Stage, Step, Try, Verified, Way
 from rigs.errors import CellError
 from rigs.rig import Rig
+from rigs.text import counted
 
 _T = TypeVar("_T")
 _MOST_MORE = 4
@@ -368,7 +369,7 @@ def _answered(state: State, answer: Answer) -> Outcome:
         early = changed.reopened()
         sentence = "the question is open again: {1} to find errors {2} driven after all"
     if count := abs(len(session.open_steps) - len(early.session.open_steps)):
-        programs, are = ("1 further program", "is") if count == 1 else (f"{count} further programs", "are")
+        programs, are = counted(count, "further program"), "is" if count == 1 else "are"
         return early, (*actions, Say((f"  {sentence.format(_ANSWERED, programs, are)}",)))
     return changed, actions
 
