@@ -26,8 +26,9 @@ from analysis.measures.parameters import quantity_of
 from analysis.model.predict import model_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note, rounded_um, short
-from analysis.reporting.diagnosis_words import percent, plain
+from analysis.reporting.diagnosis_words import plain
 from analysis.reporting.plain_console import right, whole
+from analysis.reporting.texts import texts_of
 from rigs.effects import size_field
 from rigs.errors import FileError
 from rigs.schema.effect import label_of
@@ -60,7 +61,9 @@ def as_table(corrections: Corrections) -> RenderableType:
         value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
         use = Text("not corrected", "yellow") if support.use == "none" else Text(support.use, "green")
         effects.add_row(plain(corrections.rig, support.effect), value, use, support.reason)
-    parts: list[RenderableType] = [Text(_first(corrections) + _not_known(corrections.work.unknown), style="bold")]
+    parts: list[RenderableType] = [
+        Text(_first(corrections) + texts_of("en").not_known(corrections.work.unknown), style="bold")
+    ]
     if effects.row_count:
         parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):
@@ -109,12 +112,6 @@ def why_not(corrections: Corrections) -> str:
     return why_nothing(corrections.rig) or (
         "" if corrections.work.gains else "corrected targets take away no error over the work"
     )
-
-
-def _not_known(share: float) -> str:
-    """The sentence about the share of the work at which no run says how well the arm is known."""
-    where = "where the work is" if share == 1 else f"at {percent(share)} of the work"
-    return f" No run shows how large the error stays {where}." if share else ""
 
 
 def _mm(um: float) -> str:
