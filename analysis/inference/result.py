@@ -18,7 +18,7 @@ from analysis.model.predict import SetUp
 from rigs.calibration import CalibratedModel
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.effect import SEATS, PartKind, name_of
+from rigs.schema.effect import SEATS, PartKind, name_of, size_field
 from rigs.schema.limits import Standing
 from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction, TestName
 
@@ -40,15 +40,23 @@ Rank = Literal["unusual", "usual", "undecided"]
 @dataclass(frozen=True)
 class Member:
     """An effect that a group of small terms may be, with its size in its own unit as the readings show it beside
-    everything else, the rms in µm that the group gives it, and the odds that it is the one that stands out."""
+    everything else, the rms in µm that the group gives it with its standard uncertainty, and the odds that it is the
+    one that stands out."""
 
     effect: Effect
     um: float
     odds: float
+    u_um: float = 0.0
+
+    @property
+    def sd(self) -> dict[str, float]:
+        """The standard uncertainty of its size, as that of what it does; empty where that is not known."""
+        field = size_field(self.effect)
+        return {field: abs(getattr(self.effect, field)) * self.u_um / self.um} if self.um > 0 else {}
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        return _of_effect(self.effect, {}, self.odds) | {"um": self.um}
+        return _of_effect(self.effect, self.sd, self.odds) | {"um": self.um, "u_um": self.u_um}
 
 
 @dataclass(frozen=True)
@@ -58,7 +66,7 @@ class BudgetPart:
 
     `um` is its root mean square in the readings in µm, with set-ups fitted, and `u_um` the standard uncertainty of that
     change. `share` is its share of the gap's energy: shares add up to 1, and of what two parts have in common each has
-    half; a part whose share would be negative is counted with what it cancels (`cancelled`). `times_usual` is how many
+    half; none is negative, and a part that cancels another is counted with it (`cancelled`). `times_usual` is how many
     times as much it does as a healthy arm shows, None where that has no meaning. `odds`, `held_out_gain` and `doubt`
     are those of a fitted effect, and `name` its name.
     """
@@ -78,13 +86,25 @@ class BudgetPart:
     """The index of the fitted effect among the effects of the diagnosis."""
     members: tuple[Member, ...] = ()
     """What a group that makes more than a third of the gap may be, the likeliest first."""
-    cancelled: tuple[str, ...] = ()
-    """The labels of what cancels some of it, which is counted with it."""
+    alone: tuple[BudgetPart, ...] = ()
+    """Where something cancels some of it and is counted with it: each of them as it is alone, the part itself first."""
+
+    @property
+    def cancelled(self) -> tuple[str, ...]:
+        """The labels of what cancels some of it."""
+        return tuple(part.label for part in self.alone[1:])
 
     @property
     def label(self) -> str:
         """What it is, for a machine: the name of an effect, or its kind with the axis."""
         return self.name or (f"{self.kind} {self.axis}" if self.axis else self.kind)
+
+    @property
+    def cause(self) -> Member | None:
+        """The member of a group that is certain: it alone stands out, and what it does is known."""
+        likeliest = next(iter(self.members), None)
+        is_cause = likeliest and likeliest.odds >= CERTAIN_ODDS and likeliest.um > SURE_SIGMA * likeliest.u_um
+        return likeliest if is_cause else None
 
     @property
     def sigma(self) -> float:
@@ -93,8 +113,8 @@ class BudgetPart:
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        plain = {key: value for key, value in vars(self).items() if key != "members"}
-        return {**plain, "class": self.rank, "members": [member.to_dict() for member in self.members]}
+        parts = {name: [part.to_dict() for part in getattr(self, name)] for name in ("alone", "members")}
+        return {**vars(self), **parts, "class": self.rank, "cancelled": self.cancelled}
 
 
 @dataclass(frozen=True)
@@ -128,6 +148,8 @@ class Accuracy:
 _DIFFERS, _SURE = 0.5, 3.0
 """Difference of the shares of two set-ups above which they contradict a name, and the standard uncertainties by which
 they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
+_COMPLETE = 0.9
+"""Share of the error from which scatter is all that is left: every other part has less than a tenth, as no act has."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
@@ -470,6 +492,19 @@ class Diagnosis(Tabular):
     """What follows from it, the first act first; every output prints from here."""
 
     @property
+    def is_testable(self) -> bool:
+        """Whether the runs can show effects; where they cannot, nobody knows what a calibration by them leaves."""
+        return self.condition != "not_testable_here"
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether nothing is missing in a model that was calibrated, or holds effects, before: what is left of the runs
+        differs from run to run."""
+        has_model = self.rig.calibrated is not None or bool(self.rig.effects)
+        scatter = sum(part.share for part in self.budget if part.kind == "scatter")
+        return has_model and self.condition in ("uncalibrated", "nothing_unusual") and scatter > _COMPLETE
+
+    @property
     def next_act(self) -> Act | None:
         """What to do next; None where fits of given effects ask for nothing."""
         return self.acts[0] if self.acts else None
@@ -515,10 +550,14 @@ class Diagnosis(Tabular):
         """
         outside = {"held_out": self.held_out, "unseen_place": self.unseen}
         gaps = {"train": self.train.to_dict()} | {name: gap and gap.to_dict() for name, gap in outside.items()}
+        accuracy = self.accuracy.to_dict()
+        if not self.is_testable:
+            for figures, key in ((accuracy, "calibrated_um"), *((gap, "calibrated") for gap in gaps.values() if gap)):
+                figures[key] = None
         plain: dict[str, Any] = for_json(
             {
                 "condition": self.condition,
-                "accuracy": self.accuracy.to_dict(),
+                "accuracy": accuracy,
                 "budget": [part.to_dict() for part in self.budget],
                 "acts": [act.to_dict() for act in self.acts],
                 "runs_to_decide": self.runs_to_decide,

@@ -19,6 +19,7 @@ from analysis.session.plan import Pace, minutes_of, numbered, separating
 from analysis.session.state import MOST_TRIES, Answer, Correction, Purpose, Session, Stage, Step, Try, Verified, Way
 from rigs.errors import CellError
 from rigs.rig import Rig
+from rigs.text import counted
 
 _T = TypeVar("_T")
 _MOST_MORE = 4
@@ -61,6 +62,16 @@ class State:
             if step.purpose == purpose and step.is_open and number != self.driving
             else step
             for number, step in enumerate(self.session.steps)
+        ]
+        return self.keeping(steps=tuple(steps))
+
+    def reopened(self) -> State:
+        """Return the state with the steps open again that an answer left out, until the place that judges is set up."""
+        if self.session.runs_for("judge") or (self.stage and self.stage != self.session.stages[0].name):
+            return self
+        steps = [
+            step.model_copy(update={"skipped": ""}) if step.skipped == _ANSWERED else step
+            for step in self.session.steps
         ]
         return self.keeping(steps=tuple(steps))
 
@@ -349,12 +360,22 @@ def _answered(state: State, answer: Answer) -> Outcome:
         answer = answer.model_copy(update={"joined": judges})
     changed = state.keeping(answer=answer, judged=answer if answer.judges else session.judged)
     actions: tuple[Action, ...] = (Say(tuple(words.answer_lines(answer, session.answer))),)
-    if session.aim == "faults" and not session.answered and is_answered(changed.session, answer):
-        early = changed.skipping("find", "the question is answered")
-        if count := len(session.open_steps) - len(early.session.open_steps):
-            actions += (Say((f"  the question is answered: {count} further programs to find errors are left out",)),)
-            return early, actions
+    if session.aim != "faults" or session.answered:
+        return changed, actions
+    if is_answered(changed.session, answer):
+        early = changed.skipping("find", _ANSWERED)
+        sentence = "{0}: {1} to find errors {2} left out"
+    else:  # more runs may show less for sure
+        early = changed.reopened()
+        sentence = "the question is open again: {1} to find errors {2} driven after all"
+    if count := abs(len(session.open_steps) - len(early.session.open_steps)):
+        programs, are = counted(count, "further program"), "is" if count == 1 else "are"
+        return early, (*actions, Say((f"  {sentence.format(_ANSWERED, programs, are)}",)))
     return changed, actions
+
+
+_ANSWERED = "the question is answered"
+"""Why steps are left out."""
 
 
 def _corrected(state: State, correction: Correction, programs: Mapping[str, str]) -> Outcome:

@@ -83,7 +83,8 @@ def load_arm(name: str) -> Arm:
     names = arm_names()
     library_name = the_same(name, names)
     if library_name is None:
-        remedy = f"did you mean {' or '.join(near)}?" if (near := nearest(name, names)) else "rig arms lists all"
+        meant = f"did you mean {' or '.join(near)}?" if (near := nearest(name, names)) else "rig arms lists all;"
+        remedy = f"{meant} rig import-urdf ARM.urdf -o ARM.yaml makes a file of any other, to be given by its name"
         raise FileError(name, "no arm of this name is in the library", remedy)
     file = _FOLDER / f"{library_name}.yaml"
     return _parsed(library_name, file.read_text(encoding="utf-8"), str(file))

@@ -37,7 +37,7 @@ from analysis import (
 from analysis.cli import app
 from analysis.inference.result import Diagnosis
 from analysis.measures.simulated_gauges import Noise
-from analysis.simulation.simulated_runs import simulated_run
+from analysis.simulation.simulate import simulated_run
 from rigs.effects.backlash import Backlash
 from rigs.load import load
 from tests.support.handmade_diagnosis import diagnosis

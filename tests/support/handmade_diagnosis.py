@@ -104,10 +104,10 @@ def budget(effects: Sequence[Named]) -> tuple[BudgetPart, ...]:
     ]  # fmt: skip
     left = 0.1 if effects else 1.0
     found += [
-        BudgetPart("scatter", 1.7, 0.0, left + 0.0296),
+        BudgetPart("scatter", 1.7, 0.0, left - 0.0304),
         BudgetPart("warming", 0.01, 0.02, 0.0004, rank="undecided"),
     ]
-    found.append(BudgetPart("constants", 0.8, 0.5, -0.03, times_usual=0.1, rank="usual"))
+    found.append(BudgetPart("constants", 0.8, 0.5, 0.03, times_usual=0.1, rank="usual"))
     return tuple(sorted(found, key=lambda one: -one.share))
 
 

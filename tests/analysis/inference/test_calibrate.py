@@ -11,7 +11,7 @@ import pytest
 from analysis import calibrate
 from analysis.inference.result import Diagnosis, Named
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.simulation.simulated_runs import simulated_run
+from analysis.simulation.simulate import simulated_run
 from analysis.traces.loading import Measured
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError, size_field
 from rigs.load import load

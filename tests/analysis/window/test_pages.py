@@ -163,6 +163,9 @@ def test_the_session_is_shown_and_a_damaged_one_is_said(tmp_path: Path) -> None:
         assert read["next"]["number"] == 2
         place.file.write_text("version: [")
         assert _heard(window, "session", lambda one: one["next"]["key"] == "damaged")["next"]["why"]
+        place.file.unlink()
+        nothing = _heard(window, "session", lambda one: one["next"]["key"] == "none")["next"]
+        assert nothing["command"] == f"rig session cell.yaml -o {tmp_path}"
 
 
 def _heard(window: Served, kind: str, is_so: Callable[[Any], object] = bool) -> Any:
