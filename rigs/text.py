@@ -25,6 +25,11 @@ def plain(text: str) -> str:
     return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
 
 
+def counted(count: int, singular: str, plural: str = "") -> str:
+    """Return `1 run`, `2 runs`."""
+    return f"{count} {singular if count == 1 else plural or singular + 's'}"
+
+
 def as_argument(path: Path | str) -> str:
     """Return a path as a shell takes it, for a command that a person may copy from a message."""
     return shlex.quote(str(path))

@@ -23,6 +23,7 @@ from analysis.traces.table_layout import COUNTS, SOCKET, WORDS, Layout
 from daq.store.chunk import ColumnType
 from rigs.errors import FileError
 from rigs.schema.vocabulary import direction_of
+from rigs.text import counted
 
 _SHOWN = 20
 
@@ -75,7 +76,7 @@ class TableFileError(FileError):
         shown = [str(problem) for problem in self.problems]
         if total > _SHOWN:
             shown.append(f"… and {total - _SHOWN} more, {total} mistakes in all")
-        mistakes = "1 mistake" if total == 1 else f"{total} mistakes"
+        mistakes = counted(total, "mistake")
         super().__init__(path, f"{mistakes}: " + " | ".join(shown), remedy)
         self.shown = shown
 

@@ -28,7 +28,7 @@ from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field
 # goes to each. Every test counts by its readings, as in the gap.
 
 _CANCELS = 0.005
-"""Share below zero from which a part stands on the line of the one that it cancels; a smaller one rounds to nothing."""
+"""Share below zero from which a part stands on the line of the one that it cancels; a smaller one counts as nothing."""
 _MOST_MEMBERS = 3
 """Members of a group that are listed, chosen: what a person compares at a glance. Their odds are those among all."""
 _DOUBTED_SIGMA = 2.0
@@ -211,7 +211,10 @@ class Budget:
                 scatter = replace(scatter, share=scatter.share - of_scatter)
                 kept = float(np.sqrt(1 - repeats / unexplained.share)) if repeats > 0 else 1.0
                 unexplained = replace(unexplained, share=unexplained.share - repeats, um=kept * unexplained.um)
-        return sorted([*parts, unexplained, scatter], key=lambda part: -part.share)
+        # A share just below zero is nothing, and what all others have too much by it is taken from them in proportion.
+        every = [replace(part, share=max(part.share, 0.0)) for part in (*parts, unexplained, scatter)]
+        whole = sum(part.share for part in every)
+        return sorted((replace(part, share=part.share / whole) for part in every), key=lambda part: -part.share)
 
     def _without_cancelling(self, drawn: Sequence[_Drawn]) -> list[_Drawn]:
         """Return the parts, those that cancel much of another one as one line with it: no share is below zero."""

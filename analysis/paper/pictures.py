@@ -243,7 +243,7 @@ def _mark_reversals(axes: Axes, turns: Sequence[JointReversal]) -> None:
         step = (step + 1) % 3 if phi - previous < 16 else 0
         axes.axvline(phi, color=_GREY, lw=0.7, ls="--")
         axes.annotate(
-            f"{turn.name} {'↓' if turn.upper else '↑'}",
+            f"axis {turn.joint} {'↓' if turn.upper else '↑'}",
             (phi, 1.0 - 0.085 * step),
             xycoords=("data", "axes fraction"),
             xytext=(-3 if phi > 345 else 2, -2),

@@ -66,7 +66,7 @@ def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
 
 def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
     """The parts of the error that have a line of their own, and the small ones that are counted together."""
-    small = [part for part in diagnosis.budget if abs(part.share) < SMALL_SHARE and part.rank != "unusual"]
+    small = [part for part in diagnosis.budget if part.share < SMALL_SHARE and part.rank != "unusual"]
     return [part for part in diagnosis.budget if part not in small], small
 
 
