@@ -9,7 +9,6 @@ import datetime as dt
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from pydantic import ValidationError
 
@@ -25,7 +24,7 @@ from rigs.schema.gauges import Gauge
 from rigs.schema.limits import limits_of_tolerance, shared_limit
 from rigs.schema.part import Part
 from rigs.schema.robot import Pose, Robot
-from rigs.schema.vocabulary import DRIVEN_AXES, MeasuredBy
+from rigs.schema.vocabulary import DRIVEN_AXES, TEST_WITHOUT_GAUGES, MeasuredBy
 from rigs.text import as_argument, plain, the_same
 from rigs.yaml_text import flow, read_yaml
 
@@ -140,7 +139,7 @@ def _of_gauges(answers: Answers, arm: ChosenArm) -> Iterator[str]:
 def _of_tracker(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"# Nominal arm, from {plain(arm.source)}. Where tracker and target are is found from the poses."
     yield robot_text(arm.robot.model_copy(update={"tool": answers.tool or arm.robot.tool})).rstrip()
-    yield from _limits_of("pose", answers.tolerance_mm, arm.repeatability_mm)
+    yield from _limits_of("tracker", answers.tolerance_mm, arm.repeatability_mm)
 
 
 def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
@@ -156,7 +155,7 @@ def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"    touches: {Touch.model_fields['touches'].default}"
     yield "    # One known distance says how large the arm is; measure over both balls (rig parts --over-balls-mm):"
     yield f"    # distances: [{{between: [{', '.join(_SOCKETS)}], distance_mm: 100, u_mm: 0.05}}]"
-    yield from _limits_of("touch", answers.tolerance_mm, arm.repeatability_mm)
+    yield from _limits_of("sockets", answers.tolerance_mm, arm.repeatability_mm)
 
 
 _ARM_LINES: dict[MeasuredBy, Callable[[Answers, ChosenArm], Iterator[str]]] = {
@@ -175,11 +174,12 @@ def _feedback(answers: Answers) -> Iterator[str]:
     yield ""
 
 
-def _limits_of(test: Literal["pose", "touch"], tolerance_mm: float | None, rp_mm: float | None) -> Iterator[str]:
+def _limits_of(measured_by: MeasuredBy, tolerance_mm: float | None, rp_mm: float | None) -> Iterator[str]:
     """The section `limits` of a test without gauges: the error, rms, that the work allows, and the data sheet's."""
     if tolerance_mm or rp_mm is not None:
         yield from ("", "limits:")
     if tolerance_mm:
+        test = TEST_WITHOUT_GAUGES[measured_by]
         yield f"  {test}: {flow({'rms_mm': shared_limit(tolerance_mm).model_dump()})} # the error that the work allows"
     if rp_mm is not None:
         yield _rp_line(rp_mm)
