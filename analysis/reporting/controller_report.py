@@ -10,7 +10,9 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from analysis.correction.controller_entries import ControllerEntries
+from analysis.reporting.diagnosis_words import plain
 from analysis.reporting.plain_console import right, whole
+from rigs.rig import Rig
 from rigs.schema.effect import label_of
 
 _REPORTED_UM = 1.0
@@ -54,7 +56,7 @@ def base_note(base_u_um: float, after_um: float) -> str:
     )
 
 
-def as_table(entries: ControllerEntries) -> RenderableType:
+def as_table(entries: ControllerEntries, rig: Rig) -> RenderableType:
     """What to enter, in which order, what it is worth, and what stays."""
     parts: list[RenderableType] = []
     if entries.entries:
@@ -65,7 +67,9 @@ def as_table(entries: ControllerEntries) -> RenderableType:
     if bool(entries.controller.scale) and any(entry.unit == "deg" for entry in entries.entries):
         parts.append(Text(f"with --scale, six {entries.controller.scale}: the same as {entries.controller.unit}"))
     parts += [Text(f"known only together, so divided by usual sizes: {', '.join(group)}") for group in entries.twins]
-    kept_um = [(label_of(kept.effect), kept.worth_um) for kept in entries.not_entered if kept.worth_um >= _REPORTED_UM]
+    kept_um = [
+        (plain(rig, kept.effect), kept.worth_um) for kept in entries.not_entered if kept.worth_um >= _REPORTED_UM
+    ]
     parts += [Text(f"not entered: {name}, {um:.0f} µm rms: no constant and no target holds it") for name, um in kept_um]
     before, after = entries.elsewhere_um
     if entries.entries:

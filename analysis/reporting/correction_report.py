@@ -23,8 +23,10 @@ from analysis.kinematics.arm import Array
 from analysis.makers import maker_by
 from analysis.makers.reading import with_remark
 from analysis.measures.parameters import quantity_of
+from analysis.model.predict import model_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note, rounded_um, short
+from analysis.reporting.diagnosis_words import plain
 from analysis.reporting.plain_console import right, whole
 from analysis.reporting.texts import texts_of
 from rigs.effects import size_field
@@ -58,7 +60,7 @@ def as_table(corrections: Corrections) -> RenderableType:
         quantity = quantity_of(support.effect, field, {field: support.u})
         value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
         use = Text("not corrected", "yellow") if support.use == "none" else Text(support.use, "green")
-        effects.add_row(label_of(support.effect), value, use, support.reason)
+        effects.add_row(plain(corrections.rig, support.effect), value, use, support.reason)
     parts: list[RenderableType] = [
         Text(_first(corrections) + texts_of("en").not_known(corrections.work.unknown), style="bold")
     ]
@@ -68,7 +70,7 @@ def as_table(corrections: Corrections) -> RenderableType:
         parts.insert(0, Text(f"Against the verdict: {why}.", style="bold red"))
     parts += [Text(line) for line in _lines(corrections)]
     if corrections.at_controller:
-        parts += [Text(), controller_report.as_table(corrections.at_controller)]
+        parts += [Text(), controller_report.as_table(corrections.at_controller, corrections.rig)]
     parts += [Text(line) for program in corrections.programs for line in ("", *program_report.lines(program))]
     return Group(*parts)
 
@@ -156,7 +158,8 @@ def _path_lines(corrections: Corrections) -> list[str]:
             f"before; {program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])}; "
             f"effects that are not corrected leave {_small(np.nanmax(_left_out(targets)))}"
         )
-        each = [(name, mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
+        words = {label_of(effect): plain(corrections.rig, effect) for effect in model_of(corrections.rig).effects}
+        each = [(words[name], mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
         if each:
             parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
             lines.append(f"not corrected, at its worst target, rms of both sides, cold and warm: {parts}")
