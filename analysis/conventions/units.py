@@ -230,7 +230,7 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         columns = tuple(f"q{axis}_deg" for axis in range(1, arm.axes + 1))
         fact = f"q1_deg … {columns[-1]} are radians: only then does the robot of the rig file follow the program"
         yield Finding(UNITS, "impossible", columns, "radians", fact, "convert them to degrees")
-        yield from table.kind.unit_findings(table, rig, ways[1])
+        yield from table.kind.unit_findings(table, rig, forward(arm, degrees))
         return
     yield from table.kind.unit_findings(table, rig, places)
 

@@ -73,8 +73,8 @@ class InBase:
 class Corrections:
     """What can be corrected: the effects with their use, zeros and constants, and the error over the work; at a
     controller, the entries in its words; and, if a path was given, the path and its corrected targets, which are for a
-    controller that has its entries if `entered`. `beside` are the effects that only the calibration beside the rig file
-    names, whose zeros and constants are among those."""
+    controller that has its entries if `entered`. `unnamed` are the effects that only the calibration beside the rig
+    file names, whose zeros and constants are among those."""
 
     rig: Rig
     effects: tuple[Support, ...]
@@ -85,7 +85,7 @@ class Corrections:
     at_controller: ControllerEntries | None = None
     entered: bool = False
     programs: tuple[CorrectedProgram, ...] = ()
-    beside: tuple[Support, ...] = ()
+    unnamed: tuple[Support, ...] = ()
 
 
 def correct_rig(
@@ -122,8 +122,8 @@ def correct_rig(
         )
     supported = supports(rig)
     entries = controller_entries(rig, supported, controller, scale) if controller and not programs.paths else None
-    beside = supports_beside(rig)
-    zeros, constants = joint_zeros(rig, [*supported, *beside]), link_constants(rig, [*supported, *beside])
+    unnamed = supports_beside(rig)
+    zeros, constants = joint_zeros(rig, [*supported, *unnamed]), link_constants(rig, [*supported, *unnamed])
     targets = _targets(rig, supported, path, entries if entered else None) if path else None
     filtered = tuple(
         correct_program(rig, supported, program, programs.frames, scale, whole=programs.whole, start=programs.start)
@@ -133,7 +133,7 @@ def correct_rig(
         _hold_maker(program, controller or rig.maker)
     work = _work(rig, supported)
     return Corrections(
-        rig, tuple(supported), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered, tuple(beside)
+        rig, tuple(supported), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered, tuple(unnamed)
     )
 
 

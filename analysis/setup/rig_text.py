@@ -9,7 +9,7 @@ import datetime as dt
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -25,7 +25,7 @@ from rigs.schema.gauges import Gauge
 from rigs.schema.limits import limits_of_tolerance, shared_limit
 from rigs.schema.part import Part
 from rigs.schema.robot import Pose, Robot
-from rigs.schema.vocabulary import DRIVEN_AXES, MeasuredBy
+from rigs.schema.vocabulary import DRIVEN_AXES, TEST_WITHOUT_GAUGES, MeasuredBy
 from rigs.text import as_argument, plain, the_same
 from rigs.yaml_text import flow, read_yaml
 
@@ -140,7 +140,7 @@ def _of_gauges(answers: Answers, arm: ChosenArm) -> Iterator[str]:
 def _of_tracker(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"# Nominal arm, from {plain(arm.source)}. Where tracker and target are is found from the poses."
     yield robot_text(arm.robot.model_copy(update={"tool": answers.tool or arm.robot.tool})).rstrip()
-    yield from _limits(answers, arm.repeatability_mm, "pose")
+    yield from _limits(answers, arm.repeatability_mm, "tracker")
 
 
 def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
@@ -156,7 +156,7 @@ def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"    touches: {Touch.model_fields['touches'].default}"
     yield "    # One known distance says how large the arm is; measure over both balls (rig parts --over-balls-mm):"
     yield f"    # distances: [{{between: [{', '.join(_SOCKETS)}], distance_mm: 100, u_mm: 0.05}}]"
-    yield from _limits(answers, arm.repeatability_mm, "touch")
+    yield from _limits(answers, arm.repeatability_mm, "sockets")
 
 
 _ARM_LINES: dict[MeasuredBy, Callable[[Answers, ChosenArm], Iterator[str]]] = {
@@ -175,10 +175,10 @@ def _feedback(answers: Answers) -> Iterator[str]:
     yield ""
 
 
-def _limits(answers: Answers, rp_mm: float | None, test: Literal["pose", "touch"] | None = None) -> Iterator[str]:
-    """The limits that follow from what the work allows, of gauges or of one test without, and the data sheet's; no
+def _limits(answers: Answers, rp_mm: float | None, measured_by: MeasuredBy = "gauges") -> Iterator[str]:
+    """The limits that follow from what the work allows, of gauges or of the test without, and the data sheet's; no
     lines where there are none."""
-    tolerance_mm = answers.tolerance_mm
+    tolerance_mm, test = answers.tolerance_mm, TEST_WITHOUT_GAUGES.get(measured_by)
     if not tolerance_mm and rp_mm is None:
         return
     comment, figures_by_test = "", dict[str, Any]()
