@@ -59,6 +59,12 @@ _TIMES_ALL_ELSE = (1.2, 3.0)
 _TAKEN_AWAY = 0.8
 """Share of the energy that a fault makes from which an act has taken it away."""
 _PROBE_RAD = 0.002
+_GROUPS = {
+    "joint_offset": "constants", "link_geometry": "constants", "compliance": "gravity", "backlash": "reversal",
+}  # fmt: skip
+"""The group of small terms to which each kind of fault belongs."""
+_BY_NAME = ("first", "act", "part", "rival", "member")
+"""Ways in which an act serves a fault by its name."""
 _SEATS = ("axis", "field", "gauge", "from_axis", "to_axis", "other")
 _DONE = ("repair", "mount", "remaster", "enter", "load")
 """Acts that change the arm or what is sent to it."""
@@ -106,15 +112,16 @@ class Scored:
     condition: str = ""
     makes_um: float = math.nan
     served: tuple[str, ...] = ()
-    """How an act serves each hidden effect: `act` by itself, `part` or `rival` of what an act serves, `member` of a
-    group, or `none`."""
+    """How an act serves each hidden effect: `first` and `act` by itself, `part` or `rival` of what an act serves,
+    `member` of a group that names its likeliest, `test` that would name it, `group` of constants, softness or
+    reversals, or `none`."""
     vain: tuple[str, ...] = ()
     sized: tuple[Sized, ...] = ()
     is_strange_said: bool | None = None
 
     @property
     def is_right(self) -> bool:
-        """Whether the first act is to the cause of what makes most, or takes away most of what it makes."""
+        """Whether the first act is about the cause of what makes most, or takes away most of what that makes."""
         taken = self.before_um**2 - self.after_um**2
         return self.served[:1] == ("first",) or taken >= _TAKEN_AWAY * self.makes_um**2
 
@@ -192,8 +199,7 @@ def rates(done: Sequence[Scored]) -> list[scoring.Row]:
         scoring.counted("sound: sent to repair", 0.0, sum(map(_is_sent, of["none"])), len(of["none"]), most=True),
         scoring.counted("one fault: first act right", 0.97, sum(one.is_right for one in of["one"]), len(of["one"])),
         scoring.counted("two, three: all in the acts", 0.93, sum("none" not in cell for cell in cells), len(cells)),
-        scoring.counted("  faults by name", 0.93, sum(level in ("first", "act", "part") for level in several),
-                        len(several)),
+        scoring.counted("  faults by name", 0.93, sum(level in _BY_NAME for level in several), len(several)),
         scoring.counted("foreign: said", 0.95, sum(strange), len(strange)),
         scoring.counted("names in vain", 0.05, sum(len(one.vain) for one in done), names, most=True),
         scoring.counted("sizes within 2 u", 0.92, sum(inside), len(inside)),
@@ -244,7 +250,9 @@ def _served(found: Diagnosis, names: frozenset[str]) -> str:
         "member": {name_of(member.effect) for part in parts for member in part.members},
         "test": {name for act in found.acts if act.test for name in act.test.names},
     }
-    return next((level for level, own in levels.items() if own & names), "none")
+    groups = {part.kind for part in parts if part.index is None}
+    grouped = "group" if any(_GROUPS.get(name.split()[0]) in groups for name in names) else "none"
+    return next((level for level, own in levels.items() if own & names), grouped)
 
 
 def _sizes(found: Diagnosis, cell: Cell) -> Iterator[Sized]:
@@ -349,7 +357,9 @@ def of_places(kind: str, way: str, seed: int) -> Cell:
     if kind == "outside":
         joints = rng.choice(range(1, len(rig.robot.axes) - 1), 2, replace=False)
         joint, other = map(int, joints)
-        strange = Strange(_STRANGE[seed // 2 % 3], joint, other, float(rng.uniform(-0.3, 0.3)), _PROBE_RAD)
+        middle = float(np.mean(np.radians(rig.robot.axes[joint].limits_deg)))  # beyond the least angle it is a zero
+        at = middle + float(rng.uniform(-0.3, 0.3))
+        strange = Strange(_STRANGE[seed // 2 % 3], joint, other, at, _PROBE_RAD)
 
     def arm_with(rest: Sequence[seven_axes.Fault], seen: Strange | None) -> seven_axes.Truth:
         drawn = seven_axes.draw_truth(rig.robot, np.random.default_rng([53, seed]), tuple(rest))

@@ -19,8 +19,7 @@ from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, transform
 from analysis.measures.results import result_of
 from analysis.model.predict import model_of, moved, nominal_setup, path_of, predict
-from analysis.simulation.simulate import simulate
-from analysis.simulation.simulated_runs import simulated_run
+from analysis.simulation.simulate import simulate, simulated_run
 from analysis.traces.tables import CircleTable, Table
 from rigs.effects import BallForm, Effect, GaugeBaseline, GaugeInclination
 from rigs.load import load, load_hidden

@@ -52,6 +52,12 @@ def sources() -> dict[str, ast.Module]:
     return {str(file.relative_to(ROOT)): ast.parse(file.read_text(encoding="utf-8")) for file in files}
 
 
+@cache
+def nodes_of(tree: ast.Module) -> tuple[ast.AST, ...]:
+    """Return every node of a file. A walk through all files costs more than what is looked for in it."""
+    return tuple(ast.walk(tree))
+
+
 def counts() -> dict[str, int]:
     """Return every number of the house by its name."""
     texts = [(ROOT / name).read_text(encoding="utf-8") for name in sources()]
@@ -76,10 +82,10 @@ def _functions() -> tuple[list[int], int]:
     for tree in sources().values():
         uses = collections.Counter(
             node.id if isinstance(node, ast.Name) else node.attr
-            for node in ast.walk(tree)
+            for node in nodes_of(tree)
             if isinstance(node, ast.Name | ast.Attribute)
         )
-        for node in ast.walk(tree):
+        for node in nodes_of(tree):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 lengths.append((node.end_lineno or node.lineno) - node.lineno + 1)
                 once += node.name.startswith("_") and not node.name.startswith("__") and uses[node.name] == 1
@@ -88,7 +94,7 @@ def _functions() -> tuple[list[int], int]:
 
 def _bindings() -> Iterator[str]:
     for tree in sources().values():
-        for node in ast.walk(tree):
+        for node in nodes_of(tree):
             if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
                 yield node.id
             elif isinstance(node, ast.arg):
@@ -98,7 +104,8 @@ def _bindings() -> Iterator[str]:
 def circles() -> list[list[str]]:
     """Return each group of modules that import each other in a circle, be it inside of functions; an import for types
     alone closes none."""
-    graph = {_module(name): _imports(tree) for name, tree in sources().items()}
+    modules = {_module(name) for name in sources()}
+    graph = {_module(name): _imports(tree, modules) for name, tree in sources().items()}
     reach: dict[str, set[str]] = {}
     for module in graph:
         seen: set[str] = set()
@@ -117,9 +124,8 @@ def _module(name: str) -> str:
     return name.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
 
 
-def _imports(tree: ast.Module) -> set[str]:
-    """The modules that a file imports to run; of a module that it takes from its package, the module alone."""
-    modules = {_module(name) for name in sources()}
+def _imports(tree: ast.Module, modules: set[str]) -> set[str]:
+    """Those of some modules that a file imports to run; of one that it takes from its package, it alone."""
     imported: set[str] = set()
     for node in _that_run(tree):
         if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
@@ -159,8 +165,8 @@ def _words() -> dict[str, set[str]]:
 
 
 def _words_of(tree: ast.Module) -> Iterator[str]:
-    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    for node in ast.walk(tree):
+    docstrings = {id(node.value) for node in nodes_of(tree) if isinstance(node, ast.Expr)}
+    for node in nodes_of(tree):
         match node:
             case ast.Constant(value=str(text)) if id(node) not in docstrings:
                 yield text

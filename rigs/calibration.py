@@ -202,9 +202,10 @@ class CalibratedModel(Part):
 
 
 Verdict = Literal["correct", "nothing"]
-Ground = Literal["not_judged", "explained", "gains_elsewhere", "unknown_cause", "no_gain_elsewhere"]
+Ground = Literal["not_judged", "explained", "gains_elsewhere", "unknown_cause", "no_gain_elsewhere", "not_shown"]
 """Why a model is corrected by, or not: no run judged it; the runs used are explained; it takes away error where it had
-no part; what explains the readings is in no library; or it takes away nothing where it had no part."""
+no part; what explains the readings is in no library; it takes away nothing where it had no part; or its runs cannot
+show what is wrong, as four poses, which more unknowns explain."""
 _LEAST_GAIN = 0.3
 """Share of the mean square that a model must take away where it had no part to be corrected by although an unknown
 cause remains. Source: a rule that was tried on generated cells of foreign effects, where worse models gained less."""
@@ -215,6 +216,8 @@ def ground_of(calibrated: CalibratedModel) -> Ground:
     judged = calibrated.judged
     if judged is None:
         return "not_judged"
+    if judged.condition == "not_testable_here":
+        return "not_shown"
     if judged.place == "used":
         return "unknown_cause" if judged.condition == "outside_library" else "explained"
     if judged.handed_um >= judged.before_um:
@@ -226,7 +229,7 @@ def ground_of(calibrated: CalibratedModel) -> Ground:
 
 def verdict_of(calibrated: CalibratedModel) -> Verdict:
     """Return whether targets, programs and entries may be corrected by a model. It is said nowhere else."""
-    return "nothing" if ground_of(calibrated) in ("unknown_cause", "no_gain_elsewhere") else "correct"
+    return "correct" if ground_of(calibrated) in ("not_judged", "explained", "gains_elsewhere") else "nothing"
 
 
 def packed_factor(root: Array) -> str:
@@ -363,7 +366,9 @@ class JointPortions(_Portions):
     STAGE = "joint"
 
     def plain(self, joint: str) -> str:
-        return f"{len(self.portions)} small errors of joints"
+        axes = {getattr(portion.of, "axis", None) for portion in self.portions} - {None}
+        joint = f"axis {axes.pop()}" if len(axes) == 1 else "axes"
+        return ", ".join(dict.fromkeys(portion.of.plain(joint) for portion in self.portions))
 
 
 class GaugePortions(_Portions):

@@ -25,6 +25,12 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@cache
+def nodes_of(path: Path) -> tuple[ast.AST, ...]:
+    """Every node of a file: walking through all of them costs more than what most tests here look for."""
+    return tuple(ast.walk(tree_of(path)))
+
+
 def name_of(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
@@ -46,7 +52,7 @@ def _functions() -> Iterator[tuple[str, ast.FunctionDef, str]]:
     """Each public function on arrays: its place, itself, and the words that describe it."""
     for path in FILES:
         name = name_of(path)
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             bodies = [("", node)] if isinstance(node, ast.Module) else []
             bodies += [(ast.get_docstring(node) or "", node)] if isinstance(node, ast.ClassDef) else []
             for of_class, body in bodies:
@@ -61,7 +67,7 @@ def _functions() -> Iterator[tuple[str, ast.FunctionDef, str]]:
 @cache
 def _classes() -> dict[str, ast.ClassDef]:
     """The classes of the product by name."""
-    return {node.name: node for path in FILES for node in ast.walk(tree_of(path)) if isinstance(node, ast.ClassDef)}
+    return {node.name: node for path in FILES for node in nodes_of(path) if isinstance(node, ast.ClassDef)}
 
 
 def _inherited(of_class: ast.ClassDef) -> set[str]:
@@ -98,7 +104,7 @@ def _strings() -> Iterator[tuple[str, str]]:
     """Each docstring and message of the product with its place."""
     for path in FILES:
         name = name_of(path)
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
                 yield f"{name}:{node.lineno}", node.value
 

@@ -137,7 +137,7 @@ def simulate(
 
     Source: docs/simulation.md.
     """
-    from analysis.simulation.simulated_runs import simulated_run  # noqa: PLC0415
+    from analysis.simulation.simulate import simulated_run  # noqa: PLC0415
 
     model, text = load(rig)
     if effects is not None:

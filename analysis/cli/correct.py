@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
@@ -36,7 +37,10 @@ _Targets = Annotated[
 ]
 _Maker = Annotated[
     MakerName | None,
-    maker_option("Maker of the controller whose parameters are written", "that of the robot feedback in the rig file"),
+    maker_option(
+        "Maker of the controller whose parameters are written, or with --program of the one whose program it is",
+        "that of the rig file",
+    ),
 ]
 _Scale = Annotated[
     str | None,
@@ -119,7 +123,7 @@ def correct(
     from analysis.correction.refusal import hold_verdict
     from analysis.reporting import correction_report
     from analysis.reporting.plain_console import PlainConsole
-    from rigs.errors import UseError
+    from rigs.errors import FileError, UseError
     from rigs.load import load, named_by
 
     if start and not programs:
@@ -131,6 +135,9 @@ def correct(
     with named_by(rig_file, rig), progress_of("correcting"):
         asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole, start_of(start))
         corrections = correct_rig(rig, path, maker, factors, entered=entered, programs=asked)
+        refused = bool(path or programs) and not corrections.work.gains and not anyway
+        if refused:
+            corrections = replace(corrections, path=None, programs=())
         written = correction_report.write(corrections, directory)
     if as_json:
         say_json(correction_report.as_object(corrections, written))
@@ -139,7 +146,11 @@ def correct(
     for file in written:
         say(f"wrote {file}", err=True)
     corrected = next((file for file in written if path and file.name == f"corrected-{path.name}"), None)
-    _say_next(rig_file, rig, maker, directory, corrected)
+    if refused:
+        problem = "corrected targets take away no error over the work, so none are written"
+        raise FileError(rig_file, problem, "leave targets and programs as they are; --anyway writes them")
+    if corrections.work.gains or anyway:
+        _say_next(rig_file, rig, maker, directory, corrected, has_targets=bool(path or programs))
     for program in corrections.programs:
         if start and program.start is None:
             say(f"{program.path.name}: no target takes its posture from --start-joints", err=True)
@@ -157,15 +168,18 @@ def correct(
     end_with(worst(errors))
 
 
-def _say_next(rig_file: str, rig: Rig, maker: MakerName | None, directory: Path, corrected: Path | None) -> None:
+def _say_next(
+    rig_file: str, rig: Rig, maker: MakerName | None, directory: Path, corrected: Path | None, *, has_targets: bool
+) -> None:
     """Say what a person can do with the corrections of a rig; `corrected` is the table of corrected targets."""
     axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
     programmed, file = axes == DRIVEN_AXES and not rail, as_argument(rig_file)
-    if maker is None and programmed:
+    if maker is None and programmed and not has_targets:
         likeliest, *others = rig.makers
         directory_for = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))
         alternatives = "; or ".join(filter(None, ["the controller's own parameters", ", ".join(others)]))
         say(f"next: rig correct {file} --for {likeliest} -o {directory_for}  # {alternatives}", err=True)
+        say("      or with --program FILE your own programs; never both, which corrects twice", err=True)
     if corrected:
         say(f"next: send the controller to q1_deg … q{axes}_deg{rail} of {corrected}", err=True)
         test = corrected.name.removeprefix("corrected-").removesuffix("-path.csv")

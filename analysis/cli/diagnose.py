@@ -87,7 +87,7 @@ def diagnose(
         )
     _show(diagnosis if as_json else with_commands_here(diagnosis, output), as_json=as_json)
     if output:
-        _write(diagnosis, measured, text, output, errors)
+        _write(diagnosis, (measured, judges, elsewhere), text, output, errors)
     end_with(worst(errors))
 
 
@@ -132,8 +132,11 @@ def _show(diagnosis: Diagnosis, *, as_json: bool) -> None:
         PlainConsole().print(as_screen(diagnosis))
 
 
-def _write(diagnosis: Diagnosis, measured: list[Measured], text: str, output: Path, errors: Sequence[RigError]) -> None:
-    """Write the page, or the directory; the rig file with what was missing comes last there."""
+def _write(
+    diagnosis: Diagnosis, by_use: Sequence[list[Measured]], text: str, output: Path, errors: Sequence[RigError]
+) -> None:
+    """Write the page, or the directory; the rig file with what was missing comes last there. `by_use` are the runs
+    used, those held out, and those unseen."""
     from analysis import evaluate_runs
     from analysis.cli.progress import progress_of
     from analysis.reporting.diagnosis_report import write
@@ -143,7 +146,7 @@ def _write(diagnosis: Diagnosis, measured: list[Measured], text: str, output: Pa
 
     if is_page(output):
         with progress_of() as progress:
-            results = evaluate_runs(measured)
+            results = evaluate_runs(by_use[0])
             diagnosed = with_commands_here(diagnosis, output)
             report = gather(results, diagnosis.rig, diagnosis=diagnosed, left_out=errors, progress=progress)
             written = [write_page(report, output)]
@@ -153,9 +156,23 @@ def _write(diagnosis: Diagnosis, measured: list[Measured], text: str, output: Pa
         say(f"wrote {path}", err=True)
     if written[-1].suffix == ".yaml":
         model = written[-1]
-        runs = " ".join(as_argument(run.run.path) for run in measured)
+        runs = _as_arguments(*([run.run.path for run in runs] for runs in by_use))
         say(f"next: rig diagnose {runs} --rig {as_argument(model)}  # is nothing missing any more?", err=True)
         say_correct(diagnosis, model)
+
+
+def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequence[Path]) -> str:
+    """Runs as arguments that mean the same runs from here: the directory, where all of its runs have a use."""
+    from analysis.cli.run_paths import runs_below
+
+    directory, current = used[0].parent, Path.cwd()
+    is_whole = len(used) > 1 and {path.resolve() for path in runs_below([directory])} <= {*used, *held_out, *unseen}
+    uses = ([directory] if is_whole else used, held_out, unseen)
+    return " ".join(
+        f"{option}{as_argument(path.relative_to(current) if path.is_relative_to(current) else path)}"
+        for option, paths in zip(("", "--hold-out ", "--unseen "), uses, strict=True)
+        for path in paths
+    )
 
 
 def say_correct(diagnosis: Diagnosis, model: Path) -> None:

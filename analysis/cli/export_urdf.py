@@ -104,8 +104,7 @@ def export_urdf(
 def _geometry(reader: Reader, rig: Rig, arm: Arm, where: str, carried: str) -> str:
     """The text of a format that holds the geometry alone."""
     from analysis.arms.driver_kinematics import driver_kinematics
-    from analysis.arms.urdf_text import urdf_text
-    from analysis.arms.xacro_text import xacro_text
+    from analysis.arms.urdf_text import urdf_text, xacro_text
 
     if reader == "urdf":
         return urdf_text(rig.robot, arm, where, [carried])

@@ -1,9 +1,10 @@
-"""`rig program RIG`: the robot programs of a test, for a person to load on the controller."""
+"""`rig program RIG`: the robot programs of a test, for a person to load on the controller; of ISO 9283 also what the
+tracker has to write, and how that is imported."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +12,11 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import Anyway, RigArgument, maker_option
 from rigs.schema.vocabulary import CIRCLES, MakerName, ProgramTest
+from rigs.text import as_argument
+
+if TYPE_CHECKING:
+    from rigs.rig import Rig
+
 
 _DWELL_S = 3.0
 """Seconds at each target unless given: arms settle within one, and slow gauges answer a few times."""
@@ -60,7 +66,6 @@ def program(
     anyway: Anyway = False,
 ) -> None:
     """Write the robot programs of a test, after a check of limits, singularities and turns; the robot is not moved."""
-    from analysis.cli.program_iso9283 import program_iso9283
     from analysis.cli.progress import progress_of
     from analysis.correction.target_path import compensated_plans
     from analysis.makers.writing import feedback_note, programs_of, write_programs
@@ -79,7 +84,7 @@ def program(
         if path or targets or outputs:
             problem = "is of the ball link's tests; correct planned poses by rig correct --path"
             raise UseError("--path, --targets and --outputs", problem, "leave it out")
-        program_iso9283(rig, rig_file, maker, directory, dwell_s or _DWELL_S)
+        _of_iso9283(rig, rig_file, maker, directory, dwell_s or _DWELL_S)
         return
     with named_by(rig_file, rig), progress_of("checking the programs"):
         arcs = LONGEST_ARC_DEG if arc_deg is None else arc_deg
@@ -98,6 +103,43 @@ def program(
         say(feedback_note(maker, rig.feedback), err=True)
     for written in paths:
         say(written)
+
+
+def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwell_s: float) -> None:
+    """Write the programs, say what the arm does in them, and how what the tracker wrote is imported."""
+    import numpy as np
+
+    from analysis.cli.progress import progress_of
+    from analysis.geometry.iso_cube import cube_of
+    from analysis.makers.writing import programs_of, write_programs
+    from analysis.robot_programs.examine import demand_lines, demand_of, seconds_of
+    from analysis.robot_programs.planned import PERCENTS, cube_plan, path_plan
+    from rigs.load import named_by
+
+    with named_by(rig_file, rig), progress_of("looking for room and checking the programs"):
+        cube = cube_of(rig)
+        plans = [cube_plan(rig, dwell_s), *(path_plan(rig, percent) for percent in PERCENTS)]
+        demands = [demand_of(plan) for plan in plans]
+    paths = write_programs(maker, programs_of(maker, list(zip(plans, demands, strict=True))), directory)
+    # Where the cube is, as a rig file states it
+    x, y, z = cube.centre_mm
+    posture = ", ".join(f"{angle:.4f}" for angle in np.degrees(cube.q[0]))
+    stated = f"{{centre_mm: [{x:.6g}, {y:.6g}, {z:.6g}], side_mm: {cube.side_mm:g}, posture_deg: [{posture}]}}"
+    keep = "; write it into the rig file, so that every run has the same" if cube.found else ""
+    say(f"tests.iso9283: {stated}{keep}", err=True)
+    names = [rig.robot.axis_words(axis) for axis in range(1, len(rig.robot.axes) + 1)]
+    for plan, demand in zip(plans, demands, strict=True):
+        say(f"{plan.name}: {seconds_of(plan) / 60:.0f} min", err=True)
+        for line in demand_lines(plan, demand, names):
+            say(f"{plan.name}: {line}", err=True)
+    for written in paths:
+        say(written)
+    say(
+        "next: a place of the tracker at each stop of the cube; time and place all along each program of paths",
+        err=True,
+    )
+    say(f"  rig import STOPS.csv --rig {as_argument(rig_file)} --test pose -o runs/cube", err=True)
+    say(f"  rig import PATH.csv --rig {as_argument(rig_file)} --test path -o runs/path-{PERCENTS[0]}", err=True)
 
 
 def _numbers(text: str) -> tuple[int, ...]:

@@ -19,7 +19,7 @@ from rigs.schema.vocabulary import MakerName
 from rigs.text import plain
 
 if TYPE_CHECKING:
-    from analysis.session.state import Place, Session
+    from analysis.session.state import Place
 
 _MINUTES, _WAIT_MIN = 50.0, 15.0
 
@@ -46,7 +46,10 @@ def session(
     ] = None,
     correct: Annotated[
         Literal["entries", "programs", "none"] | None,
-        typer.Option(help="How the robot is corrected; default: the way that takes more of its error away."),
+        typer.Option(
+            help="How the robot is corrected; default: by entries where they take away at least four fifths of what "
+            "programs do."
+        ),
     ] = None,
     entered: Annotated[
         bool, typer.Option("--entered", help="The values of the correction are entered at the controller.")
@@ -87,7 +90,7 @@ def session(
     rig, text = load(rig_file)
     place = Place(directory or Path(f"session-{rig.name}"))
     if status:
-        _show(place, text, as_json=as_json)
+        _show(place, rig_file, text, as_json=as_json)
         return
     for option, is_given in (("--effects", bool(effects)), ("--fast", fast)):
         if is_given and not emulated:
@@ -116,7 +119,7 @@ def session(
             screen.say(f"interrupted: what was reached is kept in {place.file}, and the same command goes on")
             raise typer.Exit(130) from None
     if as_json:
-        say_json(_plain(done))
+        say_json(done.model_dump(mode="json"))
 
 
 def _located(effects: str) -> str:
@@ -125,21 +128,17 @@ def _located(effects: str) -> str:
     return str(path.resolve()) if effects and path.is_file() else effects
 
 
-def _plain(kept_session: Session) -> object:
-    return kept_session.model_dump(mode="json")
-
-
-def _show(place: Place, rig_text: str, *, as_json: bool) -> None:
+def _show(place: Place, rig_file: Path | str, rig_text: str, *, as_json: bool) -> None:
     from analysis.session.next_step import next_of
     from analysis.session.words import status_lines
     from rigs.errors import FileError
 
     kept_session = place.read()
     if kept_session is None:
-        raise FileError(str(place.file), "no session was begun here", "begin one: rig session RIG")
+        raise FileError(str(place.file), "no session was begun here", f"begin one: {place.command(rig_file)}")
     place.hold_whole(kept_session, rig_text)
     if as_json:
-        say_json(_plain(kept_session))
+        say_json(kept_session.model_dump(mode="json"))
         return
     for line in status_lines(kept_session, next_of(kept_session), place.directory):
         for piece in _wrapped(line):

@@ -12,7 +12,7 @@ from analysis.correction.controller_entries import ControllerEntries, as_entered
 from analysis.correction.corrected_program import CorrectedProgram, Programs, correct_program
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
-from analysis.correction.support import Correction, Support, joint_zeros, link_constants, supports
+from analysis.correction.support import Correction, Support, joint_zeros, link_constants, supports, supports_beside
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from analysis.correction.work import (
     base_u_um,
@@ -26,12 +26,15 @@ from analysis.correction.work import (
     work_or_spread,
 )
 from analysis.kinematics.arm import Array
+from analysis.makers import maker_by
 from analysis.model.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES, MakerName
 
 NO_PROGRAMS = Programs()
+GAIN_UM = 1.0
+"""Gain below which nothing can be corrected. Chosen: below any robot's repeatability."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,11 @@ class WorkError:
     model_um: float
     unknown: float
 
+    @property
+    def gains(self) -> bool:
+        """Whether corrected targets take away error, with frame and tool taught or in the base."""
+        return max(self.before_um - self.after_um, self.base.before_um - self.base.after_um) >= GAIN_UM
+
 
 @dataclass(frozen=True)
 class InBase:
@@ -65,7 +73,8 @@ class InBase:
 class Corrections:
     """What can be corrected: the effects with their use, zeros and constants, and the error over the work; at a
     controller, the entries in its words; and, if a path was given, the path and its corrected targets, which are for a
-    controller that has its entries if `entered`."""
+    controller that has its entries if `entered`. `beside` are the effects that only the calibration beside the rig file
+    names, whose zeros and constants are among those."""
 
     rig: Rig
     effects: tuple[Support, ...]
@@ -76,6 +85,7 @@ class Corrections:
     at_controller: ControllerEntries | None = None
     entered: bool = False
     programs: tuple[CorrectedProgram, ...] = ()
+    beside: tuple[Support, ...] = ()
 
 
 def correct_rig(
@@ -89,9 +99,9 @@ def correct_rig(
 ) -> Corrections:
     """Return the corrections of a rig, at a controller where one is given, of which `scale` (6,) has the counts per
     degree or gear ratios; `entered` states that the controller has its entries, so that targets are for it with them.
-    `programs` are corrected for a controller without them. Raises FileError for
-    a rig without effects, for a path that cannot be read or reached and for a file that is no program; UseError for
-    `entered` without what it needs."""
+    Beside `programs` there are none, since both correct twice: the controller is then the one whose programs they are.
+    Raises FileError for a rig without effects, for a path that cannot be read or reached, for a file that is no program
+    and for a program of another maker's robot; UseError for `entered` without what it needs."""
     if not model_of(rig).effects:
         raise FileError(
             RigPlace.of(rig.name),
@@ -111,15 +121,29 @@ def correct_rig(
             "--entered", "is for --path; --program is for a controller without its entries", "give one of them"
         )
     supported = supports(rig)
-    entries = controller_entries(rig, supported, controller, scale) if controller else None
-    zeros, constants = joint_zeros(rig, supported), link_constants(rig, supported)
+    entries = controller_entries(rig, supported, controller, scale) if controller and not programs.paths else None
+    beside = supports_beside(rig)
+    zeros, constants = joint_zeros(rig, [*supported, *beside]), link_constants(rig, [*supported, *beside])
     targets = _targets(rig, supported, path, entries if entered else None) if path else None
     filtered = tuple(
         correct_program(rig, supported, program, programs.frames, scale, whole=programs.whole, start=programs.start)
         for program in programs.paths
     )
+    for program in filtered:
+        _hold_maker(program, controller or rig.maker)
     work = _work(rig, supported)
-    return Corrections(rig, tuple(supported), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered)
+    return Corrections(
+        rig, tuple(supported), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered, tuple(beside)
+    )
+
+
+def _hold_maker(program: CorrectedProgram, maker: MakerName | None) -> None:
+    """Raise FileError for a program of another maker's robot."""
+    if maker and program.maker != maker:
+        of, robot = (maker_by(name).controller.maker for name in (program.maker, maker))
+        problem = f"is a program for {of}, and the robot of the rig file is one of {robot}"
+        remedy = f"give a program of this robot, or --for {program.maker} where such a controller drives it"
+        raise FileError(str(program.path), problem, remedy)
 
 
 def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:

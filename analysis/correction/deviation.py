@@ -32,6 +32,24 @@ class Expected(Part):
     um: float
     u_um: float | None
 
+    @property
+    def text(self) -> str:
+        """`1.9 ± 7.7`, or why there is no ±."""
+        if self.u_um is None:
+            return f"{self.um:.1f}, without u: the runs behind the model do not say how well it holds there"
+        return f"{self.um:.1f} ± {self.u_um:.1f}"
+
+
+class Work(Part):
+    """The error of the tool's place over the work of the rig file, µm rms, without and with the correction; u_um: the
+    standard uncertainty of the model there, a part of after_um; unknown: the share of the work at which no run says how
+    well the arm is known, so that both are the model's guess there."""
+
+    before_um: float
+    after_um: float
+    u_um: float
+    unknown: Annotated[float, Field(ge=0, le=1)] = 0.0
+
 
 @dataclass(frozen=True)
 class Side:

@@ -21,6 +21,8 @@ def why_nothing(rig: Rig) -> str:
     judged = rig.calibrated.judged
     assert judged is not None  # noqa: S101 - without it the verdict is to correct
     why = "correct nothing by this model:"
+    if ground_of(rig.calibrated) == "not_shown":
+        return f"{why} its runs cannot show what is wrong, and what it leaves elsewhere is not known"
     remainder = f"it leaves {judged.handed_um:.0f} of {judged.before_um:.0f} µm rms"
     if ground_of(rig.calibrated) == "no_gain_elsewhere":
         return f"{why} where it had no part {remainder}, no less than without it"

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from analysis.conventions.joints import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest, left_mm
-from analysis.conventions.place import NO_INSTRUMENT_MM, OF_CONTROLLER
-from analysis.conventions.two_placings import SPARE
+from analysis.conventions.place import NO_INSTRUMENT_MM, OF_CONTROLLER, SPARE
 from analysis.files.cells import TableFileError
 from analysis.files.column_groups import Group, Groups, Seen, groups_of, is_of_controller
 from analysis.files.cube_stops import with_joints

@@ -8,19 +8,17 @@ made again. SQLite's own locks and journal order what two commands write at once
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import sqlite3
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.fleet.seen import Examined, Seen
 from analysis.history import history_file
-from analysis.history.records import Record
-from analysis.measures.quantity import Quantity
+from analysis.history.records import Record, escaped
 from rigs.errors import CellError, FileError
 
 VERSION = 1
@@ -189,22 +187,17 @@ def keep(path: Path, examined_runs: Iterable[tuple[Seen, Examined | None]]) -> N
             else:
                 record = examined.record
                 sha256 = hashlib.sha256(examined.rig_text.encode("utf-8", "surrogatepass")).hexdigest()
-                file.execute(
-                    "insert or ignore into rigs values (?, ?)", (sha256, history_file.escaped(examined.rig_text))
-                )
+                file.execute("insert or ignore into rigs values (?, ?)", (sha256, escaped(examined.rig_text)))
                 signature = seen.signature if examined.is_evaluated else ""
                 label = (record.rig, signature, record.fingerprint, sha256)
-                text = json.dumps(
-                    vars(record) | {"figures": {name: astuple(quantity) for name, quantity in record.figures.items()}}
-                )
                 file.execute(
                     "insert or replace into runs values (?, ?, ?, ?, ?, ?, ?, ?)",
                     (
                         os.fsencode(seen.run),
                         os.fsencode(Path(seen.run).parent),
                         *label,
-                        history_file.escaped(record.problem),
-                        text,
+                        escaped(record.problem),
+                        record.as_json,
                     ),
                 )
 
@@ -229,11 +222,7 @@ def records_of(path: Path, key: Key) -> tuple[list[Record], dict[str, str]]:
             )
         )
     try:
-        records = []
-        for text, _ in rows:
-            fields = json.loads(text)
-            figures = {name: Quantity(*figure) for name, figure in fields.pop("figures").items()}
-            records.append(Record(**fields, figures=figures))
+        records = [Record.of_json(text) for text, _ in rows]
     except (TypeError, ValueError) as error:
         raise Damaged(path, str(error)) from None
     return records, {record.name: texts.get(rig, "") for record, (_, rig) in zip(records, rows, strict=True)}

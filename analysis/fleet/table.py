@@ -11,8 +11,7 @@ from typing import Any
 from analysis.fleet.catalogue import Key
 from analysis.fleet.gather import Fleet, collected_in
 from analysis.history.collect import Collected
-from analysis.history.history_file import escaped
-from analysis.history.records import Record
+from analysis.history.records import Record, escaped
 from daq.store import durable
 from rigs.errors import FileError
 

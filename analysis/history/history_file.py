@@ -6,7 +6,6 @@ SQLite's own locks and journal order what two processes write, and what a crash 
 
 from __future__ import annotations
 
-import math
 import os
 import sqlite3
 from collections.abc import Iterable
@@ -15,12 +14,11 @@ from datetime import datetime
 from pathlib import Path
 
 from analysis.history.records import Record
-from analysis.measures.quantity import Quantity
 from rigs.distribution import version
 
 FILE = ".history.sqlite"
 """Hidden, so that `runs/*` in a shell is runs only."""
-VERSION = 5
+VERSION = 6
 """Version of the tables below and of the figures in them."""
 _OURS = 0x52494748
 """SQLite's application_id, `RIGH`: a database of somebody else is left alone."""
@@ -39,14 +37,7 @@ _OF_THE_SYSTEM = {
 """Errors of disk, rights and locks: the file itself may be good, and is left as it is."""
 _TABLES = """
 create table made_by (rig text not null);
-create table runs (
-    name blob primary key, fingerprint text not null, rig text not null, started text not null, test text not null,
-    direction text not null, placement text not null, program text not null, problem text not null,
-    readings text not null, simulated integer not null, corrected text not null) without rowid;
-create table figures (
-    run blob not null references runs (name) on delete cascade, figure text not null, value real, u real,
-    unit text not null, samples integer not null, noise text not null,
-    primary key (run, figure)) without rowid;
+create table runs (name blob primary key, record text not null) without rowid;
 """
 
 
@@ -67,19 +58,11 @@ def read_records(path: Path) -> tuple[dict[str, Record], str]:
             _check_owner(file)
             if _version(file) != VERSION or file.execute("select rig from made_by").fetchall() != [(made_by(),)]:
                 return {}, "was made by another version of rig"
-            figures: dict[bytes, dict[str, Quantity]] = {}
-            for run, figure, value, u, unit, samples, noise in file.execute(
-                "select * from figures order by run, figure"
-            ):
-                quantity = Quantity(_number(value), _number(u), unit, samples, noise)
-                figures.setdefault(run, {})[figure] = quantity
             records = {}
-            for row in file.execute("select * from runs order by name"):
-                name, *label, readings, simulated, corrected = row
-                fields = (os.fsdecode(name), *label, figures.get(name, {}), readings, bool(simulated), corrected)
-                record, problem, started = Record(*fields), label[-1], label[2]
-                if not problem:
-                    datetime.fromisoformat(started)  # raises ValueError, which is damage
+            for (text,) in file.execute("select record from runs order by name"):
+                record = Record.of_json(text)
+                if not record.problem:
+                    datetime.fromisoformat(record.started)  # raises ValueError, which is damage
                 records[record.name] = record
             return records, ""
     except (sqlite3.Error, TypeError, ValueError) as error:
@@ -101,7 +84,6 @@ def write_records(path: Path, records: Iterable[Record], gone: Iterable[str], *,
             for name in (path, path.with_name(path.name + "-journal")):
                 name.unlink(missing_ok=True)
         with closing(sqlite3.connect(path, timeout=_WAIT_S, isolation_level=None)) as file:
-            file.execute("pragma foreign_keys = on")
             file.execute("begin immediate")
             _check_owner(file)
             if _version(file) != VERSION:
@@ -111,8 +93,8 @@ def write_records(path: Path, records: Iterable[Record], gone: Iterable[str], *,
                 file.execute(f"pragma application_id = {_OURS}")
                 file.execute(f"pragma user_version = {VERSION}")
             file.executemany("delete from runs where name = ?", [(os.fsencode(name),) for name in gone])
-            for record in records:
-                _insert(file, record)
+            rows = [(os.fsencode(record.name), record.as_json) for record in records]
+            file.executemany("insert or replace into runs values (?, ?)", rows)
             file.execute("commit")
     except (sqlite3.Error, OSError) as error:
         raise Unusable(str(error)) from None
@@ -132,30 +114,3 @@ def _version(file: sqlite3.Connection) -> int:
 def made_by() -> str:
     """The version of rig, whose figures may differ from those of another."""
     return version()
-
-
-def _insert(file: sqlite3.Connection, record: Record) -> None:
-    key = os.fsencode(record.name)
-    file.execute("delete from runs where name = ?", (key,))
-    row = (record.fingerprint, record.rig, record.started, record.test, record.direction, record.placement)
-    file.execute(
-        "insert into runs values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        (key, *row, record.program, escaped(record.problem), record.readings, record.simulated, record.corrected),
-    )
-    file.executemany(
-        "insert into figures values (?, ?, ?, ?, ?, ?, ?)",
-        [
-            (key, figure, quantity.value, quantity.u, quantity.unit, quantity.samples, quantity.noise)
-            for figure, quantity in record.figures.items()
-        ],
-    )
-
-
-def escaped(text: str) -> str:
-    """The text with lone surrogates, which no database stores, as their escapes."""
-    return text.encode("utf-8", "backslashreplace").decode()
-
-
-def _number(value: float | None) -> float:
-    """SQLite stores nan as null."""
-    return math.nan if value is None else float(value)

@@ -7,7 +7,7 @@ import hashlib
 import json
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import get_args
@@ -45,6 +45,11 @@ _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
 """What differs between cells and runs of one program, and changes only how well a figure is known."""
 
 
+def escaped(text: str) -> str:
+    """The text with lone surrogates, which no database stores, as their escapes."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
 @dataclass(frozen=True)
 class Record:
     """A run: the name of its directory, its fingerprint, when it began (ISO 8601), what was driven, and its figures;
@@ -65,6 +70,21 @@ class Record:
     readings: str = ""
     simulated: bool = False
     corrected: str = ""
+
+    @property
+    def as_json(self) -> str:
+        """The record as a line of JSON, which `of_json` reads; lone surrogates of its problem are their escapes."""
+        figures = {name: astuple(quantity) for name, quantity in self.figures.items()}
+        return json.dumps(vars(self) | {"figures": figures, "problem": escaped(self.problem)})
+
+    @classmethod
+    def of_json(cls, line: str) -> Record:
+        """The record of a line of JSON. Raises TypeError or ValueError for any other."""
+        fields = json.loads(line)
+        try:
+            return cls(**fields | {"figures": {name: Quantity(*figure) for name, figure in fields["figures"].items()}})
+        except (AttributeError, LookupError) as error:
+            raise ValueError(f"is no record: {error}") from None
 
     @property
     def title(self) -> str:

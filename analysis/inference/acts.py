@@ -13,7 +13,7 @@ from rigs.effects import Effect
 from rigs.schema.effect import label_of
 
 ActKind = Literal["repair", "remaster", "enter", "load", "approach", "measure", "mount", "wait", "convert", "none"]
-"""What a person does: repair a cause; re-master a joint; enter a constant; load corrected programs and entries;
+"""What a person does: repair a cause; re-master a joint; enter a constant; load corrected programs or entries;
 approach targets from one side; measure what decides; mount ball, gauges or base again; wait until the arm is warm;
 convert readings that were taken in another way; or nothing."""
 JudgedOn = Literal["unseen", "held_out", "used"]

@@ -16,7 +16,7 @@ from analysis.inference.result import LARGE_SHARE, BudgetPart, Gap, Member, Name
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import BALL_PRIOR_MM
 from analysis.inference.state import FAULT, combined_effect
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, Integers
 from rigs.effects import Effect
 from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field
 
@@ -28,7 +28,7 @@ from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field
 # goes to each. Every test counts by its readings, as in the gap.
 
 _CANCELS = 0.005
-"""Share below zero from which a part stands on the line of the one that it cancels; a smaller one rounds to nothing."""
+"""Share below zero from which a part stands on the line of the one that it cancels; a smaller one counts as nothing."""
 _MOST_MEMBERS = 3
 """Members of a group that are listed, chosen: what a person compares at a glance. Their odds are those among all."""
 _DOUBTED_SIGMA = 2.0
@@ -211,7 +211,10 @@ class Budget:
                 scatter = replace(scatter, share=scatter.share - of_scatter)
                 kept = float(np.sqrt(1 - repeats / unexplained.share)) if repeats > 0 else 1.0
                 unexplained = replace(unexplained, share=unexplained.share - repeats, um=kept * unexplained.um)
-        return sorted([*parts, unexplained, scatter], key=lambda part: -part.share)
+        # A share just below zero is nothing, and what all others have too much by it is taken from them in proportion.
+        every = [replace(part, share=max(part.share, 0.0)) for part in (*parts, unexplained, scatter)]
+        whole = sum(part.share for part in every)
+        return sorted((replace(part, share=part.share / whole) for part in every), key=lambda part: -part.share)
 
     def _without_cancelling(self, drawn: Sequence[_Drawn]) -> list[_Drawn]:
         """Return the parts, those that cancel much of another one as one line with it: no share is below zero."""
@@ -224,7 +227,8 @@ class Budget:
             vector = partner.vector + least.vector
             both = replace(
                 partner.part, um=float(np.linalg.norm(vector)), u_um=max(partner.part.u_um, least.part.u_um),
-                share=self.share(vector), cancelled=(*partner.part.cancelled, least.part.label, *least.part.cancelled),
+                share=self.share(vector),
+                alone=(*(partner.part.alone or (partner.part,)), *(least.part.alone or (least.part,))),
             )  # fmt: skip
             kept = [_Drawn(both, vector) if line is partner else line for line in others]
         return kept
@@ -240,10 +244,9 @@ class Budget:
             indices = np.array([column for form in forms for column in form.columns])
             moved = self.measure.of(columns.X[:, indices])
             vector = moved @ posterior.mean[indices]
-            gram = moved.T @ moved
-            u_um = float(np.sqrt(max(np.sum(gram * posterior.covariance_among(indices)), 0.0)))
+            u_um = self._u_um(moved, indices)
             times = np.array([form.effect.usual_times(self.result.built) for form in forms for _ in form.columns])
-            usual_um = float(np.sqrt(np.sum(np.diag(gram) * columns.healthy[indices] * times**2)))
+            usual_um = float(np.sqrt(np.sum(moved**2 @ (columns.healthy[indices] * times**2))))
             um = float(np.linalg.norm(vector))
             ratio = um / usual_um if usual_um > 0 else 0.0
             rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
@@ -251,6 +254,10 @@ class Budget:
             part = replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part
             drawn.append(_Drawn(part, vector))
         return drawn
+
+    def _u_um(self, moved: Array, indices: Integers) -> float:
+        """Return the standard uncertainty in µm of what columns `indices` do together, which move readings (N, n)."""
+        return float(np.sqrt(max(np.sum(moved.T @ moved * self.result.posterior.covariance_among(indices)), 0.0)))
 
     def _members(self, forms: Sequence[Form]) -> tuple[Member, ...]:
         """Return what a group may be, the likeliest first: each name in its best form, with the odds that it alone is
@@ -271,8 +278,10 @@ class Budget:
         for form, likely in zip(kept, odds[1:], strict=True):
             indices = list(form.columns)
             # What it does at the size that it has among the small terms.
-            um = self.measure.um(result.columns.X[:, indices] @ result.posterior.mean[indices])
-            members.append(Member(combined_effect(form.effects, result.posterior.size(form)), um, float(likely)))
+            moved = self.measure.of(result.columns.X[:, indices])
+            um = float(np.linalg.norm(moved @ result.posterior.mean[indices]))
+            u_um = self._u_um(moved, np.array(indices))
+            members.append(Member(combined_effect(form.effects, result.posterior.size(form)), um, float(likely), u_um))
         return tuple(sorted(members, key=lambda member: -member.odds)[:_MOST_MEMBERS])
 
     @cached_property

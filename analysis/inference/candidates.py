@@ -7,7 +7,6 @@ the size that is expected of it. `departure_columns` are what a real gear, ball 
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -43,13 +42,13 @@ healthy sizes. Chosen: a factor of about five apart, since the fit then adjusts 
 class Candidate:
     """One name in one form. `effects` has one effect for each column, at `size` of its healthy size, because the
     response to a play is not proportional to its width. `shaped` has the same effect in the other shapes that a search
-    also tries, which may be `against_stated` what the rig file has."""
+    also tries, and `weight` how likely each of these is beside this one."""
 
     name: str
     effects: tuple[Effect, ...]
     size: float = 1.0
     shaped: tuple[Effect, ...] = ()
-    against_stated: bool = False
+    weight: float = 1.0
 
     @property
     def effect(self) -> Effect:
@@ -69,11 +68,12 @@ def candidates_for(linear: Linearisation) -> list[Candidate]:
             sizes = [min(1.0, form.STRAIGHT)]
             if is_play(form):  # its response depends on its width
                 sizes = sorted({min(1.0, _PLAY_SIGMA / max(float(next(sigmas)), 1e-9)), *_PLAYS})
-            tried = [{free.field: value} for free in form.free(scope.payload_kg) for value in free.tried]
+            tried = [(free.stated, {free.field: value}) for free in form.free(scope.payload_kg) for value in free.tried]
+            # All that is against what the rig file states is as likely as that: more of it makes no name less likely.
+            weight = 1 / len(tried) if any(stated for stated, _ in tried) else 1.0
             for whole, size in ((scaled(healthy(form), size), size) for size in sizes):
-                shaped = tuple(whole.model_copy(update=shape) for shape in tried)
-                stated = any(free.stated for free in form.free(scope.payload_kg))
-                candidates.append(Candidate(name_of(form), phases(whole), size, shaped, stated))
+                shaped = tuple(whole.model_copy(update=shape) for _, shape in tried)
+                candidates.append(Candidate(name_of(form), phases(whole), size, shaped, weight))
     return candidates
 
 
@@ -281,11 +281,9 @@ def fault_sizes(level: float) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class Form(Candidate):
-    """One way in which a name may appear: a candidate with the indices of its `columns`, `among` so many forms of its
-    name, of which those against what the rig file states count as one together."""
+    """One way in which a name may appear: a candidate with the indices of its `columns`."""
 
     columns: tuple[int, ...]
-    among: int
 
     @property
     def one_sided(self) -> bool:
@@ -320,12 +318,12 @@ class Columns:
     _uneven: dict[tuple[int, bytes], Array] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
-    def among(self) -> Counter[str]:
-        """The number of forms of each name, as its likeliest counts them."""
-        counts = Counter[str]()
+    def among(self) -> dict[str, float]:
+        """The number of forms of each name, by their weights."""
+        among = dict.fromkeys((form.name for form in self.forms), 0.0)
         for form in self.forms:
-            counts[form.name] = min(counts[form.name] or form.among, form.among)
-        return counts
+            among[form.name] += form.weight
+        return among
 
     @cached_property
     def likelihoods(self) -> Array:
@@ -501,7 +499,7 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
 def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return candidates, each followed by its variants in other shapes."""
     return [
-        replace(candidate, effects=effects, shaped=(), against_stated=candidate.against_stated and k > 0)
+        replace(candidate, effects=effects, shaped=(), weight=candidate.weight if k else 1.0)
         for candidate in candidates
         for k, effects in enumerate((candidate.effects, *((shape,) for shape in candidate.shaped)))
     ]
@@ -509,13 +507,10 @@ def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
     """Return the forms of candidates, with columns in their order."""
-    against = Counter(form.name for form in every if form.against_stated)
-    among = Counter(form.name for form in every if not form.against_stated) + Counter(dict.fromkeys(against, 1))
     first, forms = 0, []
     for form in every:
         columns = tuple(range(first, first := first + len(form.effects)))
-        of_name = among[form.name] * (against[form.name] if form.against_stated else 1)
-        forms.append(Form(**vars(form), columns=columns, among=of_name))
+        forms.append(Form(**vars(form), columns=columns))
     return tuple(forms)
 
 
@@ -564,21 +559,18 @@ def _is_ordered(orders: Array) -> bool:
 
 
 def _likelihoods(forms: Sequence[Form]) -> Array:
-    """Return how likely each form is (n,) among those of its name: all alike, but for the orders of a gear, and those
-    against what the rig file states, which are as likely as one together: more of them make no name less likely.
+    """Return how likely each form is (n,) among those of its name: by their weights, but for the orders of a gear.
 
     Orders are ratios of gear stages, so every octave of them is equally likely. With the same likelihood for every
     order of a joint that turns far, a healthy gear error of order 3 was expected to be a third of what it was, and a
     form error of the ball that resembles it came out 8 % too small, 6 times its uncertainty.
     """
-    likely, names = np.ones(len(forms)), np.array([form.name for form in forms])
+    likely, names = np.array([form.weight for form in forms]), np.array([form.name for form in forms])
     for name in dict.fromkeys(names.tolist()):
         indices = np.flatnonzero(names == name)
         orders = np.array([order_of(forms[k].effect) for k in indices.tolist()])
         if _is_ordered(orders):
             likely[indices[np.argsort(orders)]] = np.gradient(np.log(np.sort(orders)))
-        against = np.array([forms[k].against_stated for k in indices.tolist()])
-        likely[indices] /= np.where(against, max(against.sum(), 1), 1)
         likely[indices] /= likely[indices].sum()
     return likely
 

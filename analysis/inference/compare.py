@@ -172,13 +172,7 @@ def _one(run: Measured, model: Model, setup: SetUp, rows: Integers, residuals_mm
     result = result_of(run)
     values = predict(model, run.table, path_of(model, run.table), setup)
     simulated_table = run.table.kind.with_readings(run.table, values)
-    simulated = evaluate(
-        simulated_table,
-        model.rig,
-        run.u_lag_s,
-        f"{run.path}, simulated",
-        u_gauge_mm=0.0,
-    )
+    simulated = evaluate(simulated_table, model.rig, run.u_lag_s, f"{run.path}, simulated", u_gauge_mm=0.0)
     x, measured_curve, unit = curve(result.found, run.table)
     _, simulated_curve, _ = curve(simulated, simulated_table)
     correlation = float(np.corrcoef(measured_curve, simulated_curve)[0, 1]) if np.ptp(simulated_curve) else float("nan")

@@ -106,7 +106,7 @@ def naming_tests(
 
 def _needs_a_test(part: BudgetPart, named: Sequence[Named]) -> bool:
     if part.index is None:
-        return bool(part.members) and not is_play(part.members[0].effect)
+        return bool(part.members) and not part.cause and not is_play(part.members[0].effect)
     name = named[part.index]
     if is_open(part, name):
         return not is_play(name.effect)

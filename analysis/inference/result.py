@@ -11,16 +11,16 @@ import pyarrow as pa
 
 from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.inference.acts import Act, Doubt, JudgedOn
+from analysis.inference.residuals import Curve, Map, Place, ResidualBand
 from analysis.inference.staircase import Staircase
-from analysis.kinematics.arm import Array
 from analysis.measures.parameters import parameters_of
 from analysis.model.predict import SetUp
 from rigs.calibration import CalibratedModel
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.effect import SEATS, PartKind, name_of
+from rigs.schema.effect import SEATS, PartKind, name_of, size_field
 from rigs.schema.limits import Standing
-from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction, TestName
+from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The answer of a diagnosis as values: the condition of the arm, its accuracy, and the budget of its error.
@@ -40,15 +40,23 @@ Rank = Literal["unusual", "usual", "undecided"]
 @dataclass(frozen=True)
 class Member:
     """An effect that a group of small terms may be, with its size in its own unit as the readings show it beside
-    everything else, the rms in µm that the group gives it, and the odds that it is the one that stands out."""
+    everything else, the rms in µm that the group gives it with its standard uncertainty, and the odds that it is the
+    one that stands out."""
 
     effect: Effect
     um: float
     odds: float
+    u_um: float = 0.0
+
+    @property
+    def sd(self) -> dict[str, float]:
+        """The standard uncertainty of its size, as that of what it does; empty where that is not known."""
+        field = size_field(self.effect)
+        return {field: abs(getattr(self.effect, field)) * self.u_um / self.um} if self.um > 0 else {}
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        return _of_effect(self.effect, {}, self.odds) | {"um": self.um}
+        return _of_effect(self.effect, self.sd, self.odds) | {"um": self.um, "u_um": self.u_um}
 
 
 @dataclass(frozen=True)
@@ -58,7 +66,7 @@ class BudgetPart:
 
     `um` is its root mean square in the readings in µm, with set-ups fitted, and `u_um` the standard uncertainty of that
     change. `share` is its share of the gap's energy: shares add up to 1, and of what two parts have in common each has
-    half; a part whose share would be negative is counted with what it cancels (`cancelled`). `times_usual` is how many
+    half; none is negative, and a part that cancels another is counted with it (`cancelled`). `times_usual` is how many
     times as much it does as a healthy arm shows, None where that has no meaning. `odds`, `held_out_gain` and `doubt`
     are those of a fitted effect, and `name` its name.
     """
@@ -78,13 +86,25 @@ class BudgetPart:
     """The index of the fitted effect among the effects of the diagnosis."""
     members: tuple[Member, ...] = ()
     """What a group that makes more than a third of the gap may be, the likeliest first."""
-    cancelled: tuple[str, ...] = ()
-    """The labels of what cancels some of it, which is counted with it."""
+    alone: tuple[BudgetPart, ...] = ()
+    """Where something cancels some of it and is counted with it: each of them as it is alone, the part itself first."""
+
+    @property
+    def cancelled(self) -> tuple[str, ...]:
+        """The labels of what cancels some of it."""
+        return tuple(part.label for part in self.alone[1:])
 
     @property
     def label(self) -> str:
         """What it is, for a machine: the name of an effect, or its kind with the axis."""
         return self.name or (f"{self.kind} {self.axis}" if self.axis else self.kind)
+
+    @property
+    def cause(self) -> Member | None:
+        """The member of a group that is certain: it alone stands out, and what it does is known."""
+        likeliest = next(iter(self.members), None)
+        is_cause = likeliest and likeliest.odds >= CERTAIN_ODDS and likeliest.um > SURE_SIGMA * likeliest.u_um
+        return likeliest if is_cause else None
 
     @property
     def sigma(self) -> float:
@@ -93,8 +113,8 @@ class BudgetPart:
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        plain = {key: value for key, value in vars(self).items() if key != "members"}
-        return {**plain, "class": self.rank, "members": [member.to_dict() for member in self.members]}
+        parts = {name: [part.to_dict() for part in getattr(self, name)] for name in ("alone", "members")}
+        return {**vars(self), **parts, "class": self.rank, "cancelled": self.cancelled}
 
 
 @dataclass(frozen=True)
@@ -128,6 +148,8 @@ class Accuracy:
 _DIFFERS, _SURE = 0.5, 3.0
 """Difference of the shares of two set-ups above which they contradict a name, and the standard uncertainties by which
 they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
+_COMPLETE = 0.9
+"""Share of the error from which scatter is all that is left: every other part has less than a tenth, as no act has."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
@@ -142,27 +164,6 @@ be."""
 CERTAIN_SIGMA = 7.0
 """Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
 """
-
-
-@dataclass(frozen=True)
-class Place:
-    """A place where measurement and simulation disagree by more than the noise.
-
-    `part` is `distance` (mean of the gauges) or `angle` (their difference over the baseline). `from_deg` and `to_deg`
-    are circle angles, or the numbers of the first and last target for tests at targets. `joint` is the joint that
-    reverses there, if one does. `rms_um` is the rms of the residual there and `sigma` the ratio of its largest value to
-    the noise.
-    """
-
-    test: TestName
-    direction: Direction | None
-    part: Literal["distance", "angle"]
-    from_deg: float
-    to_deg: float
-    joint: int | None
-    why: str
-    rms_um: float
-    sigma: float
 
 
 @dataclass(frozen=True)
@@ -344,19 +345,6 @@ class Gap:
         }
 
 
-@dataclass(frozen=True)
-class ResidualBand:
-    """The unexplained residual in one band of orders (cycles per lap), or at targets: the ratio of chi-square to its
-    expectation from noise, and a description."""
-
-    test: TestName
-    direction: Direction | None
-    part: Literal["distance", "angle", "targets"]
-    orders: tuple[int, int] | None
-    ratio: float
-    words: str
-
-
 Subject = Literal["posture", "approach", "time", "temperature", "speed"]
 
 
@@ -386,42 +374,6 @@ class NextTest:
     test: str
     why: str
     expected_sigma: float
-
-
-@dataclass(frozen=True)
-class Curve(Tabular):
-    """The residuals (n, 2) µm of the two gauges of a circle at the circle angles phi_deg (n,), averaged over its runs
-    with the set-up fitted. `turns` lists (circle angle in degrees, joint) where joints reverse."""
-
-    test: TestName
-    direction: Direction
-    phi_deg: Array
-    before_um: Array
-    after_um: Array
-    turns: tuple[tuple[float, int], ...]
-
-    def to_table(self) -> pa.Table:
-        """A row for each circle angle: phi_deg, and before and after of each gauge, as g1_before_um."""
-        both = {"before": self.before_um, "after": self.after_um}
-        gauges = {f"g{k + 1}_{when}_um": values[:, k] for when, values in both.items() for k in range(values.shape[1])}
-        return pa.table({"phi_deg": self.phi_deg} | gauges)
-
-
-@dataclass(frozen=True)
-class Map(Tabular):
-    """Residuals (n,) µm at targets, with the number, polar angle and azimuth (n,) in degrees of each. For poses the
-    residual is the remaining distance (n,), and the numbers are those of rows."""
-
-    test: TestName
-    target: Array
-    polar_deg: Array
-    azimuth_deg: Array
-    before_um: Array
-    after_um: Array
-
-    def to_table(self) -> pa.Table:
-        """A row for each reading, one column for each field but the test."""
-        return pa.table({name: values for name, values in vars(self).items() if name != "test"})
 
 
 @dataclass(frozen=True)
@@ -470,6 +422,19 @@ class Diagnosis(Tabular):
     """What follows from it, the first act first; every output prints from here."""
 
     @property
+    def is_testable(self) -> bool:
+        """Whether the runs can show effects; where they cannot, nobody knows what a calibration by them leaves."""
+        return self.condition != "not_testable_here"
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether nothing is missing in a model that was calibrated, or holds effects, before: what is left of the runs
+        differs from run to run."""
+        has_model = self.rig.calibrated is not None or bool(self.rig.effects)
+        scatter = sum(part.share for part in self.budget if part.kind == "scatter")
+        return has_model and self.condition in ("uncalibrated", "nothing_unusual") and scatter > _COMPLETE
+
+    @property
     def next_act(self) -> Act | None:
         """What to do next; None where fits of given effects ask for nothing."""
         return self.acts[0] if self.acts else None
@@ -515,10 +480,14 @@ class Diagnosis(Tabular):
         """
         outside = {"held_out": self.held_out, "unseen_place": self.unseen}
         gaps = {"train": self.train.to_dict()} | {name: gap and gap.to_dict() for name, gap in outside.items()}
+        accuracy = self.accuracy.to_dict()
+        if not self.is_testable:
+            for figures, key in ((accuracy, "calibrated_um"), *((gap, "calibrated") for gap in gaps.values() if gap)):
+                figures[key] = None
         plain: dict[str, Any] = for_json(
             {
                 "condition": self.condition,
-                "accuracy": self.accuracy.to_dict(),
+                "accuracy": accuracy,
                 "budget": [part.to_dict() for part in self.budget],
                 "acts": [act.to_dict() for act in self.acts],
                 "runs_to_decide": self.runs_to_decide,
@@ -526,7 +495,7 @@ class Diagnosis(Tabular):
                 "runs": self.runs,
                 "effects": [name.to_dict() for name in self.effects],
                 "remainder": asdict(self.remainder),
-                "where": [of_place(place) for place in self.where],
+                "where": [place.to_dict() for place in self.where],
                 "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
                 "left": [asdict(band) for band in self.left],
                 **({"remains": asdict(self.remains)} if self.remains else {}),
@@ -568,8 +537,3 @@ def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """Return whether a part is there for certain, an effect without rivals or many small terms together."""
     is_certain = part.index is None or diagnosis.effects[part.index].posterior >= CERTAIN_ODDS
     return is_certain and is_there(diagnosis, part)
-
-
-def of_place(place: Place) -> dict[str, Any]:
-    """A place in plain types."""
-    return {"channel": place.test, **{key: value for key, value in asdict(place).items() if key != "test"}}

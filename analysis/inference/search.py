@@ -226,7 +226,7 @@ _ALIKE, _OWN = 0.5, 0.2
 travel; and at least 0.2 of its energy must remain once the dependence on joint angle is removed."""
 _STEPS = 19
 """Angles of a joint, each with as many poses to the next, beyond which its link may be off. Chosen: 5 % each."""
-_ORDERS = (1, 2, 3)
+_ORDERS = np.array([1, 2, 3])
 """Cycles per turn of the functions of a joint's angle. Chosen: the first three orders describe gravity and eccentric
 gear wheels."""
 
@@ -238,7 +238,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     rows = linear.at_entries([np.full(len(block.y_mm), block.table.kind.of_tracker) for block in linear.blocks])
     if not rows.any():
         return ()
-    taken = basis_of(np.concatenate([linear.U, *_by_angle(linear)], axis=1))
+    taken = basis_of(np.concatenate([linear.U, *_by_angle(linear, _smooth)], axis=1))
     joints = range(1, linear.axes + 1)
     freedom = int(rows.sum()) - taken.shape[1] - len(joints)
     if freedom < taken.shape[1]:  # as many terms as readings follow anything, the direction of travel too
@@ -264,41 +264,39 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         energy = float(np.sum((y - A @ ahead)[rows] ** 2))
         sd[shown] = np.sqrt(energy / freedom * (inverse**2).sum(axis=1))
         share = 1 - energy / max(float(np.sum(y[rows] ** 2)), 1e-300)
-        fits.append((share, ahead, sd, A, words, unit))
-    share, ahead, sd, A, words, unit = max(fits, key=lambda fit: fit[0])
+        fits.append((share, ahead, sd, A, y, words, unit))
+    share, ahead, sd, A, y, words, unit = max(fits, key=lambda fit: fit[0])
     poses = [block.table.kind.of_tracker for block in linear.blocks]
     um = np.array([plain_worth(linear, A[:, [k]] @ ahead[[k]]).um[poses].max() for k in range(len(joints))])
     early = (ahead > _SURE * sd) & (um > LEAST_MATERIAL_UM)
-    if share < _LEAST_SHARE or not early.any() or share < _by_a_step(linear, rows, free, _with_alike(result, A, free)):
+    if share < _LEAST_SHARE or not early.any() or share < _step_share(linear, rows, free, y):
         return ()
     axes = ", ".join(f"axis {k + 1} {words.format(unit * ahead[k], unit * sd[k])}" for k in np.flatnonzero(early))
     message = f"poses were read before the joints came to rest: links are ahead in the direction of travel ({axes})"
     return (f"{message}, unlike with a play; wait longer before reading a pose, or import with --joints commanded",)
 
 
-def _by_angle(linear: Linearisation) -> list[Array]:
-    """Return what errors that vary with each joint's angle change in pose readings, a list of (N, 1 + 2 o) arrays."""
+def _by_angle(linear: Linearisation, shape: Callable[[Array], Array]) -> list[Array]:
+    """Return what errors that are a shape (n, c) of the angle (n, 1) of each joint change in pose readings, a list of
+    (N, c) arrays."""
 
-    def waves(joint: int, block: Block) -> Array:
-        turned = block.path.q[:, [joint]] * np.array(_ORDERS)
-        parts = np.concatenate([np.ones((len(turned), 1)), np.sin(turned), np.cos(turned)], axis=1)
-        return np.asarray(np.radians(parts) * block.table.kind.of_tracker, dtype=float)
+    def errors(joint: int, block: Block) -> Array:
+        return np.asarray(np.radians(shape(block.path.q[:, [joint]])) * block.table.kind.of_tracker, dtype=float)
 
-    return [linear.by_joint(axis, partial(waves, axis - 1)) for axis in range(1, linear.axes + 1)]
+    return [linear.by_joint(axis, partial(errors, axis - 1)) for axis in range(1, linear.axes + 1)]
 
 
-def _by_a_step(linear: Linearisation, rows: Mask, free: Callable[[Array], Array], y: Array) -> float:
+def _smooth(q: Array) -> Array:
+    return np.concatenate([np.ones_like(q), np.sin(q * _ORDERS), np.cos(q * _ORDERS)], axis=1)
+
+
+def _step_share(linear: Linearisation, rows: Mask, free: Callable[[Array], Array], y: Array) -> float:
     """Return the share of the energy of readings y (N,) that a link explains best which is off beyond one angle of its
     joint, after a slipped tooth: a joint comes to large angles from below, so that this goes with its way, too."""
-
-    def steps(joint: int, block: Block) -> Array:
-        turned = block.path.q[:, [joint]]
-        beyond = turned > np.quantile(turned, np.linspace(0, 1, _STEPS + 2)[1:-1])
-        return np.asarray(np.radians(beyond) * block.table.kind.of_tracker, dtype=float)
-
-    free_steps = [free(linear.by_joint(axis, partial(steps, axis - 1)))[rows] for axis in range(1, linear.axes + 1)]
-    gains = [(of_axis.T @ y[rows]) ** 2 / np.maximum((of_axis**2).sum(axis=0), 1e-30) for of_axis in free_steps]
-    return float(np.max(gains) / max(float(np.sum(y[rows] ** 2)), 1e-300))
+    steps = _by_angle(linear, lambda q: np.heaviside(q - np.quantile(q, np.linspace(0, 1, _STEPS + 2)[1:-1]), 0.0))
+    columns = free(np.concatenate(steps, axis=1))[rows]
+    gains = (columns.T @ y[rows]) ** 2 / np.maximum((columns**2).sum(axis=0), 1e-30)
+    return float(gains.max() / max(float(np.sum(y[rows] ** 2)), 1e-300))
 
 
 def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) -> Array:

@@ -114,7 +114,7 @@ class Selection:
     @cached_property
     def _among(self) -> Array:
         """The logarithm (n,) of the number of forms of the name of each form."""
-        return np.log([form.among for form in self.columns.forms])
+        return np.log([self.columns.among[form.name] / form.weight for form in self.columns.forms])
 
     @cached_property
     def _hyperparameters(self) -> Hyperparameters:
@@ -381,7 +381,7 @@ class Selection:
         healthy, variance = healthy_size(effect), posterior.known_covariance[row, row]
         values = np.array([max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * healthy**2])
         seen = np.array([((refined.values[row] + posterior.known[row]) / variance * healthy) ** 2])
-        among = self.columns.among[name_of(effect)] or 1
+        among = self.columns.among.get(name_of(effect), 1)
         # The variance that an arm of this state has in the form nearest to the effect.
         forms, usual = self.columns.forms, state.level**2
         if of_name := [k for k, form in enumerate(forms) if form.name == name_of(effect)]:
@@ -405,7 +405,7 @@ class Selection:
         if self._is_of_curve(effect):
             healthy_one = -np.inf
         wide = -0.5 * (size / LARGEST_FAULT) ** 2 - np.log(LARGEST_FAULT)
-        among = np.log(self.columns.among[name_of(effect)] or 1)
+        among = np.log(self.columns.among.get(name_of(effect), 1))
         return float(np.logaddexp(fault, healthy_one) - wide - among) - self._against_stated(effect)
 
     def _against_stated(self, effect: Effect) -> float:

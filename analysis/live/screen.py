@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from analysis.live.canvas import Area, Canvas
-from analysis.live.circle_panel import draw_circle
 from analysis.live.controls import Controls
-from analysis.live.curve_panels import draw_straight, draw_trace
+from analysis.live.error_panels import draw_circle, draw_straight, draw_trace
 from analysis.live.figures import angle_deg, angle_name, plain_line, shown_curves
 from analysis.live.gauge_panels import draw_angle, draw_gauge, draw_lap, gauge_rows, scale_for
 from analysis.live.text_panels import draw_events, draw_foot, draw_head, draw_help, draw_joints, draw_links

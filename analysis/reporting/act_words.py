@@ -6,18 +6,18 @@ with these words.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
+from analysis.inference.act_list import LEAST_SHARE
 from analysis.inference.acts import Act, Against
 from analysis.inference.naming_tests import JOINED
-from analysis.inference.result import Diagnosis, Member
+from analysis.inference.result import Diagnosis
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_words import micrometres, percent, sure, with_uncertainty, within
 from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect, size_field
-from rigs.schema.effect import name_of
+from rigs.schema.effect import label_of, name_of
 from rigs.schema.vocabulary import WITHOUT_GAUGES
 
 
@@ -70,15 +70,29 @@ class ActWords:
         if act.kind in ("none", "measure", "approach") or (act.effect is None and act.kind != "load"):
             return ""
         before = act.removes_um + act.remains_um
-        key = "act_changes" if act.removes else "act_hardly"
-        alone = self.texts(
-            key, before=micrometres(before), after=within(act.remains_um, act.remains_u_um),
-            place=self.texts(f"place_{act.place}"),
-        )  # fmt: skip
-        if act.with_before_um is None:
-            return alone
-        both = self.texts("act_with_before", after=within(act.with_before_um, act.with_before_u_um))
-        return f"{alone} {both}"
+        change = act.removes_um / before if before > 0 else 0.0
+        key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
+        uncovered = self._uncovered(act)
+        sentences = [self.texts("act_uncovers", others=uncovered)] if uncovered else []
+        sentences += [
+            self.texts(
+                "act_changes" if act.removes else f"act_{key}", before=micrometres(before),
+                after=within(act.remains_um, act.remains_u_um), place=self.texts(f"place_{act.place}"),
+            )
+        ]  # fmt: skip
+        if act.with_before_um is not None:
+            after = within(act.with_before_um, act.with_before_u_um)
+            sentences.append(self.texts("act_with_before", after=after))
+        return " ".join(sentences)
+
+    def _uncovered(self, act: Act) -> str:
+        """What an effect cancels in part, and what shows whole once the effect is taken away."""
+        if act.effect is None or act.with_before_um is not None:
+            return ""
+        words, label = AnswerWords(self.diagnosis, self.texts), label_of(act.effect)
+        lines = [line for k in act.parts for line in self.diagnosis.budget[k].alone]
+        of_effect = any(line.label == label for line in lines)
+        return "; ".join(words.alone([line for line in lines if line.label != label])) if of_effect else ""
 
     def against(self, act: Act) -> str:
         """What speaks against it, in a few words; empty where nothing does."""
@@ -88,10 +102,6 @@ class ActWords:
             if not (act.kind == "measure" and act.test is None and remark.why == "no_place")
         ]  # its own words say that
         return "; ".join(self._against(act, remark) for remark in remarks)
-
-    def members(self, members: Sequence[Member]) -> str:
-        """What a group may be, each with its odds."""
-        return ", ".join(f"{self.noun(member.effect)} ({sure(member.odds)})" for member in members)
 
     def noun(self, effect: Effect) -> str:
         """An effect as a person says it within a sentence."""

@@ -14,7 +14,16 @@ from typing import Any
 
 from analysis.inference.acts import Doubt
 from analysis.inference.result import CERTAIN_ODDS, LARGE_SHARE, BudgetPart, Diagnosis, Named, is_sure, is_there
-from analysis.reporting.diagnosis_words import likely_rivals, micrometres, percent, plain, size, sure
+from analysis.reporting.diagnosis_words import (
+    LEAST_ODDS,
+    likely_rivals,
+    micrometres,
+    percent,
+    plain,
+    size,
+    sure,
+    within,
+)
 from analysis.reporting.texts import Texts, texts_of
 from rigs.effects import Effect
 from rigs.schema.effect import name_of, whole_order
@@ -57,7 +66,7 @@ def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
 
 def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
     """The parts of the error that have a line of their own, and the small ones that are counted together."""
-    small = [part for part in diagnosis.budget if abs(part.share) < SMALL_SHARE and part.rank != "unusual"]
+    small = [part for part in diagnosis.budget if part.share < SMALL_SHARE and part.rank != "unusual"]
     return [part for part in diagnosis.budget if part not in small], small
 
 
@@ -95,10 +104,13 @@ class AnswerWords:
     def accuracy(self) -> str:
         """The error now, and what the calibration leaves of it where it had no part, or on the runs used."""
         accuracy = self.diagnosis.accuracy
-        which = "error_corrected" if self.diagnosis.rig.calibrated else "error_now"
-        now = self.texts(which, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
+        model = "error_corrected" if self.diagnosis.rig.calibrated else "error_now"
+        now = self.texts(model, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
         values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
-        return f"{now} {self.texts(f'calibrated_{accuracy.place}', **values)}"
+        if self.diagnosis.is_complete and accuracy.place == "used":
+            return now
+        which = f"calibrated_{accuracy.place}" if self.diagnosis.is_testable else "calibrated_unknown"
+        return f"{now} {self.texts(which, **values)}"
 
     @property
     def judged(self) -> str:
@@ -114,8 +126,15 @@ class AnswerWords:
 
     def part_name(self, part: BudgetPart) -> str:
         """A part of the budget as a person says it, with what cancels some of it."""
-        name = self.short_name(part)
-        return self.texts("with_cancelled", part=name, count=len(part.cancelled)) if part.cancelled else name
+        return self._with_cancelled(part, self.short_name(part))
+
+    def alone(self, parts: Sequence[BudgetPart]) -> list[str]:
+        """What parts of which some cancel others do, each alone, with its rms in µm."""
+        return [self.texts("alone", part=self.short_name(part), um=within(part.um, part.u_um)) for part in parts]
+
+    def _with_cancelled(self, part: BudgetPart, words: str) -> str:
+        others = self._listed([*map(self.short_name, part.alone[1:])])
+        return self.texts("with_cancelled", part=words, others=others) if others else words
 
     def short_name(self, part: BudgetPart) -> str:
         """A part of the budget as a person says it, where there is no room for what cancels some of it."""
@@ -159,6 +178,7 @@ class AnswerWords:
             return ""
         single = any(part.index is not None for part in large_parts(diagnosis))
         which = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
+        which = "nothing_missing" if diagnosis.is_complete else which
         # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
@@ -190,11 +210,16 @@ class AnswerWords:
         share = percent(min(part.share, 1.0))
         if part.index is not None and likely_rivals(named := self.diagnosis.effects[part.index]):
             effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
-            return self.texts("large_part", share=share, part=self.texts("or").join(map(self.noun, effects)))
-        if not part.members:
-            return self.texts("large_part", share=share, part=self._measured(part))
-        members = ", ".join(f"{self.noun(member.effect)} ({sure(member.odds)})" for member in part.members)
-        return self.texts("large_group", share=share, part=self.short_name(part), members=members)
+            words = self.texts("or").join(map(self.noun, effects))
+            return self.texts("large_part", share=share, part=self._with_cancelled(part, words))
+        likely = [member for member in part.members if member.odds >= LEAST_ODDS]
+        if not likely:
+            return self.texts("large_part", share=share, part=self._with_cancelled(part, self._measured(part)))
+        sizes = {id(part.cause): f"{size(part.cause)}, "} if part.cause else {}
+        members = ", ".join(
+            f"{self.noun(member.effect)} ({sizes.get(id(member), '')}{sure(member.odds)})" for member in likely
+        )
+        return self.texts("large_group", share=share, part=self.part_name(part), members=members)
 
     def _measured(self, part: BudgetPart) -> str:
         details = []
@@ -217,7 +242,8 @@ class AnswerWords:
         part = part_of(self.diagnosis, named)
         if part is None:
             return []
-        return [self.texts("share_of_error", share=percent(min(max(part.share, 0.0), 1.0)))]
+        share = self.texts("share_of_error", share=percent(min(max(part.share, 0.0), 1.0)))
+        return [self._with_cancelled(part, share)]
 
 
 def part_of(diagnosis: Diagnosis, named: Named) -> BudgetPart | None:

@@ -14,9 +14,8 @@ from rich.console import Group, RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
-from analysis.correction.correct import Corrections
+from analysis.correction.correct import GAIN_UM, Corrections
 from analysis.correction.corrected_targets import Corrected
-from analysis.correction.plays import known_plays
 from analysis.correction.refusal import ANYWAY, why_nothing
 from analysis.correction.support import CONSTANTS, corrected_table
 from analysis.correction.target_path import corrected_columns
@@ -24,28 +23,31 @@ from analysis.kinematics.arm import Array
 from analysis.makers import maker_by
 from analysis.makers.reading import with_remark
 from analysis.measures.parameters import quantity_of
+from analysis.model.predict import model_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note, rounded_um, short
-from analysis.reporting.diagnosis_words import percent
+from analysis.reporting.diagnosis_words import plain
 from analysis.reporting.plain_console import right, whole
+from analysis.reporting.texts import texts_of
 from rigs.effects import size_field
 from rigs.errors import FileError
 from rigs.schema.effect import label_of
 
 _REPORTED_MM = 1e-3
 """An effect that is not corrected is reported if it moves a target by at least this."""
-_GAIN_UM = 1.0
-"""Gain below which nothing can be corrected. Chosen: below any robot's repeatability."""
 _ERRORS = ("before_um", "after_um", "u_um")
-_HEAD = """\
-# Corrections for the cell {name} from the effects of its rig file, {date}. Use one of these ways for each effect:
-# joint_zeros: master each axis so that it reads `add_deg` more where it stands.
-# link_constants: enter these into the controller if it accepts them; dh.csv is the whole table.
-# controller: changes of the controller's own parameters that hold most of the whole model; either these or the above.
-# The corrected path: for a controller that keeps its zeros and constants. It contains all of these corrections.
-# u: standard uncertainty.
-# programs: no real controller has run a program that rig corrected; a person tries each at reduced speed first.
-"""
+_HEAD = "Corrections for the cell {name} by the effects of its rig file and the calibration beside it, {date}."
+_WAYS = {
+    "joint_zeros": "master each axis so that it reads `add_deg` more where it stands.",
+    "link_constants": "enter these into the controller if it accepts them; dh.csv is the whole table.",
+    "controller": "changes of the controller's own parameters that hold most of the whole model.",
+    "path": "the corrected targets hold the whole model, for a controller that keeps its zeros and constants.",
+    "programs": "they hold the whole model, too; no real controller has run one: a person tries each at reduced speed.",
+}
+_NOTHING = (
+    "Nothing to enter is here: --for MAKER writes values to enter, --program FILE or --path FILE corrected targets."
+)
+_ONE = "Zeros and constants, or the controller's parameters, or corrected targets: one of them, or it corrects twice."
 
 
 def as_table(corrections: Corrections) -> RenderableType:
@@ -53,54 +55,49 @@ def as_table(corrections: Corrections) -> RenderableType:
     path."""
     columns = ("effect", right("value"), "corrected as", Column("why", ratio=1))
     effects = Table(*columns, title="value ± standard uncertainty", title_style="dim", header_style="bold")
-    for support in corrections.effects:
+    for support in (*corrections.effects, *corrections.beside):
         field = size_field(support.effect)
         quantity = quantity_of(support.effect, field, {field: support.u})
         value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
         use = Text("not corrected", "yellow") if support.use == "none" else Text(support.use, "green")
-        effects.add_row(label_of(support.effect), value, use, support.reason)
-    for play in (
-        known_play for known_play in known_plays(corrections.rig) if known_play not in corrections.rig.effects
-    ):
-        field = size_field(play)
-        value = f"{getattr(play, field):.4g} {quantity_of(play, field, {}).sign}"
-        effects.add_row(label_of(play), value, Text("not corrected", style="yellow"), play.compensation().why_not)
-    parts: list[RenderableType] = [Text(_first(corrections) + _not_known(corrections.work.unknown), style="bold")]
+        effects.add_row(plain(corrections.rig, support.effect), value, use, support.reason)
+    parts: list[RenderableType] = [
+        Text(_first(corrections) + texts_of("en").not_known(corrections.work.unknown), style="bold")
+    ]
     if effects.row_count:
         parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):
         parts.insert(0, Text(f"Against the verdict: {why}.", style="bold red"))
     parts += [Text(line) for line in _lines(corrections)]
     if corrections.at_controller:
-        parts += [Text(), controller_report.as_table(corrections.at_controller)]
+        parts += [Text(), controller_report.as_table(corrections.at_controller, corrections.rig)]
     parts += [Text(line) for program in corrections.programs for line in ("", *program_report.lines(program))]
     return Group(*parts)
 
 
 def _first(corrections: Corrections) -> str:
-    if all(support.use == "none" for support in corrections.effects) and corrections.work.model_um < _GAIN_UM:
+    if all(support.use == "none" for support in corrections.effects) and corrections.work.model_um < GAIN_UM:
         return (
             f"Nothing of the tool's {corrections.work.before_um:.0f} µm over the work can be corrected; "
             "the table says why."
         )
     if corrections.at_controller:
-        return controller_report.first_sentence(corrections.at_controller) + _either(corrections)
+        return controller_report.first_sentence(corrections.at_controller) + _never_both(corrections)
     work = corrections.work
-    targets = (
-        f"the targets of corrected-{corrections.path[0].name}"
-        if corrections.path
-        else "corrected targets (--path TARGETS.csv)"
-    )
+    targets = f"the targets of corrected-{corrections.path[0].name}" if corrections.path else ""
+    targets = targets or ("the corrected targets of --program" if corrections.programs else "")
+    targets = targets or "corrected targets (--program FILE, or --path TARGETS.csv)"
     send = f"Send the controller to {targets}: the tool's error over the work falls from"
-    if work.before_um - work.after_um >= _GAIN_UM:
+    if work.before_um - work.after_um >= GAIN_UM:
         return (
             f"{send} {_mm(work.before_um)} to {_mm(work.after_um)} mm rms with frame and tool taught with the robot "
             f"(standard uncertainty of the model {_mm(work.u_um)} mm).{base_note(work.base_u_um, work.after_um)}"
+            f"{_never_both(corrections)}"
         )
-    if work.base.before_um - work.base.after_um >= _GAIN_UM:
+    if work.gains:
         return (
             f"{send} {_mm(work.base.before_um)} to {_mm(work.base.after_um)} mm rms in the robot's base; in a frame "
-            f"taught with the robot it is {_mm(work.before_um)} mm as it is."
+            f"taught with the robot it is {_mm(work.before_um)} mm as it is.{_never_both(corrections)}"
         )
     return (
         f"Leave the targets as they are: what can be corrected moves the tool by {_mm(work.model_um)} mm rms over the "
@@ -110,20 +107,25 @@ def _first(corrections: Corrections) -> str:
     )
 
 
-def _not_known(share: float) -> str:
-    """The sentence about the share of the work at which no run says how well the arm is known."""
-    where = "where the work is" if share == 1 else f"at {percent(share)} of the work"
-    return f" No run shows how large the error stays {where}." if share else ""
+def why_not(corrections: Corrections) -> str:
+    """Why nothing is to be corrected; empty where something is."""
+    return why_nothing(corrections.rig) or (
+        "" if corrections.work.gains else "corrected targets take away no error over the work"
+    )
 
 
 def _mm(um: float) -> str:
     return f"{um / 1e3:.3f}"
 
 
-def _either(corrections: Corrections) -> str:
-    """Which controller the corrected path is for, since entries and targets together would correct twice."""
-    if not corrections.path or not corrections.at_controller or not corrections.at_controller.entries:
+def _never_both(corrections: Corrections) -> str:
+    """Which controller corrected targets are for, since entries and targets together correct twice."""
+    if not corrections.at_controller:
+        return " A controller gets corrected programs or values that are entered, never both, which corrects twice."
+    if not corrections.at_controller.entries:
         return ""
+    if not corrections.path:
+        return " Programs and targets then stay as they are: never correct both, which corrects twice."
     state = (
         "that has these values already: it holds the rest"
         if corrections.entered
@@ -144,7 +146,7 @@ def _lines(corrections: Corrections) -> list[str]:
         f"(± {constant.u:.2g})"
         for constant in corrections.constants
     ]
-    return lines + _path_lines(corrections)
+    return [f"to enter instead: {line}" for line in lines] + _path_lines(corrections)
 
 
 def _path_lines(corrections: Corrections) -> list[str]:
@@ -156,7 +158,8 @@ def _path_lines(corrections: Corrections) -> list[str]:
             f"before; {program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])}; "
             f"effects that are not corrected leave {_small(np.nanmax(_left_out(targets)))}"
         )
-        each = [(name, mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
+        words = {label_of(effect): plain(corrections.rig, effect) for effect in model_of(corrections.rig).effects}
+        each = [(words[name], mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
         if each:
             parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
             lines.append(f"not corrected, at its worst target, rms of both sides, cold and warm: {parts}")
@@ -207,7 +210,7 @@ def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, An
 def _contents(corrections: Corrections) -> dict[str, Any]:
     return {
         "rig": corrections.rig.name,
-        "verdict": "nothing" if (why := why_nothing(corrections.rig)) else "correct",
+        "verdict": "nothing" if (why := why_not(corrections)) else "correct",
         "verdict_why": why or None,
         "joint_zeros": [
             {"axis": zero.axis, "add_deg": short(zero.delta), "u_deg": short(zero.u)} for zero in corrections.zeros
@@ -233,7 +236,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
                 "corrected_as": None if support.use == "none" else support.use,
                 "reason": support.reason,
             }
-            for support in corrections.effects
+            for support in (*corrections.effects, *corrections.beside)
         ],
         "work": {
             **{name: rounded_um(getattr(corrections.work, name)) for name in _ERRORS},
@@ -269,10 +272,20 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
 
     from analysis.files.write import holding, write_all_new, write_csv  # noqa: PLC0415
 
-    head = _HEAD.format(name=corrections.rig.name, date=dt.datetime.now(dt.UTC).date())
-    if why := why_nothing(corrections.rig):
+    contents = _contents(corrections)
+    ways = [f"{key}: {way}" for key, way in _WAYS.items() if contents.get(key) or (key == "path" and corrections.path)]
+    date = dt.datetime.now(dt.UTC).date()
+    lines = [
+        _HEAD.format(name=corrections.rig.name, date=date),
+        *(ways or [_NOTHING]),
+        _ONE,
+        "u: standard uncertainty.",
+    ]
+    head = "".join(f"# {line}\n" for line in lines)
+    has_targets = bool(corrections.path or corrections.programs)
+    if why := why_not(corrections) if has_targets else why_nothing(corrections.rig):
         head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why}.\n"
-    text = head + yaml.safe_dump(_contents(corrections), sort_keys=False, allow_unicode=True, width=10_000)
+    text = head + yaml.safe_dump(contents, sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}
     if corrections.constants:
         rows = corrected_table(corrections.rig, corrections.constants)

@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from analysis.inference.disagreement import Disagreement
-from analysis.inference.result import Diagnosis, Map
+from analysis.inference.residuals import Map
+from analysis.inference.result import Diagnosis
 from analysis.kinematics.arm import Array
 from analysis.noise.readings import rms
 from analysis.reporting.act_words import ActWords
@@ -33,11 +34,13 @@ _SYMBOLS = {"held_out": "s", "unseen": "D"}
 _GREY = "#777777"
 
 
-def picture(diagnosis: Diagnosis) -> Figure:
-    """Everything on one sheet, as high as it needs."""
+def picture(diagnosis: Diagnosis, *, in_session: bool = False) -> Figure:
+    """Everything on one sheet, as high as it needs. in_session: the session makes the correction itself, of its own
+    programs, and says what that is expected to leave: no second figure stands here."""
     parts, quiet = _parts(diagnosis, stairs_of(diagnosis), diagnosis.train.noise_floor_um)
     answer, acts = AnswerWords(diagnosis), ActWords(diagnosis)
-    lines = [f"{answer.accuracy} {answer.judged}", *([f"Next: {acts.next}"] if acts.next else [])]
+    is_next = acts.next and not (in_session and diagnosis.acts[0].kind == "load")
+    lines = [f"{answer.accuracy} {answer.judged}", *([f"Next: {acts.next}"] if is_next else [])]
     lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in diagnosis.groups[:_MOST_GROUPS]]
     others = len(diagnosis.groups) - _MOST_GROUPS
     lines += [f"and {others} more groups"] * (others > 0)

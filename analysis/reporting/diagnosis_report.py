@@ -97,20 +97,20 @@ def hold_empty(directory: Path) -> None:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
 
 
-def write(diagnosis: Diagnosis, text: str, directory: Path) -> list[Path]:
+def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool = False) -> list[Path]:
     """The files of a diagnosis in an empty directory; their paths, the rig file's last.
 
     text: of the rig file begun with. It is written with the faults added, of rivals the likeliest, and with the
-    calibrated model beside it, unless the runs can show nothing. Raises FileError.
+    calibrated model beside it, unless the runs can show nothing. in_session: as of `picture`. Raises FileError.
     """
     from analysis.files.write import holding, write_all_new  # noqa: PLC0415 - slow to import
     from analysis.reporting.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only
 
     files = {
         "diagnosis.json": holding((json.dumps(diagnosis.to_dict(), indent=2) + "\n").encode()),
-        "diagnosis.png": lambda file: picture(diagnosis).savefig(file, format="png", dpi=130),
+        "diagnosis.png": lambda file: picture(diagnosis, in_session=in_session).savefig(file, format="png", dpi=130),
     }
-    if diagnosis.condition != "not_testable_here":
+    if diagnosis.is_testable:
         rig_file = directory / f"{diagnosis.rig.name}.yaml"
         files |= extended_files(text, _origins(diagnosis), rig_file, diagnosis.calibrated)
     return write_all_new(directory, files)

@@ -11,7 +11,8 @@ from rich.text import Text
 
 from analysis.inference.acts import Doubt
 from analysis.inference.candidates import LARGEST_FAULT
-from analysis.inference.result import Condition, Diagnosis, Place
+from analysis.inference.residuals import Place
+from analysis.inference.result import Condition, Diagnosis
 from analysis.inference.state import FAULT
 from analysis.reporting.act_words import ActWords, acts_in_words
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
@@ -32,6 +33,7 @@ from analysis.reporting.plain_console import bare_table, right
 from analysis.reporting.stairs import stairs_of, stairs_table
 from analysis.reporting.texts import texts_of
 from rigs.schema.effect import label_of, name_of
+from rigs.text import counted
 
 _MOST_PLACES = 6
 
@@ -84,7 +86,7 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
     for heading, body in sections:
         if body:
             shown += [Text(f"\n{heading}", style="bold"), *(Padding(part, (0, 0, 0, 2)) for part in body)]
-    runs = "1 run" if len(diagnosis.runs) == 1 else f"{len(diagnosis.runs)} runs"
+    runs = counted(len(diagnosis.runs), "run")
     noise = "noise from repeats" if diagnosis.repeated else "noise assumed, not from repeats"
     footer = f"{diagnosis.rig.name} · {runs} · {noise} · {diagnosis.seconds:.1f} s"
     return Group(*shown, Text(f"\n{footer}", style="dim"))
@@ -97,10 +99,12 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
     table = bare_table("part", *map(right, ("µm rms", "share", "× usual")), "class")
     words, (large, small) = AnswerWords(diagnosis), shown_parts(diagnosis)
     for part in large:
-        name = ", ".join(filter(None, [words.part_name(part), words.size_of(part)]))
+        name = ", ".join(filter(None, [words.short_name(part), words.size_of(part)]))
         times = f"{part.times_usual:.1f}" if part.times_usual is not None else ""
         style = "bold" if part.rank == "unusual" else ""
         table.add_row(name, beside_u(part.um, part.u_um), percent(part.share), times, words.rank_of(part), style=style)
+        for line in part.alone:  # where some cancel others, which that line has together
+            table.add_row(f"  {words.short_name(line)}, alone", beside_u(line.um, line.u_um), "", "", "", style="dim")
     if small:
         share = sum(part.share for part in small)
         table.add_row(f"{len(small)} smaller parts (all with --json)", "", percent(share), "", "", style="dim")
@@ -140,13 +144,13 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
 
 def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
     effects = bool(diagnosis.standing)
-    last = ("calibrated", "noise floor")
+    last = ("calibrated", "noise floor") if diagnosis.is_testable else ("noise floor",)
     headings = ("before", "after", *last, "closed") if effects else ("rms", *last)
     table = bare_table("µm rms", *map(right, headings))
     places = (("runs used", diagnosis.train), ("held-out runs", diagnosis.held_out), ("unseen place", diagnosis.unseen))
     for name, gap in places:
         if gap is not None:
-            ends = (gap.calibrated_um, gap.noise_floor_um)
+            ends = (gap.calibrated_um, gap.noise_floor_um) if diagnosis.is_testable else (gap.noise_floor_um,)
             cells = (gap.before_um, gap.after_um, *ends) if effects else (gap.before_um, *ends)
             how = "" if gap.keeps_setup else ", own set-up"
             share = closed(gap)
@@ -160,7 +164,7 @@ def _number(value: float) -> str:
 
 
 def _unexplained(diagnosis: Diagnosis) -> list[RenderableType]:
-    if diagnosis.condition == "not_testable_here":
+    if not diagnosis.is_testable:
         return []
     remainder = diagnosis.remainder
     lines = [Text(f"{remainder.um:.1f} µm ({percent(remainder.share)} of the gap): {remainder.words}")]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from analysis.inference.result import ODDS, Curve, Gap, Named, Place, Remains, ResidualBand, Rival
+from analysis.inference.residuals import Curve, Place, ResidualBand
+from analysis.inference.result import ODDS, Gap, Member, Named, Remains, Rival
 from analysis.measures.parameters import parameters_of, quantity_of
 from analysis.measures.quantity import Quantity
 from analysis.reporting.texts import Texts
@@ -15,6 +16,8 @@ from rigs.schema.effect import name_of
 from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES
 
 _WHOLE_LAP_DEG = 350.0
+LEAST_ODDS = 0.01
+"""Odds below which a cause is "< 1 %", and not said among the likeliest."""
 _BY_FAR = 1 / 3
 """Share of its standard uncertainty below which a figure says nothing beyond that uncertainty."""
 
@@ -33,8 +36,8 @@ def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times:
     return str(Quantity(quantity.value, times * quantity.u, quantity.unit))
 
 
-def size(named: Named | Rival, times: float = 1.0) -> str:
-    """The size of a named effect or of a rival, ± `times` its standard uncertainty."""
+def size(named: Named | Rival | Member, times: float = 1.0) -> str:
+    """The size of a named effect, a rival or a member of a group, ± `times` its standard uncertainty."""
     return with_uncertainty(named.effect, size_field(named.effect), named.sd, times)
 
 
@@ -68,7 +71,7 @@ def sure(posterior: float) -> str:
     """A share of the evidence in percent, never more than is known."""
     if posterior > 0.999:
         return "> 99.9 %"
-    if posterior < 0.01:
+    if posterior < LEAST_ODDS:
         return "< 1 %"
     return f"{100 * posterior:.1f} %" if posterior > 0.99 else f"{100 * posterior:.0f} %"
 

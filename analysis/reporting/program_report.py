@@ -59,7 +59,7 @@ def lines(program: CorrectedProgram) -> list[str]:
         beyond = [_place(program, *place) for place, out in zip(program.places, program.outside, strict=True) if out]
         where = list(dict.fromkeys(beyond))
         text_lines.append(
-            f"  {_targets(outside)} where no run says how well they are reached: "
+            f"  {_targets(outside)} where no run says how well {'it is' if outside == 1 else 'they are'} reached: "
             + ", ".join(where[:_LISTED])
             + (" …" if len(where) > _LISTED else "")
         )
@@ -97,7 +97,8 @@ def _head(program: CorrectedProgram) -> str:
     count, steps = len(program.names), len(program.beside_left_mm)
     head = f"{program.path.name} ({program.maker}): {_targets(count)} corrected"
     between = f", {_steps(steps)} from one to the other" if steps else ""
-    return f"{head}, {len(program.left)} places left as they were{between}"
+    places = len(program.left)
+    return f"{head}, {'1 place left as it was' if places == 1 else f'{places} places left as they were'}{between}"
 
 
 def _why(program: CorrectedProgram, left_target: Left) -> str:

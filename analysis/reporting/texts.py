@@ -39,6 +39,12 @@ class Texts:
         """What a test is called; one that another package adds, by its word."""
         return self.words.get(f"test_{name}", name)
 
+    def not_known(self, share: float) -> str:
+        """The sentence about the share of the work at which no run says how well the arm is known, after a space; empty
+        where there is none."""
+        key = "work_unknown_all" if share == 1 else "work_unknown"
+        return f" {self(key, share=f'{max(100 * share, 1):.0f} %')}" if share else ""
+
     def axis(self, robot: Robot, axis: int) -> str:
         """What an axis, counted from 1, is called: `axis 4 (gamma)`."""
         name = robot.own_name(axis)

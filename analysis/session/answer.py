@@ -45,7 +45,7 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     rig, text = load(rig_file)
     runs, elsewhere = ([load_measured(path) for path in paths] for paths in (used, judges))
     diagnosis = analysis.diagnose(runs, rig=rig, unseen=elsewhere)
-    written = write(diagnosis, text, directory)
+    written = write(diagnosis, text, directory, in_session=True)
     words, acts = AnswerWords(diagnosis), ActWords(diagnosis)
     faults = [part_of(diagnosis, entry) for entry in diagnosis.standing]
     parts = [

@@ -18,7 +18,7 @@ import numpy as np
 from analysis.correction.controller_entries import ControllerEntries
 from analysis.correction.correct import correct_rig
 from analysis.correction.corrected_targets import corrected_angles
-from analysis.correction.deviation import Expected
+from analysis.correction.deviation import Expected, Work
 from analysis.correction.plays import ahead_of_plays, known_plays
 from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, pose_uncertainty, where_known
 from analysis.correction.support import supports
@@ -30,10 +30,11 @@ from analysis.kinematics.arm import arm_of, forward
 from analysis.model.predict import model_of
 from analysis.noise.readings import rms
 from analysis.reporting import controller_report, correction_report
+from analysis.reporting.texts import texts_of
 from analysis.robot_programs.compensated import compensated, targets_of
 from analysis.robot_programs.plan import Arc
 from analysis.session.plan import FIXED, Program, named_as, programs_for, stage_rig
-from analysis.session.state import MAIN, Correction, Session, Stage, Step, Way, Work
+from analysis.session.state import MAIN, Correction, Session, Stage, Step, Way
 from analysis.traces.loading import Measured, load_measured
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -108,25 +109,33 @@ def corrected(
         sentence = f"No numbers take away much of the error of {error}: its cause is repaired at the arm."
         return _correction(way, sentence, remaining.now_um), {}
     pose_u = pose_uncertainty(model, correction.effects)
-    by = entries.effects if way == "entries" else targets
-    beside_um = 0.0 if way == "entries" else between_um
-    after_um = entries.after_um if way == "entries" else work.after_um
+    by, beside_um, after_um, left_um = (
+        (entries.effects, 0.0, entries.after_um, remaining.by_entries_um)
+        if way == "entries"
+        else (targets, between_um, work.after_um, remaining.by_targets_um)
+    )
+    at_circle, elsewhere = expected_left(model, pose_u, on_circle, left_um), None
+    if other_place:
+        there_um = float(np.hypot(_left_um(other_place, other_place[0].rig, by), beside_um))
+        elsewhere = expected_left(model, pose_u, other_place, there_um)
     expected = {
-        "same": expected_left(model, pose_u, on_circle, float(np.hypot(_left_um(on_circle, rig, by), beside_um))),
-        "elsewhere": expected_left(
-            model, pose_u, other_place, float(np.hypot(_left_um(other_place, other_place[0].rig, by), beside_um))
-        )
-        if other_place
-        else None,
-        "work": Work(before_um=round(work.before_um, 1), after_um=round(after_um, 1), u_um=round(work.u_um, 1)),
+        "same": at_circle,
+        "elsewhere": elsewhere,
+        "work": Work(
+            before_um=round(work.before_um, 1),
+            after_um=round(after_um, 1),
+            u_um=round(work.u_um, 1),
+            unknown=round(work.unknown, 3),
+        ),
     }
+    falls = f"expected to fall from {remaining.now_um:.0f} to {at_circle.text} µm rms"
     if way == "entries":
-        falls = _falls(remaining, remaining.by_entries_um)
-        sentence = f"{controller_report.first_sentence(entries)} The readings' error is {falls}."
-        return _correction(way, sentence, remaining.now_um, remaining.by_entries_um, **expected), {}
+        unknown = texts_of("en").not_known(work.unknown)
+        sentence = f"{controller_report.first_sentence(entries)}{unknown} The readings' error is {falls}."
+        return _correction(way, sentence, remaining.now_um, left_um, **expected), {}
     programs = corrected_programs(rig, model, session.stages, steps)
-    sentence = f"Load the corrected programs: the readings' error is {_falls(remaining, remaining.by_targets_um)}."
-    return _correction(way, sentence, remaining.now_um, remaining.by_targets_um, **expected), programs
+    sentence = f"Load the corrected programs: the readings' error is {falls}."
+    return _correction(way, sentence, remaining.now_um, left_um, **expected), programs
 
 
 def expected_left(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured], left_um: float) -> Expected:
@@ -142,10 +151,6 @@ def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> f
     modelled = rig.model_copy(update={"effects": tuple(effects)}).with_calibration(None, None)
     every = np.concatenate([run.residuals_mm.ravel() for run in compare(runs, modelled).runs])
     return 1e3 * rms(every)
-
-
-def _falls(remaining: Left, after_um: float) -> str:
-    return f"expected to fall from {remaining.now_um:.0f} to {after_um:.0f} µm rms"
 
 
 def _correction(

@@ -19,6 +19,7 @@ from analysis.session.plan import Pace, minutes_of, numbered, separating
 from analysis.session.state import MOST_TRIES, Answer, Correction, Purpose, Session, Stage, Step, Try, Verified, Way
 from rigs.errors import CellError
 from rigs.rig import Rig
+from rigs.text import counted
 
 _T = TypeVar("_T")
 _MOST_MORE = 4
@@ -55,10 +56,11 @@ class State:
         return replace(self, session=self.session.with_step(number, step.model_copy(update={"tries": tries})))
 
     def skipping(self, purpose: Purpose, why: str) -> State:
-        """Return the state without the open steps of a purpose, but for one that is driven."""
+        """Return the state without the steps of a purpose that were not driven, but for one that is being driven; an
+        empty `why` opens them again."""
         steps = [
             step.model_copy(update={"skipped": why})
-            if step.purpose == purpose and step.is_open and number != self.driving
+            if step.purpose == purpose and step.run is None and number != self.driving
             else step
             for number, step in enumerate(self.session.steps)
         ]
@@ -349,12 +351,21 @@ def _answered(state: State, answer: Answer) -> Outcome:
         answer = answer.model_copy(update={"joined": judges})
     changed = state.keeping(answer=answer, judged=answer if answer.judges else session.judged)
     actions: tuple[Action, ...] = (Say(tuple(words.answer_lines(answer, session.answer))),)
-    if session.aim == "faults" and not session.answered and is_answered(changed.session, answer):
-        early = changed.skipping("find", "the question is answered")
-        if count := len(session.open_steps) - len(early.session.open_steps):
-            actions += (Say((f"  the question is answered: {count} further programs to find errors are left out",)),)
-            return early, actions
+    is_known = is_answered(changed.session, answer)
+    # More runs may show less for sure: as long as the ball stands where it stood, they go on.
+    is_there = not judges and state.stage in ("", session.stages[0].name)
+    if session.aim != "faults" or session.answered or not (is_known or is_there):
+        return changed, actions
+    early = changed.skipping("find", _ANSWERED if is_known else "")
+    if count := abs(len(session.open_steps) - len(early.session.open_steps)):
+        programs = counted(count, "further program is", "further programs are")
+        sentence = f"{_ANSWERED}: {programs} left out" if is_known else f"{_OPEN}: {programs} driven after all"
+        return early, (*actions, Say((f"  {sentence}",)))
     return changed, actions
+
+
+_ANSWERED, _OPEN = "the question is answered", "the question is open again"
+"""Why steps are left out, and why they are driven after all."""
 
 
 def _corrected(state: State, correction: Correction, programs: Mapping[str, str]) -> Outcome:

@@ -80,11 +80,14 @@ def first_open(session: Session, purpose: Purpose) -> int | None:
 
 
 def is_answered(session: Session, answer: Answer) -> bool:
-    """Whether what is asked is known: repeats in both directions were used, and the condition is settled."""
-    circles = [(step.test, step.direction) for step in session.runs_for("find") if step.direction]
+    """Whether what is asked is known: repeats in both directions were used, the condition is settled, and no group that
+    makes much of the error beside the faults waits for the test that names it."""
+    used = session.runs_for("find")[: answer.runs - answer.joined]
+    circles = [(step.test, step.direction) for step in used if step.direction]
     repeated = bool(circles) and all(circles.count(circle) >= _REPEATS for circle in ((MAIN, "acw"), (MAIN, "cw")))
     unexplained = sum(part.share for part in answer.parts if part.kind == "unexplained")
-    return repeated and answer.condition in _SETTLED and unexplained <= _UNEXPLAINED
+    is_open = answer.condition == "named" and any(act.why == "group" for act in answer.acts)
+    return repeated and answer.condition in _SETTLED and unexplained <= _UNEXPLAINED and not is_open
 
 
 def why_nothing(session: Session) -> str:
@@ -99,6 +102,7 @@ def why_nothing(session: Session) -> str:
 _WHY_NOTHING = {
     "unknown_cause": "Correct nothing: what explains most of the error is in no library, and a correction that leaves "
     "it out may add to the error elsewhere. --correct programs corrects by it all the same.",
+    "not_shown": "Correct nothing: these runs cannot show what is wrong. --correct programs corrects all the same.",
     "no_gain_elsewhere": "Correct nothing: the model takes away no error where it had no part. --correct programs "
     "corrects by it all the same.",
 }

@@ -67,14 +67,13 @@ def _before_after(session: Session, place: Place, model: Rig) -> BeforeAfter | N
     verified, correction, judged = session.verified, session.correction, session.judged
     if verified is None or correction is None:
         return None
-    work = correction.work
     verify = [step for step in session.runs_for("verify") if step.stage != ELSEWHERE and session.is_corrected]
     driven = [load_measured(run) for run in place.runs_of(verify)]
     return BeforeAfter(
         correction.sentence,
         correction.way,
         session.sides,
-        work=(work.before_um, work.after_um, work.u_um) if work else None,
+        work=correction.work,
         judged=(judged.before_there_um, judged.calibrated_um) if judged and judged.before_there_um else None,
         joined=session.answer.joined if session.answer else 0,
         own_programs=own_programs(session, place.directory),

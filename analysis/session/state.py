@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from analysis.correction.deviation import Count, Deviation, Expected, NotNegative, Side
+from analysis.correction.deviation import Count, Deviation, Expected, NotNegative, Side, Work
 from analysis.inference.acts import is_done
 from daq.store import durable
 from rigs.errors import CellError, FileError
@@ -29,7 +29,7 @@ from rigs.yaml_text import read_yaml
 
 STATE = "session.yaml"
 _HEAD = """\
-# A session of rig: what is driven, what was found, and how far it is. `rig session {rig}` goes on with it.
+# A session of rig: what is driven, what was found, and how far it is. `rig session RIG -o DIR` goes on with it.
 """
 _MOST_BYTES = 1_000_000
 _MOST_MINUTES = 10_000.0
@@ -153,15 +153,6 @@ class Answer(Part):
     found: str
     model: str = ""
     """The rig file with what was found."""
-
-
-class Work(Part):
-    """The error of the tool's place over the work of the rig file, µm rms, without and with the correction; u_um: the
-    standard uncertainty of the model there, a part of after_um."""
-
-    before_um: float
-    after_um: float
-    u_um: float
 
 
 class Correction(Part):
@@ -333,6 +324,13 @@ class Place:
         """The file of the state."""
         return self.directory / STATE
 
+    def command(self, rig_file: Path | str, kept: Session | None = None) -> str:
+        """Return the command that begins a session of a rig file here, or goes on with the one that is kept."""
+        command = f"rig session {as_argument(rig_file)} -o {as_argument(self.directory)}"
+        if kept is None:
+            return command
+        return f"{command} --for {kept.maker}{' --emulated' if kept.emulated else ''}"
+
     @property
     def runs(self) -> Path:
         """The directory of the runs."""
@@ -387,9 +385,8 @@ class Place:
 
     def write(self, session: Session) -> None:
         """Keep a session, durably and at once. Raises CellError where the disk refuses; the old one stays then."""
-        head = _HEAD.format(rig=session.rig_file)
         try:
-            durable.replace(self.file, (head + text_of(session)).encode())
+            durable.replace(self.file, (_HEAD + text_of(session)).encode())
         except OSError as error:
             problem = f"cannot be written: {error.strerror or error}"
             raise CellError(str(self.file), problem, "free some space; the same command goes on") from None

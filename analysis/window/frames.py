@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.live.circle_panel import scale_of
+from analysis.live.error_panels import scale_of
 from analysis.live.figures import OLD_S, angle_deg, angle_name, figures, lap_state, shown_curves
 from analysis.live.sweeps import ErrorCurve, pieces
 from analysis.live.text_panels import event_words

@@ -65,7 +65,9 @@ def run_window(asked: Asked, say: Callable[[str], object]) -> None:
             stream = Foxglove(asked.foxglove, rig, gate)
             ends.callback(stream.close)
             say(f"ws://127.0.0.1:{stream.port}{'/?token=TOKEN' if gate.token else ''} for Foxglove")
-        watcher = Watcher(partial(find_socket, rig.name if rig else None), place, stream.show if stream else None)
+        begin = place.command(asked.rig_file) if place and asked.rig_file else ""
+        daemon = partial(find_socket, rig.name if rig else None)
+        watcher = Watcher(daemon, place, stream.show if stream else None, begin=begin)
         controls = None
         if asked.control:
             controls = Controls(watcher, place, str(find(asked.rig_file).resolve()) if asked.rig_file else "")

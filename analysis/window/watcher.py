@@ -49,13 +49,16 @@ class Watcher:
         place: Place | None,
         shows: Callable[[LiveView], None] | None = None,
         source: Source | None = None,
+        begin: str = "",
     ) -> None:
         """find: the socket of the daemon; raises CellError while there is none. place: of the session. shows: called
-        with each view, for who follows in another way. source: of what is watched, instead of that daemon."""
+        with each view, for who follows in another way. source: of what is watched, instead of that daemon. begin: the
+        command that begins a session."""
         self.board = Board()
         self.view = LiveView()
         self.zero_mm = (0.0, 0.0)
         self._find, self._place, self._shows = find, place, shows
+        self._begin = begin
         self._source: Source = source or DaemonSource(find)
         self._session_seen: object = ...
         """The state of its file when it was read last; None where there was none."""
@@ -101,7 +104,7 @@ class Watcher:
         except RigError as error:
             self.board.post("session", {"next": {"key": "damaged", "why": str(error)}})
             return
-        self.board.post("session", summary(session) if session else {"next": {"key": "none"}})
+        self.board.post("session", summary(session) if session else {"next": {"key": "none", "command": self._begin}})
 
     def socket(self) -> Path:
         """Return the socket of the daemon. Raises CellError while there is none."""

@@ -35,10 +35,12 @@ from analysis import (
     simulate,
 )
 from analysis.cli import app
+from analysis.inference.result import Diagnosis
 from analysis.measures.simulated_gauges import Noise
-from analysis.simulation.simulated_runs import simulated_run
+from analysis.simulation.simulate import simulated_run
 from rigs.effects.backlash import Backlash
 from rigs.load import load
+from tests.support.handmade_diagnosis import diagnosis
 from tests.support.table_cases import RIG_FILE, csv_text, plain
 
 RIG = "paper-fanuc"
@@ -202,10 +204,18 @@ def test_a_calibration_finds_the_play_and_its_model_closes_the_gap(laps: list[Me
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False)) == found.to_dict()
 
 
-def test_a_diagnosis_in_plain_types_and_as_a_table(laps: list[Measured]) -> None:
+@pytest.mark.nightly  # 7 s; the command calls it as well, in each commit (cli/test_diagnose_command.py)
+def test_a_diagnosis_reports_its_progress(laps: list[Measured]) -> None:
     steps: list[str] = []
-    found = diagnose(laps, progress=steps.append)
+    _plain_types_and_a_table(diagnose(laps, progress=steps.append))
     assert len(steps) > 2
+
+
+def test_a_diagnosis_in_plain_types_and_as_a_table() -> None:
+    _plain_types_and_a_table(diagnosis("named"))
+
+
+def _plain_types_and_a_table(found: Diagnosis) -> None:
     assert found.to_dict()["condition"] == found.condition
     assert {"name", "parameter", "value", "sd", "worth_um"} <= set(found.to_table().column_names)
     assert found.curves[0].to_table().column_names[:3] == ["phi_deg", "g1_before_um", "g2_before_um"]

@@ -10,12 +10,16 @@ import io
 import signal
 import sys
 import threading
+from functools import cache
 from pathlib import Path
 from subprocess import CompletedProcess
 
 import pytest
+import typer.main
 
 from analysis import cli
+
+typer.main.get_params_from_function = cache(typer.main.get_params_from_function)  # asked anew for every command line
 
 
 def ended(*words: str | Path) -> int:

@@ -31,6 +31,11 @@ def cases(every: Iterable[Any], in_each_commit: Collection[Any] | Callable[[Any]
     ]
 
 
+def examples(of_commit: int, of_night: int) -> pytest.MarkDecorator:
+    """Give a property how many `examples` it is tried on: so many in each commit, and the more at night."""
+    return pytest.mark.parametrize("examples", cases((of_commit, of_night), {of_commit}))
+
+
 @cache
 def moved() -> tuple[dict[str, Any], ...]:
     """The entries of the table: the file or folder `of` tests, their names, cases to `keep` and what `stays`."""

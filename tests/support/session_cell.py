@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 import analysis
@@ -16,7 +18,8 @@ from analysis.session.guide import Guide, State
 from analysis.session.plan import BY_ITSELF, FIXED, Program, planned
 from analysis.session.run import Conductor
 from analysis.session.state import Answer, PartOfError, Place, Session, Stage, Step, digest_of
-from rigs.load import load
+from rigs.calibration import CalibratedModel, packed_factor
+from rigs.load import load, parse
 from rigs.schema.vocabulary import Direction
 from rigs.yaml_text import data_of
 from tests.support.made_once import made_once
@@ -68,8 +71,25 @@ def _model_files() -> dict[str, bytes]:
         ]
         from analysis.reporting.diagnosis_report import write  # noqa: PLC0415
 
-        write(analysis.diagnose(runs), cell.read_text(), place / "found")
+        found = analysis.diagnose(runs)
+        assert found.calibrated is not None
+        write(replace(found, calibrated=_of_few_terms(found.calibrated)), cell.read_text(), place / "found")
         return {path.name: path.read_bytes() for path in (place / "found").iterdir() if path.suffix != ".png"}
+
+
+def _of_few_terms(model: CalibratedModel) -> CalibratedModel:
+    """A model with its names and six of its other terms alone: of each parameter the correction asks what it does to
+    every pose, which is most of a session's time, and one of all terms is a night's."""
+    chosen = [k for k, term in enumerate(model.terms) if term.named]
+    chosen += [k for k in range(len(model.terms)) if k not in chosen][:6]
+    rows = [row for row, one in enumerate(model.parameters) if one.term in chosen]
+    parameters = [model.parameters[row] for row in rows]
+    few = {
+        "terms": [model.terms[k] for k in chosen],
+        "parameters": [one.model_copy(update={"term": chosen.index(one.term)}) for one in parameters],
+        "factor": packed_factor(np.linalg.qr(model.root[rows].T)[1].T),
+    }
+    return CalibratedModel.model_validate({name: getattr(model, name) for name in type(model).model_fields} | few)
 
 
 @dataclass
@@ -153,8 +173,6 @@ class Simulated:
 
 
 def _named(run: analysis.Measured, name: str) -> analysis.Measured:
-    from dataclasses import replace  # noqa: PLC0415
-
     manifest = run.run.manifest.updated(name=name)
     return replace(run, run=replace(run.run, manifest=manifest))
 
@@ -186,11 +204,16 @@ class MortalPlace(Place):
         raise Killed
 
 
+@cache
+def _planned(text: str, aim: str, minutes: float) -> tuple[tuple[Stage, ...], tuple[Step, ...]]:
+    return planned(parse(text, "cell.yaml"), aim, minutes, BY_ITSELF, lambda _: None)  # type: ignore[arg-type]
+
+
 def begun(cell: Path, directory: Path, minutes: float = 3.2, **asked: object) -> Session:
     """A session at its beginning, kept in its directory."""
     rig, text = load(cell)
     wanted = {"aim": "faults", "maker": "kuka", **asked}
-    stages, steps = planned(rig, wanted["aim"], minutes, BY_ITSELF, lambda _: None)  # type: ignore[arg-type]
+    stages, steps = _planned(text, str(wanted["aim"]), minutes)
     session = Session(
         rig=rig.name,
         rig_file=str(cell),

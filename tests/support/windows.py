@@ -124,7 +124,7 @@ def served(
     """A window of the runs in `folder/runs`. source: of what is watched, instead of a daemon. What it makes has the
     priority of the tests that await it: below it, on a busy computer, it would get no time at all."""
     place = Place(session) if session else None
-    watcher = Watcher(find, place, source=source)
+    watcher = Watcher(find, place, source=source, begin=place.command("cell.yaml") if place else "")
     controls = Controls(watcher, place, "") if control else None
     window = Window(watcher, Shelf(folder / "runs"), place, Made(folder / "made"), Gate.of([], token), controls)
     sock = listening("127.0.0.1", port)

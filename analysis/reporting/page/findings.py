@@ -100,59 +100,42 @@ _TENTHS = 1000
 
 @dataclass(frozen=True)
 class BudgetRow:
-    """A part of the error. beside: its size and why it is no fault; share: in percent; start, width: of its bar in
-    percent of the column; rank: its class, empty where it has none; rank_words: the class in words; times: how many
-    times as much as usual it does."""
+    """A part of the error. beside: its size and why it is no fault; share: in percent; width: of its bar in percent of
+    the column; rank: its class, empty where it has none; rank_words: the class in words; times: how many times as much
+    as usual it does."""
 
     part: str
     beside: tuple[str, ...]
     um: str
     share: str
-    start: float
     width: float
     rank: str
     rank_words: str
     times: str
 
 
-@dataclass(frozen=True)
-class BudgetTable:
-    """The rows of the parts, the line of the small ones, and whether a share is below zero, which is to be explained.
-    zero: where the bars start, in percent of their column."""
-
-    rows: tuple[BudgetRow, ...]
-    negative: bool
-    zero: float
-
-
-def budget_table(diagnosis: Diagnosis, texts: Texts) -> BudgetTable | None:
-    """The table of the budget of a diagnosis; None where it has none. The shares that are shown add up to 100 %."""
-    if not diagnosis.budget:
-        return None
+def budget_rows(diagnosis: Diagnosis, texts: Texts) -> list[BudgetRow]:
+    """The rows of the parts of a diagnosis, and of the small ones together; the shares that are shown add up to 100."""
     large, small = shown_parts(diagnosis)
     shares = [part.share for part in large] + ([sum(part.share for part in small)] if small else [])
-    low, high = min(0.0, *shares), max(0.0, *shares)
-    span = high - low or 1.0
     words, rows = AnswerWords(diagnosis, texts), []
     for k, (share, tenths) in enumerate(zip(shares, _tenths(shares), strict=True)):
-        start, width = 100 * (min(share, 0.0) - low) / span, 100 * abs(share) / span
-        shown = f"{tenths / 10:.1f} %".replace("-", "−")
+        width, shown = 100 * share / max(shares), f"{tenths / 10:.1f} %"
         if k < len(large):
-            rows.append(_budget_row(large[k], words, shown, start, width))
+            rows.append(_budget_row(large[k], words, shown, width))
         else:
-            rows.append(BudgetRow(texts("smaller_parts", count=len(small)), (), "", shown, start, width, "", "", ""))
-    return BudgetTable(tuple(rows), any(part.share < 0 for part in large), -100 * low / span)
+            rows.append(BudgetRow(texts("smaller_parts", count=len(small)), (), "", shown, width, "", "", ""))
+    return rows
 
 
-def _budget_row(part: BudgetPart, words: AnswerWords, share: str, start: float, width: float) -> BudgetRow:
+def _budget_row(part: BudgetPart, words: AnswerWords, share: str, width: float) -> BudgetRow:
     texts = words.texts
     doubt = [doubt_words(part.doubt, texts)] if part.doubt and part.doubt != "usual" else []
     return BudgetRow(
         part=words.part_name(part),
-        beside=tuple(filter(None, [words.size_of(part), *doubt])),
+        beside=tuple(filter(None, [words.size_of(part), *doubt, *words.alone(part.alone)])),
         um=beside_u(part.um, part.u_um),
         share=share,
-        start=start,
         width=width,
         rank=part.rank or "",
         rank_words=words.rank_of(part),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from analysis.api import Compared, Diagnosis, Result, RigError, diagnose
-from analysis.correction.deviation import Deviation, Side
+from analysis.correction.deviation import Deviation, Side, Work
 from analysis.inference.compare import compare
 from analysis.reporting.diagnosis_report import calibration_file
 from analysis.reporting.page.verdict import Verdict
@@ -21,17 +21,16 @@ from rigs.rig import Rig
 class BeforeAfter:
     """What was corrected, by what, and the error before and after on the same circle and at the other place.
 
-    way: the tense and the words of the page follow from it. work: the error over the work of the rig file without and
-    with the correction, and the standard uncertainty of the model there, µm rms, None where nothing was corrected.
-    judged: what the other place said of the model before its runs joined the last diagnosis, µm rms before and with it;
-    None where none judged. verdict: the figures of the runs afterwards against their limits, on the same circle, None
-    where there were no such runs. own_programs: the command that corrects programs of the reader's own.
+    way: the tense and the words of the page follow from it. work: None where nothing was corrected. judged: what the
+    other place said of the model before its runs joined the last diagnosis, µm rms before and with it; None where none
+    judged. verdict: the figures of the runs afterwards against their limits, on the same circle, None where there were
+    no such runs. own_programs: the command that corrects programs of the reader's own.
     """
 
     correction: str
     way: Literal["entries", "programs", "none"]
     rows: tuple[Side, ...]
-    work: tuple[float, float, float] | None = None
+    work: Work | None = None
     judged: tuple[float, float] | None = None
     joined: int = 0
     own_programs: str = ""

@@ -29,7 +29,7 @@ from analysis.reporting.diagnosis_words import micrometres, remains_lines, remai
 from analysis.reporting.html_page import environment, is_pdf, write_html, write_pdf
 from analysis.reporting.live_chart import colours, live
 from analysis.reporting.model_charts import diagnosis_charts
-from analysis.reporting.page.findings import budget_table, diagnosis_words, findings_of, step_table
+from analysis.reporting.page.findings import budget_rows, diagnosis_words, findings_of, step_table
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.sections import sections_of
 from analysis.reporting.page.trace import NO_HEADING, Heading, fields_of, instruments_of, runs_of
@@ -71,7 +71,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         answer=AnswerWords(report.found, texts) if report.found else None,
         acts=_acts(report, texts),
         cut_off=f"{FAULT:g}",
-        budget=budget_table(report.found, texts) if report.found else None,
+        budget=budget_rows(report.found, texts) if report.found else None,
         remains=remains_rows(report.found.remains, texts) if report.found and report.found.remains else [],
         remains_lines=remains_lines(report.found.remains, texts) if report.found and report.found.remains else [],
         steps=step_table(report.found, texts) if report.found else None,

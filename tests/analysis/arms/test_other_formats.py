@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from analysis.arms.driver_kinematics import driver_kinematics
 from analysis.arms.mjcf_text import JointTraits, mjcf_text
-from analysis.arms.urdf_text import urdf_text
-from analysis.arms.xacro_text import xacro_text
+from analysis.arms.urdf_text import urdf_text, xacro_text
 from analysis.correction.exported_arm import friction_nm, joint_traits, torques_of
 from analysis.correction.work import tool_poses
 from analysis.kinematics.arm import Array

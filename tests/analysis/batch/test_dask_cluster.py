@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 import sys
 import threading
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from analysis.batch.outcomes import Done
 from rigs.distribution import to_install
 from rigs.errors import FileError
 from tests.support.child_processes import sign_in, signed_in, until
+from tests.support.command_line import ran
 from tests.support.dask_cluster import Cluster, cluster
 from tests.support.dated_runs import dated_run
 from tests.support.nightly import cases
@@ -46,9 +46,8 @@ def test_a_table_is_the_same_from_a_cluster(two_workers: Cluster, tmp_path: Path
         dated_run(tmp_path / "plant" / "robot", day, 0.01)
     (tmp_path / "plant" / "bad").mkdir()
     (tmp_path / "plant" / "bad" / "manifest.json").write_text("{}")
-    words = [*RIG, "analyse", str(tmp_path / "plant"), "--json"]
-    here = subprocess.run(words, capture_output=True, check=False)
-    there = subprocess.run([*words, "--scheduler", two_workers.address], capture_output=True, check=False)
+    words = ["analyse", str(tmp_path / "plant"), "--json"]
+    here, there = ran(*words), ran(*words, "--scheduler", two_workers.address)
     assert here.stdout and (there.returncode, there.stdout, there.stderr) == (3, here.stdout, here.stderr)
 
 
@@ -75,9 +74,7 @@ ADDRESSES = ("an address", "http://127.0.0.1:80", "tls://127.0.0.1:1", "")
 @pytest.mark.parametrize("address", cases(ADDRESSES, ADDRESSES[:1]))
 def test_no_scheduler_is_one_line(address: str) -> None:
     pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
-    done = subprocess.run(
-        [*RIG, "verify", "nothing", "--scheduler", address], capture_output=True, text=True, check=False
-    )
+    done = ran("verify", "nothing", "--scheduler", address)
     (line,) = done.stderr.splitlines()
     assert done.returncode == 4 and line.startswith(f"error: --scheduler {address}: no Dask scheduler answers")
 

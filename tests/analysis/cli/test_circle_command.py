@@ -159,6 +159,7 @@ def test_without_a_daemon_live_is_one_line(tmp_path: Path) -> None:
 
 def test_points_that_a_daemon_reads_are_fitted_when_ctrl_c_ends_it(tmp_path: Path) -> None:
     data = yaml.safe_load(rig_text())
+    data["feedback"]["rate_hz"] = 125  # a robot that is led by hand needs no more, and four programs look at it
     points = jogged_points()
     with Bench(tmp_path, yaml.safe_dump(data)) as bench:
         bench.motion.deg = points[0]

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -35,12 +36,16 @@ WORDS = {
 """What every command imports of rig: the words that its options take, its errors, its outcomes."""
 
 
-def modules_of(*words: str | Path) -> list[str]:
+def imported_by(*words: str | Path) -> list[str]:
     """The modules that a command imports, in a process of its own."""
     done = subprocess.run([sys.executable, "-c", _PRINT, *words], capture_output=True, text=True, check=False)
     modules: list[str] = json.loads(done.stderr.rpartition("modules ")[2])
     assert "analysis.cli" in modules and done.returncode == 0, done.stderr
     return modules
+
+
+modules_of = cache(imported_by)
+"""The same of a command that does the same each time."""
 
 
 def packages(modules: list[str]) -> set[str]:
@@ -86,8 +91,8 @@ def test_figures_for_a_script_import_nothing_that_draws(run: Path) -> None:
 
 def test_what_is_known_of_a_plant_imports_nothing_that_evaluates(run: Path, tmp_path: Path) -> None:
     words = ["fleet", run.parent, "--jobs", "1", "--catalogue", tmp_path / "catalogue.sqlite"]
-    assert "scipy" in packages(modules_of(*words)), "its play is fitted"
-    assert packages(modules_of(*words)) <= READING | OURS | {"daq"}
+    assert "scipy" in packages(imported_by(*words)), "its play is fitted"
+    assert packages(imported_by(*words)) <= READING | OURS | {"daq"}
 
 
 def test_help_of_a_command_imports_no_more(run: Path) -> None:

@@ -14,6 +14,7 @@ from analysis import save_run, simulate
 from tests.support.bench import BIN, Bench
 from tests.support.command_line import ran
 from tests.support.live_terminal import Terminal
+from tests.support.nightly import cases
 from tests.support.recorded_lap import recorded
 from tests.support.simulated_laps import lap_run
 
@@ -47,9 +48,9 @@ def test_a_run_is_played_as_json(run: Path) -> None:
     assert last["recording"] == "yaw-acw-exact" and last["band_deg"]["acw"] > 0 and last["reversals"] > 10
 
 
-@pytest.mark.parametrize("options", [("--plain",), ("--json",), ()])
-def test_a_run_is_played_where_nothing_is_posix(run: Path, options: tuple[str, ...]) -> None:
-    command = [*PORTABLE, "--run", run, "--speed", "64", *options]
+@pytest.mark.parametrize("option", cases(("--plain", "--json", ""), ("",)))
+def test_a_run_is_played_where_nothing_is_posix(run: Path, option: str) -> None:
+    command = [*PORTABLE, "--run", run, "--speed", "64", *option.split()]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500, cwd=ROOT)
     assert done.returncode == 0 and done.stderr == "" and "yaw" in done.stdout
 
@@ -75,17 +76,17 @@ def test_without_a_daemon_it_is_one_line(tmp_path: Path) -> None:
         assert done.returncode == 4 and len(done.stderr.splitlines()) == 1 and done.stdout == ""
 
 
-def test_lines_of_a_running_daemon_go_on_until_they_are_stopped(tmp_path: Path) -> None:
+@pytest.mark.parametrize("option", cases(("--plain", "--json"), ("--json",)))
+def test_lines_of_a_running_daemon_go_on_until_they_are_stopped(tmp_path: Path, option: str) -> None:
     with Bench(tmp_path) as bench:
         bench.start().all_reading()
-        for option in ("--plain", "--json"):
-            process = subprocess.Popen([BIN / "rig", "live", option], stdout=subprocess.PIPE, env=bench.env, text=True)
-            assert process.stdout is not None
-            line = next(line for line in process.stdout if "0.1" in line and "g2" in line)
-            assert option == "--plain" or json.loads(line)["gauges"]["g1"]["mm"] == pytest.approx(0.1)
-            process.send_signal(signal.SIGINT)
-            process.stdout.close()
-            assert process.wait(300) == 0
+        process = subprocess.Popen([BIN / "rig", "live", option], stdout=subprocess.PIPE, env=bench.env, text=True)
+        assert process.stdout is not None
+        line = next(line for line in process.stdout if "0.1" in line and "g2" in line)
+        assert option == "--plain" or json.loads(line)["gauges"]["g1"]["mm"] == pytest.approx(0.1)
+        process.send_signal(signal.SIGINT)
+        process.stdout.close()
+        assert process.wait(300) == 0
         once = bench.run("rig", "live")
         assert once.returncode == 0 and "connected" in once.stdout
 

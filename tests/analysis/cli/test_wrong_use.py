@@ -85,11 +85,17 @@ def test_a_repeatability_test_without_a_hemisphere_is_reported(tmp_path: Path) -
     assert "repeatability: needs tests.hemisphere" in ran("check", cell).stdout
 
 
+CLOSED = ["sh", "-c", 'exec "$0" "$@" <&-', BIN / "rig"]
+
+
 def test_nobody_types_where_standard_input_is_closed(tmp_path: Path) -> None:
-    closed = ["sh", "-c", 'exec "$0" "$@" <&-', BIN / "rig"]
-    done = subprocess.run([*closed, "init", tmp_path / "cell.yaml"], capture_output=True, text=True, check=False)
+    done = subprocess.run([*CLOSED, "init", tmp_path / "cell.yaml"], capture_output=True, text=True, check=False)
     assert done.returncode == 2 and done.stderr.startswith("error: --robot: is not given, and without a terminal")
-    with subprocess.Popen([*closed, "emulate", "ur10e", "-o", tmp_path], stdout=-1, stderr=-1, text=True) as emulated:
+
+
+@pytest.mark.nightly  # 3 s; another command without a keyboard stands above
+def test_an_emulated_cell_needs_no_keyboard(tmp_path: Path) -> None:
+    with subprocess.Popen([*CLOSED, "emulate", "ur10e", "-o", tmp_path], stdout=-1, stderr=-1, text=True) as emulated:
         assert emulated.stdout and emulated.stderr
         for line in emulated.stdout:
             if "ready" in line:

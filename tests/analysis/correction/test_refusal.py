@@ -62,7 +62,7 @@ def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
     path = tmp_path / "nominal" / "radial-path.csv"
     own = tmp_path / "own.script"
     own.write_text("movej([0.3, -1.2, 1.4, -0.3, 1.2, 0.2])\n")
-    done = ran("correct", cell, "--path", path, "--program", own, "-o", out, "--anyway")
+    done = ran("correct", cell, "--path", path, "--program", own, "--for", "ur", "-o", out, "--anyway")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Against the verdict: correct nothing by this model: where it had no part")
     text = (out / "corrections.yaml").read_text()

@@ -17,6 +17,7 @@ from analysis.files.read import MOST_BYTES, parse_csv, read_file
 from analysis.traces.csv_tables import table_from
 from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import Direction, TestName
+from tests.support.nightly import examples
 from tests.support.table_cases import RIG_FILE, TESTS, circle_values, csv_text, plain, rig, rows_of, texts
 from tests.support.written_runs import import_table
 
@@ -315,21 +316,25 @@ def mutated(draw: st.DrawFn, test: TestName) -> str:
     return text
 
 
-@settings(max_examples=150)
-@given(st.data())
-def test_any_mutation_gives_a_table_or_one_of_our_errors(data: st.DataObject) -> None:
-    test = data.draw(st.sampled_from(TESTS))
-    text = data.draw(st.composite(mutated)(test))
-    direction: Direction | None = data.draw(st.sampled_from([None, "cw"]))
-    try:
-        columns = parse_csv(text.encode(), "t.csv", test, rig(), direction)
-        words = columns["direction"][0].as_py() if test in ("yaw", "roll") else None
-        list(unit_findings(table_from(columns, test, words, "t.csv"), rig()))
-    except FileError as error:
-        assert all(line.startswith("t.csv") and "\n" not in line for line in error.lines())
-    else:
-        assert columns.num_rows
-        assert not any(column.null_count for column in columns.columns)
+@examples(50, 150)
+def test_any_mutation_gives_a_table_or_one_of_our_errors(examples: int) -> None:
+    @settings(max_examples=examples)
+    @given(st.data())
+    def holds(data: st.DataObject) -> None:
+        test = data.draw(st.sampled_from(TESTS))
+        text = data.draw(st.composite(mutated)(test))
+        direction: Direction | None = data.draw(st.sampled_from([None, "cw"]))
+        try:
+            columns = parse_csv(text.encode(), "t.csv", test, rig(), direction)
+            words = columns["direction"][0].as_py() if test in ("yaw", "roll") else None
+            list(unit_findings(table_from(columns, test, words, "t.csv"), rig()))
+        except FileError as error:
+            assert all(line.startswith("t.csv") and "\n" not in line for line in error.lines())
+        else:
+            assert columns.num_rows
+            assert not any(column.null_count for column in columns.columns)
+
+    holds()
 
 
 @pytest.mark.parametrize("test", ["radial", "repeatability"])

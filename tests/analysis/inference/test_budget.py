@@ -4,10 +4,13 @@ the uncertainty is of what an effect does."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 
 from analysis.inference.result import BudgetPart, Diagnosis
+from analysis.reporting.act_words import ActWords
+from analysis.reporting.answer_words import AnswerWords
 from rigs.effects import Backlash, Compliance, Effect, JointOffset
 from rigs.schema.effect import label_of, name_of
 from tests.support.diagnosis_cells import circles, found_in, poses
@@ -43,6 +46,7 @@ def _of_kind(parts: Sequence[BudgetPart], kind: str) -> list[BudgetPart]:
 def test_the_shares_are_the_whole_gap_the_largest_first(found: object) -> None:
     parts = found().budget  # type: ignore[operator]
     assert sum(one.share for one in parts) == pytest.approx(1.0, abs=1e-9)
+    assert all(0 <= one.share <= 1 for one in parts)
     assert [one.share for one in parts] == sorted((one.share for one in parts), reverse=True)
     assert len(_of_kind(parts, "scatter")) == len(_of_kind(parts, "unexplained")) == 1
     assert all(one.um >= 0 and one.u_um >= 0 for one in parts)
@@ -69,9 +73,14 @@ def test_what_cancels_another_part_is_one_line_with_it() -> None:
     assert [label_of(one.effect) for one in (large, small)] == [label_of(one) for one in BOTH]
     assert line == found.budget[0] and line.cancelled == (label_of(BOTH[1]),)
     assert all(one.name != label_of(BOTH[1]) for one in found.budget), "it is counted once"
-    assert all(-0.005 <= one.share <= 1.0 for one in found.budget)
     assert small.alone_um > found.train.before_um, "its remedy alone makes the gap wider"
     assert line.um == pytest.approx(found.train.before_um, rel=0.01), "both together, not the larger one alone"
+    assert [one.label for one in line.alone] == [label_of(one) for one in BOTH]
+    assert [one.um for one in line.alone] == pytest.approx([large.worth_um, small.worth_um], rel=0.01), "each alone"
+    headline = AnswerWords(found).headline
+    assert "zero of axis 2" in headline and "partly cancelled by zero of axis 3" in headline
+    (act,) = (one for one in found.acts if one.effect == large.effect)
+    assert "then shows whole: zero of axis 3" in ActWords(found).removes(replace(act, with_before_um=None))
     assert large.gap_without_um > 1.1 * line.um and small.gap_without_um > 0.2 * line.um
 
 
@@ -90,9 +99,3 @@ def test_nothing_of_a_healthy_arm_is_unusual_and_scatter_is_what_there_is() -> N
     assert all(one.rank != "unusual" for one in found.budget)
     assert found.budget[0].kind == "scatter"
     assert found.budget[0].um == pytest.approx(found.train.noise_floor_um, rel=0.5)
-
-
-def test_a_budget_in_plain_types_has_its_class() -> None:
-    told = _of_circles(PLAY).to_dict()["budget"][0]
-    assert (told["kind"], told["name"], told["class"]) == ("effect", "backlash 1", "unusual")
-    assert told["share"] > 0.95 and told["u_um"] < told["um"]

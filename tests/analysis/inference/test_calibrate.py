@@ -11,7 +11,7 @@ import pytest
 from analysis import calibrate
 from analysis.inference.result import Diagnosis, Named
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.simulation.simulated_runs import simulated_run
+from analysis.simulation.simulate import simulated_run
 from analysis.traces.loading import Measured
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError, size_field
 from rigs.load import load
@@ -186,7 +186,7 @@ def test_few_poses_are_no_reason_to_refuse_many_parameters() -> None:
     assert found and found.calibrated_um < 0.25 * found.before_um
 
 
-@pytest.mark.parametrize("seeds", cases((range(2), range(2, 9)), (range(2),)))
+@pytest.mark.parametrize("seeds", cases((range(1), range(9)), (range(1),)))
 def test_uncertainties_hold_for_what_is_determined_and_for_what_is_not(seeds: range) -> None:
     """Zeros and lengths of a bad arm, each against its own uncertainty, also those determined together only."""
     away = []

@@ -3,6 +3,7 @@ same runs with the file that was written show the figure that was stated."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -18,9 +19,10 @@ from analysis.reporting.diagnosis_report import write_extended
 from rigs.calibration import TIMES, CalibratedModel, Parameter, Term, packed_factor
 from rigs.effects import Backlash, Effect, GaugeScale, JointOffset, LinkGeometry, TransmissionError
 from rigs.load import load
-from tests.support.diagnosis_cells import RIG, TEXT, circles, found_in, poses, seen
+from tests.support.diagnosis_cells import RIG, TEXT, circles, demo, found_in, poses, seen
 from tests.support.handmade_calibration import calibrated_model
 from tests.support.made_once import made_once
+from tests.support.nightly import cases
 
 USUAL: tuple[Effect, ...] = (
     JointOffset(axis=2, offset_deg=0.012),
@@ -72,13 +74,15 @@ def test_the_covariance_is_one() -> None:
     np.testing.assert_allclose(covariance[fitted:, fitted:], forms / sizes[:, None] / sizes, rtol=1e-6, atol=1e-9)
 
 
-def test_a_calibration_holds_what_a_diagnosis_knows() -> None:
-    found = _found()
+@pytest.mark.parametrize("make", cases((demo, _found), (demo,)))
+def test_a_calibration_holds_what_a_diagnosis_knows(make: Callable[[], Diagnosis]) -> None:
+    found = make()
     model = found.calibrated
     assert model and CalibratedModel.model_validate_json(model.model_dump_json()) == model
     assert [one.effect for one in model.terms if one.named] == [one.effect for one in found.standing]
     assert model.before_um == found.train.before_um and model.calibrated_um == found.train.calibrated_um
-    assert found.held_out and model.held_out_um == found.held_out.calibrated_um
+    judge = found.held_out or found.unseen
+    assert judge and model.held_out_um == judge.calibrated_um
     assert {run.name for run in model.runs} == set(found.runs) and set(model.setups) == {"yaw"}
     assert all(low < high for low, high in model.joints_deg)
     fields = {(model.terms[one.term].effect.effect, one.field) for one in model.parameters}

@@ -79,6 +79,10 @@ def test_what_remains_after_the_calibration_is_said_of_where_it_was_found() -> N
     )
     used = replace(words.diagnosis.accuracy, place="used")
     assert "how much elsewhere is not known" in AnswerWords(diagnosis(accuracy=used)).accuracy
+    few = diagnosis("not_testable_here", accuracy=used)  # four poses have fewer numbers than there are unknowns
+    assert AnswerWords(few).accuracy.endswith("What a calibration leaves is not known: these runs cannot show it.")
+    plain = few.to_dict()
+    assert plain["accuracy"]["calibrated_um"] is None and plain["gap"]["train"]["calibrated"] is None
     judged = replace(words.diagnosis.accuracy, standing="fail", limit="rig_file")
     assert AnswerWords(diagnosis(accuracy=judged)).judged == "Accuracy: FAIL, by the limits of the rig file."
 
@@ -101,9 +105,14 @@ def test_a_group_above_a_third_names_its_likeliest_members_and_the_test_that_nam
     act = Act("measure", "group", (0,), cost=Cost(4.8), test=test)
     found = diagnosis("named", effects=(), budget=(part,), acts=(act,))
     assert AnswerWords(found).headline == (
-        "77 % of the error lies in geometry and zeros, likeliest zero of axis 5 (beta) (62 %), "
-        "play of axis 1 (Theta) (< 1 %)."
+        "77 % of the error lies in geometry and zeros, likeliest zero of axis 5 (beta) (62 %)."
     )
+    sure = replace(part, members=(replace(members[0], odds=0.9999, u_um=2.0), members[1]))
+    assert AnswerWords(replace(found, budget=(sure,))).headline.endswith(
+        "likeliest zero of axis 5 (beta) (0.1032 ± 0.0052 °, > 99.9 %)."
+    )
+    none = replace(part, members=(replace(members[1], odds=0.004),))
+    assert AnswerWords(replace(found, budget=(none,))).headline == "77 % of the error comes from geometry and zeros."
     assert ActWords(found).next == (
         "Drive roll on the circle (5 min): it names what makes 77 % of the error among geometry and zeros, "
         "then 99.8 % sure."
@@ -183,6 +192,15 @@ def test_a_measurement_that_no_test_does_is_said_first_and_once() -> None:
     group = Act("measure", "group", (0,), against=(Against("no_place"),))
     said = ActWords(diagnosis(acts=(group,))).next
     assert said.startswith("Declare another circle") and "(" not in said.replace("(Theta)", "")
+
+
+@pytest.mark.parametrize(
+    ("removes_um", "said"), [(1.0, "falls from"), (-1.0, "becomes larger"), (0.8, "may fall"), (0.2, "hardly changes")]
+)
+def test_what_an_act_takes_away_is_said_as_what_it_is(removes_um: float, said: str) -> None:
+    """A fall by a quarter that was not certain was "hardly changes"."""
+    act = replace(REPAIR, removes_um=removes_um, removes_u_um=0.45, remains_um=4.0)
+    assert said in ActWords(diagnosis(acts=(act,))).next
 
 
 def test_a_later_act_says_what_is_left_with_those_before_it() -> None:

@@ -14,7 +14,9 @@ import pytest
 from rich.console import Console
 
 from analysis.correction.support import supports
-from analysis.inference.result import Condition, Diagnosis, Gap, ResidualBand
+from analysis.inference.acts import Act
+from analysis.inference.residuals import ResidualBand
+from analysis.inference.result import Condition, Diagnosis, Gap
 from analysis.model.predict import model_of
 from analysis.reporting.diagnosis_picture import picture
 from analysis.reporting.diagnosis_report import hold_empty, write
@@ -190,6 +192,14 @@ def test_a_picture_of_little_and_one_of_much(tmp_path: Path) -> None:
     much = picture(diagnosis(curves=curves, maps=(sphere(),) * 9, effects=(PLAY, ZERO) * 2))
     much.savefig(tmp_path / "much.png", dpi=30)
     assert much.get_size_inches()[1] < 35
+
+
+@pytest.mark.parametrize("in_session", [False, True])
+def test_the_picture_of_a_session_leaves_what_is_expected_to_the_session(in_session: bool) -> None:
+    load_act = Act("load", "correction", (0,), removes_um=94.0, removes_u_um=0.8, remains_um=12.0, remains_u_um=0.8)
+    sheet = picture(diagnosis(acts=(load_act,), **NO_PICTURE), in_session=in_session)
+    words = [words.get_text() for part in sheet.subfigs for axes in part.axes for words in axes.texts]
+    assert any("Next: " in text for text in words) != in_session
 
 
 def test_a_circle_is_shown_in_the_part_that_disagrees_most() -> None:

@@ -36,7 +36,8 @@ def test_status_shows_every_step_and_json_the_whole_state(cell: Path, tmp_path: 
     session = begun(cell, tmp_path / "own")
     shown = ran("session", cell, "-o", tmp_path / "own", "--status")
     assert shown.returncode == 0 and shown.stdout.count("to be driven") == len(session.steps)
-    assert "go on with: rig session" in shown.stdout
+    assert f"next: start program p01-yaw-acw; go on with: rig session {cell}" in shown.stdout
+    assert f" -o {tmp_path / 'own'} --for {session.maker}" in shown.stdout
     plain = json.loads(ran("session", cell, "-o", tmp_path / "own", "--status", "--json").stdout)
     assert plain["steps"][0]["program"] == "p01-yaw-acw" and plain["rig"] == session.rig
 
@@ -44,6 +45,7 @@ def test_status_shows_every_step_and_json_the_whole_state(cell: Path, tmp_path: 
 def test_no_session_yet(cell: Path, tmp_path: Path) -> None:
     done = ran("session", cell, "-o", tmp_path / "none", "--status")
     assert done.returncode == 3 and "no session was begun here" in one_line(done.stderr)
+    assert f"begin one: rig session {cell} -o {tmp_path / 'none'}" in done.stderr
 
 
 @pytest.mark.parametrize(

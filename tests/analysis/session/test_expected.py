@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from analysis.correction.deviation import Deviation, Side
+from analysis.correction.deviation import Deviation, Side, Work
 from analysis.correction.pose_uncertainty import pose_uncertainty
 from analysis.session.correct import expected_left
 from analysis.session.state import Correction
@@ -31,3 +31,13 @@ def test_u_stands_where_the_runs_of_the_model_were_and_nowhere_else(most_deg: fl
     correction = Correction(way="programs", sentence="Load them.", before_um=50, expected_um=12.3)
     line = list(correction_lines(correction, [Side("elsewhere", before, before, expected)]))[1]
     assert ("without u" in line) != is_known
+
+
+@pytest.mark.parametrize(("unknown", "said"), [(0.0, ""), (0.82, "82 % of the work"), (1.0, "where the work is")])
+def test_the_error_over_the_work_says_where_no_run_shows_it(unknown: float, said: str) -> None:
+    side = Deviation(um=50, largest_um=90, u_um=1, runs=2)
+    work = Work(before_um=312, after_um=133, u_um=46, unknown=unknown)
+    correction = Correction(way="programs", sentence="Load them.", before_um=50, expected_um=2, work=work)
+    line = list(correction_lines(correction, [Side("same", side, side, None)]))[-1]
+    assert "312 µm rms before, 133 expected after" in line
+    assert said in line and ("No run shows" in line) == bool(said)

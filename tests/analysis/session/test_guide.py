@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from analysis.reporting.texts import texts_of
 from analysis.session import report
 from analysis.session.cell import Run
 from analysis.session.next_step import Drive, Infer, next_of, why_nothing
@@ -102,8 +103,16 @@ def test_a_session_drives_finds_corrects_and_drives_again(whole: Whole) -> None:
 def test_its_page_has_its_charts(whole: Whole) -> None:
     place = Place(whole.place)
     (place.directory / report.PAGE).unlink()  # the blank one, which no page of rig replaces
-    page = report.write_report(whole.session, load(whole.session.rig_file)[0], place)
-    assert page.stat().st_size > 10_000 and "data:image/svg" in page.read_text(encoding="utf-8")
+    correction = whole.session.correction
+    assert correction and correction.same and correction.work
+    unknown = correction.work.model_copy(update={"unknown": 0.82})
+    session = whole.session.model_copy(update={"correction": correction.model_copy(update={"work": unknown})})
+    page = report.write_report(session, load(whole.session.rig_file)[0], place)
+    text = page.read_text(encoding="utf-8")
+    assert page.stat().st_size > 10_000 and "data:image/svg" in text
+    assert texts_of("en").not_known(0.82) in text
+    assert f"to {correction.same.text} µm rms" in correction.sentence and f"{correction.same.text} µm rms" in text
+    assert texts_of("en")("stands_now") in text.partition("</title>")[0]
 
 
 @pytest.mark.cpu_limit(150)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,9 @@ from analysis.session.guide import (
     State,
     Stop,
 )
-from analysis.session.next_step import Drive
+from analysis.session.next_step import Drive, is_answered
 from analysis.session.plan import BY_ITSELF
-from analysis.session.state import Correction, Session, Try
+from analysis.session.state import Correction, Deed, Session, Try
 from rigs.load import load
 from tests.support.session_cell import NAMED, begun, cell_file
 
@@ -165,3 +166,37 @@ def test_a_run_that_was_recorded_before_a_cut_is_taken_by_the_step_that_is_drive
     state, _ = stepped(state, Present("s"))
     state, actions = stepped(state, Present("t", "p99-roll-cw"))
     assert (state.session.left_alone, actions) == (("s", "t"), ())
+
+
+GROUP = Deed(kind="measure", why="group", words="Drive roll: it names what makes 72 % of the error.")
+
+
+@pytest.mark.parametrize(
+    ("used", "changed", "is_so"),
+    [(4, {}, True), (3, {}, False), (4, {"acts": (GROUP,)}, False), (4, {"condition": "ambiguous"}, False)],
+)
+def test_the_question_is_answered_by_the_runs_that_an_answer_has_used(
+    at_start: Session, used: int, changed: dict[str, Any], is_so: bool
+) -> None:
+    answer = NAMED.model_copy(update={"runs": used, **changed})
+    assert is_answered(driven(at_start, "find"), answer) == is_so
+
+
+def test_what_was_left_out_is_driven_where_more_runs_say_less(at_start: Session) -> None:
+    steps = list(at_start.steps)
+    twice = [steps[0], steps[1], *steps[:4]]  # six programs to find errors
+    find = [step.model_copy(update={"purpose": "find"}) for step in twice]
+    steps = [
+        *(step.model_copy(update={"tries": (Try(run=f"r{k}"),)}) for k, step in enumerate(find[:4])),
+        *find[4:],
+        *(step for step in at_start.steps if step.purpose != "find"),
+    ]
+    session = at_start.model_copy(update={"steps": tuple(steps)})
+    driving = State(session, stage="yaw", driving=4)
+    early, _ = stepped(driving, Answered(NAMED.model_copy(update={"runs": 4})))
+    assert [step.program for step in early.session.steps if step.skipped] == [find[5].program]
+    less = NAMED.model_copy(update={"runs": 5, "acts": (GROUP,)})
+    again, _ = stepped(early, Answered(less))
+    assert not any(step.skipped for step in again.session.steps)
+    at_other, _ = stepped(replace(early, stage="other"), Answered(less))
+    assert at_other.session.steps[5].skipped

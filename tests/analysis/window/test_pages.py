@@ -19,6 +19,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from analysis import load_run
 from analysis.live.view import LiveView, Reading, Update
 from analysis.reporting.texts import LANGUAGES
 from analysis.session.state import Place, Session, Step, Try
@@ -30,6 +31,7 @@ from analysis.window.texts import language_of, texts_of
 from analysis.window.watcher import Watcher
 from daq.store.marks import load_marks
 from rigs.errors import CellError
+from tests.support.nightly import cases
 from tests.support.session_cell import NAMED
 from tests.support.simulated_laps import lap_run, watched_lap
 from tests.support.windows import PATIENCE_S, Served, no_daemon, served, told
@@ -93,22 +95,28 @@ def test_runs_are_listed_filtered_evaluated_and_compared(one: Served) -> None:
     assert refused.status == 409 and "torn" in refused.text
 
 
-def test_a_run_has_curves_figures_and_tables_and_is_not_marked_as_exported(one: Served) -> None:
+def test_a_run_has_curves_and_figures(one: Served) -> None:
     page = one.until("/runs/good", lambda answer: "<img" in answer.text and "refresh" not in answer.text)
     picture = page.text.split('<img src="')[1].split('"')[0]
     assert one.ask(picture).headers["content-type"] == "image/png"
     assert "error band" in page.text and "sine amplitude" in page.text
     assert "play of axis 1" in page.text and "play_j" not in page.text and "± 0.0000 " not in page.text
-    tables = {}
-    for kind in ("csv", "parquet", "xlsx"):
-        answer = one.until(f"/runs/good/table.{kind}", lambda answer: answer.status != 202)
-        assert answer.status == 200 and f"good.{kind}" in answer.headers["content-disposition"]
-        tables[kind] = answer.data
-    rows = pq.read_table(io.BytesIO(tables["parquet"])).num_rows
-    assert tables["csv"].count(b"\n") == rows + 1
-    sheet = zipfile.ZipFile(io.BytesIO(tables["xlsx"])).read("xl/worksheets/sheet1.xml")
-    assert sheet.count(b"<row ") == rows + 1
     assert one.ask("/runs/good/table.exe").status == 404
+
+
+ROWS: dict[str, Callable[[bytes], int]] = {
+    "csv": lambda data: data.count(b"\n") - 1,
+    "parquet": lambda data: pq.read_table(io.BytesIO(data)).num_rows,
+    "xlsx": lambda data: zipfile.ZipFile(io.BytesIO(data)).read("xl/worksheets/sheet1.xml").count(b"<row ") - 1,
+}
+"""How many rows of readings a table has, by its kind."""
+
+
+@pytest.mark.parametrize("kind", cases(ROWS, ("csv",)))
+def test_a_run_is_saved_as_a_table_and_is_not_marked_as_exported(one: Served, kind: str) -> None:
+    answer = one.until(f"/runs/good/table.{kind}", lambda answer: answer.status != 202)
+    assert answer.status == 200 and f"good.{kind}" in answer.headers["content-disposition"]
+    assert ROWS[kind](answer.data) == len(load_run(one.window.shelf.directory / "good").table.t_s)
     marks = load_marks(one.window.shelf.directory / "good")
     assert not marks.exports, "what a browser saved may be lost, and rigd may delete what is exported"
 
@@ -155,6 +163,9 @@ def test_the_session_is_shown_and_a_damaged_one_is_said(tmp_path: Path) -> None:
         assert read["next"]["number"] == 2
         place.file.write_text("version: [")
         assert _heard(window, "session", lambda one: one["next"]["key"] == "damaged")["next"]["why"]
+        place.file.unlink()
+        nothing = _heard(window, "session", lambda one: one["next"]["key"] == "none")["next"]
+        assert nothing["command"] == f"rig session cell.yaml -o {tmp_path}"
 
 
 def _heard(window: Served, kind: str, is_so: Callable[[Any], object] = bool) -> Any:

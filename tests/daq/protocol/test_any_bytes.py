@@ -49,6 +49,7 @@ from tests.support.drivers import (
     rtde,
     sylvac,
 )
+from tests.support.nightly import examples
 from tests.support.replies import POLLED
 from tests.support.simulated_conversation import S, Script, asked, held
 
@@ -171,16 +172,20 @@ def _outcome(begin: Callable[[], Script], pieces: Sequence[bytes]) -> tuple[byte
 
 
 @pytest.mark.parametrize("name", STREAMS)
-@settings(max_examples=40)
-@given(data=st.data())
-def test_the_cut_makes_no_difference(name: str, data: st.DataObject) -> None:
-    begin, replies, most = STREAMS[name]
-    stream = b"".join(data.draw(st.lists(st.sampled_from(replies), min_size=1, max_size=most)))
-    cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=12))
-    whole = _outcome(begin, [stream])
-    assert whole[1], "a stream that tells nothing tests nothing"
-    assert _outcome(begin, _cut(stream, cuts)) == whole
-    assert _outcome(begin, [stream[k : k + 1] for k in range(len(stream))]) == whole
+@examples(15, 40)
+def test_the_cut_makes_no_difference(name: str, examples: int) -> None:
+    @settings(max_examples=examples)
+    @given(data=st.data())
+    def holds(data: st.DataObject) -> None:
+        begin, replies, most = STREAMS[name]
+        stream = b"".join(data.draw(st.lists(st.sampled_from(replies), min_size=1, max_size=most)))
+        cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=12))
+        whole = _outcome(begin, [stream])
+        assert whole[1], "a stream that tells nothing tests nothing"
+        assert _outcome(begin, _cut(stream, cuts)) == whole
+        assert _outcome(begin, [stream[k : k + 1] for k in range(len(stream))]) == whole
+
+    holds()
 
 
 def _sides() -> dict[str, tuple[Callable[[], Conversation], list[bytes]]]:
@@ -236,25 +241,29 @@ def _mutated(draw: st.DrawFn, good: Sequence[bytes]) -> bytes:
 
 
 @pytest.mark.parametrize("name", SIDES)
-@settings(max_examples=25)
-@given(data=st.data())
-def test_no_bytes_raise_or_fill_the_memory(name: str, data: st.DataObject) -> None:
-    begin, good = SIDES[name]
-    held_max = next((most for kind, most in HELD_BY.items() if kind in name), HELD_MAX)
-    conversation = begin()
-    conversation.connected(0)
-    now_ns = S  # a polled host has listened long enough to ask
-    step = conversation.tick(now_ns)
-    pieces = data.draw(st.lists(st.binary(max_size=300) | _mutated(good), max_size=25))
-    for piece in pieces:
-        now_ns += data.draw(st.sampled_from([0, 1000, S // 5, 2 * S]))
-        if step.wake_ns is not None and step.wake_ns <= now_ns:
-            step = conversation.tick(now_ns)
-        step = conversation.received(piece, now_ns)
-        assert held(conversation) <= held_max
-    for byte in (b"\0", b"+", b"\xff", b"1,"):
-        conversation.received(byte * 2 * LIMIT, now_ns)
-        assert held(conversation) <= held_max
+@examples(8, 25)
+def test_no_bytes_raise_or_fill_the_memory(name: str, examples: int) -> None:
+    @settings(max_examples=examples)
+    @given(data=st.data())
+    def holds(data: st.DataObject) -> None:
+        begin, good = SIDES[name]
+        held_max = next((most for kind, most in HELD_BY.items() if kind in name), HELD_MAX)
+        conversation = begin()
+        conversation.connected(0)
+        now_ns = S  # a polled host has listened long enough to ask
+        step = conversation.tick(now_ns)
+        pieces = data.draw(st.lists(st.binary(max_size=300) | _mutated(good), max_size=25))
+        for piece in pieces:
+            now_ns += data.draw(st.sampled_from([0, 1000, S // 5, 2 * S]))
+            if step.wake_ns is not None and step.wake_ns <= now_ns:
+                step = conversation.tick(now_ns)
+            step = conversation.received(piece, now_ns)
+            assert held(conversation) <= held_max
+        for byte in (b"\0", b"+", b"\xff", b"1,"):
+            conversation.received(byte * 2 * LIMIT, now_ns)
+            assert held(conversation) <= held_max
+
+    holds()
 
 
 @pytest.mark.parametrize("port", ["/dev/ttyS0", TCP])

@@ -203,7 +203,7 @@ class Recordings(RuleBasedStateMachine):
             assert count == self.taken, (stream, count, self.taken, found.total(), dict(dropped), lost)
 
 
-@pytest.mark.parametrize("examples", cases((40, 300), {40}))
+@pytest.mark.parametrize("examples", cases((20, 300), {20}))
 def test_each_reading_is_in_one_run_or_counted(monkeypatch: pytest.MonkeyPatch, examples: int) -> None:
     # private: a sync at every round
     monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)

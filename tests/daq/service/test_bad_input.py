@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,16 @@ from daq.store import judge, read_run
 from rigs.errors import RigError
 from tests.support.bench import BIN, OFF, Bench, rig_text
 from tests.support.child_processes import until
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    """A cell whose daemon is asked, and neither records nor ends; slow, since it reads beside all other tests here."""
+    data = yaml.safe_load(rig_text())
+    data["feedback"]["rate_hz"] = 20
+    with Bench(tmp_path_factory.mktemp("running"), yaml.safe_dump(data)) as bench:
+        bench.start().all_reading()
+        yield bench
 
 
 def _edited(bench: Bench, **gauges: str) -> None:
@@ -165,11 +176,10 @@ def test_a_robot_that_hangs_up_is_reconnected_and_the_gap_told(bench: Bench) -> 
     assert bench.run("rig", "verify", path).returncode == 0
 
 
-def test_a_second_daemon_on_the_same_rig_is_refused(bench: Bench) -> None:
-    bench.start().all_reading()
-    told = bench.fails("rigd", bench.rig, code=4)
-    assert "another rigd" in told and str(bench.daemon.pid if bench.daemon else "") in told
-    bench.all_reading()
+def test_a_second_daemon_on_the_same_rig_is_refused(running: Bench) -> None:
+    told = running.fails("rigd", running.rig, code=4)
+    assert "another rigd" in told and str(running.daemon.pid if running.daemon else "") in told
+    running.all_reading()
 
 
 def test_a_full_disk_ends_the_recording_and_not_the_daemon(bench: Bench) -> None:
@@ -267,9 +277,8 @@ def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
         (("status", "--rig", "other"), 4, "no daemon runs for other"),
     ],
 )
-def test_what_cannot_be_asked_is_refused(bench: Bench, command: tuple[str, ...], code: int, told: str) -> None:
-    bench.start().all_reading()
-    assert told in bench.fails("rig", *command, code=code)
+def test_what_cannot_be_asked_is_refused(running: Bench, command: tuple[str, ...], code: int, told: str) -> None:
+    assert told in running.fails("rig", *command, code=code)
 
 
 def test_a_second_recording_is_refused_and_the_first_goes_on(bench: Bench) -> None:
@@ -351,10 +360,9 @@ def test_a_host_name_that_cannot_be_is_told(bench: Bench) -> None:
     assert "the host name is not valid; correct the port in the rig file" in bench.fails("rigd", bench.rig, code=4)
 
 
-def test_a_socket_that_speaks_nonsense_gets_an_answer(bench: Bench) -> None:
-    bench.start()
+def test_a_socket_that_speaks_nonsense_gets_an_answer(running: Bench) -> None:
     with socket.socket(socket.AF_UNIX) as sock:
-        sock.connect(str(bench.socket))
+        sock.connect(str(running.socket))
         sock.sendall(b"nonsense\n[1]\n" + b"[" * 5000 + b'\n{"command": "fly"}\n')
         answers = sock.makefile("rb")
         for what in (b"not JSON", b"a request is a JSON object", b"not JSON", b"unknown command"):
@@ -362,10 +370,9 @@ def test_a_socket_that_speaks_nonsense_gets_an_answer(bench: Bench) -> None:
         answers.close()
 
 
-def test_only_owner_and_group_may_use_the_socket(bench: Bench) -> None:
-    bench.start()
-    assert bench.socket.stat().st_mode & 0o777 == 0o660
-    assert bench.socket.parent.stat().st_mode & 0o777 == 0o700
+def test_only_owner_and_group_may_use_the_socket(running: Bench) -> None:
+    assert running.socket.stat().st_mode & 0o777 == 0o660
+    assert running.socket.parent.stat().st_mode & 0o777 == 0o700
 
 
 def _sockets_of(pid: int) -> set[str]:
@@ -379,14 +386,13 @@ def _sockets_of(pid: int) -> set[str]:
     return inodes
 
 
-def test_nothing_listens_on_the_network(bench: Bench) -> None:
-    bench.start().all_reading()
-    assert bench.daemon is not None
-    inodes = _sockets_of(bench.daemon.pid)
+def test_nothing_listens_on_the_network(running: Bench) -> None:
+    assert running.daemon is not None
+    inodes = _sockets_of(running.daemon.pid)
     assert inodes  # its control socket at least
     listening = "0A"
     for table in ("tcp", "tcp6", "udp", "udp6"):
-        for row in Path(f"/proc/{bench.daemon.pid}/net/{table}").read_text().splitlines()[1:]:
+        for row in Path(f"/proc/{running.daemon.pid}/net/{table}").read_text().splitlines()[1:]:
             cells = row.split()
             assert not ((table.startswith("udp") or cells[3] == listening) and cells[9] in inodes)
 

@@ -10,7 +10,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.acquisition.host_clock import DriftMonitor
@@ -20,6 +20,7 @@ from daq.service.maintenance import Maintenance, write_atomically
 from rigs.errors import CellError
 from rigs.text import plain_lines
 from tests.support.bench import Bench
+from tests.support.nightly import examples
 
 _LINE = re.compile(r'([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{((?:[a-zA-Z_]\w*="(?:[^"\\\n]|\\["\\n])*",?)*)\})? (\S+)', re.ASCII)
 _LABEL = re.compile(r'(\w+)="((?:[^"\\\n]|\\["\\n])*)"', re.ASCII)
@@ -53,12 +54,17 @@ def _plain(quoted: str) -> str:
     return re.sub(r"\\(.)", lambda match: "\n" if match[1] == "n" else match[1], quoted)
 
 
-@given(st.text(), st.dictionaries(st.sampled_from("abc"), st.text()), st.floats())
-def test_whatever_a_label_holds_is_read_back(words: str, labels: dict[str, str], value: float) -> None:
-    values = read(render([Metric("rig_x", "gauge", words, ((labels, value),))]))
-    ((key, back),) = values.items()
-    assert key == ("rig_x", frozenset((label, plain_lines(text)) for label, text in labels.items()))
-    assert back == value or (math.isnan(back) and math.isnan(value))
+@examples(30, 100)
+def test_whatever_a_label_holds_is_read_back(examples: int) -> None:
+    @settings(max_examples=examples)
+    @given(st.text(), st.dictionaries(st.sampled_from("abc"), st.text()), st.floats())
+    def holds(words: str, labels: dict[str, str], value: float) -> None:
+        values = read(render([Metric("rig_x", "gauge", words, ((labels, value),))]))
+        ((key, back),) = values.items()
+        assert key == ("rig_x", frozenset((label, plain_lines(text)) for label, text in labels.items()))
+        assert back == value or (math.isnan(back) and math.isnan(value))
+
+    holds()
 
 
 def test_a_metric_without_a_value_is_not_told() -> None:

@@ -10,7 +10,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
@@ -19,6 +19,7 @@ from daq.store import judge, load_manifest, read_run, recover, relabel, verify
 from daq.store.ledger import Entry, Ledger, claim_in, line_of, verified
 from daq.store.verify import END_UNKNOWN
 from rigs.errors import CellError, FileError
+from tests.support.nightly import examples
 from tests.support.store_cases import (
     assert_holds,
     crash,
@@ -116,32 +117,36 @@ def test_a_ledger_that_is_cut_is_a_run_that_was_never_ended(run: Path) -> None:
             read_run(run)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
-@given(data=st.data())
-def test_nothing_changes_in_a_ledger_unseen(whole: Path, run: Path, data: st.DataObject) -> None:
-    good = (whole / "ledger.jsonl").read_bytes()
-    lines = good.splitlines(keepends=True)
-    one, other = (data.draw(st.integers(0, len(lines) - 1)) for _ in range(2))
-    how = data.draw(st.sampled_from(["drop", "swap", "double", "flip"]))
-    if how == "drop":
-        del lines[one]
-    elif how == "double":
-        lines.insert(other, lines[one])
-    elif how == "swap":
-        lines[one], lines[other] = lines[other], lines[one]
-    else:
-        place = data.draw(st.integers(0, len(lines[one]) - 1))
-        lines[one] = lines[one][:place] + bytes([lines[one][place] ^ 1]) + lines[one][place + 1 :]
-    spoilt = b"".join(lines)
-    (run / "ledger.jsonl").write_bytes(spoilt)
-    assert (said(run) == "whole") == (spoilt == good)
-    if spoilt != good:
-        copy = Path(shutil.copytree(run, run.with_name("copy"), dirs_exist_ok=True))
-        assert not recover(copy).nothing_to_do and recover(copy).nothing_to_do
-        assert_holds(read_run(copy), 20)
-        ended = claim_in(spoilt, verified(good).entries[0].opening).ended
-        assert said(copy) == ("recovered: no rows are known to be missing" if ended else CUT)
-        shutil.rmtree(copy)
+@examples(20, 60)
+def test_nothing_changes_in_a_ledger_unseen(whole: Path, run: Path, examples: int) -> None:
+    @settings(max_examples=examples)
+    @given(data=st.data())
+    def holds(data: st.DataObject) -> None:
+        good = (whole / "ledger.jsonl").read_bytes()
+        lines = good.splitlines(keepends=True)
+        one, other = (data.draw(st.integers(0, len(lines) - 1)) for _ in range(2))
+        how = data.draw(st.sampled_from(["drop", "swap", "double", "flip"]))
+        if how == "drop":
+            del lines[one]
+        elif how == "double":
+            lines.insert(other, lines[one])
+        elif how == "swap":
+            lines[one], lines[other] = lines[other], lines[one]
+        else:
+            place = data.draw(st.integers(0, len(lines[one]) - 1))
+            lines[one] = lines[one][:place] + bytes([lines[one][place] ^ 1]) + lines[one][place + 1 :]
+        spoilt = b"".join(lines)
+        (run / "ledger.jsonl").write_bytes(spoilt)
+        assert (said(run) == "whole") == (spoilt == good)
+        if spoilt != good:
+            copy = Path(shutil.copytree(run, run.with_name("copy"), dirs_exist_ok=True))
+            assert not recover(copy).nothing_to_do and recover(copy).nothing_to_do
+            assert_holds(read_run(copy), 20)
+            ended = claim_in(spoilt, verified(good).entries[0].opening).ended
+            assert said(copy) == ("recovered: no rows are known to be missing" if ended else CUT)
+            shutil.rmtree(copy)
+
+    holds()
 
 
 def without_g1(run: Path) -> list[bytes]:

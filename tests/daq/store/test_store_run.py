@@ -12,12 +12,13 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daq.store import Manifest, RunWriter, durable, load_manifest, read_run, recover, verify
 from daq.store.ledger import sha256
 from rigs.errors import FileError
+from tests.support.nightly import examples
 from tests.support.store_cases import (
     RIG_TEXT,
     assert_holds,
@@ -234,34 +235,38 @@ JUNK = st.recursive(
 )
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150)
-@given(data=st.data())
-def test_mutated_manifest_raises_only_file_errors(whole: Path, run: Path, data: st.DataObject) -> None:
-    for name in ("manifest.json", "ledger.jsonl"):
-        shutil.copy(whole / name, run / name)
-    how = data.draw(st.sampled_from(["bytes", "cut", "key", "record"]))
-    if how == "key":
-        key = data.draw(st.sampled_from(sorted(json.loads((run / "manifest.json").read_bytes()))))
-        edit_manifest(run, {key: data.draw(JUNK)})
-    elif how == "record":
-        records = ledger_records(run)
-        (target,) = data.draw(st.sampled_from(records[1:])).values()
-        target[data.draw(st.sampled_from(sorted(target)))] = data.draw(JUNK)
-        put_ledger(run, records)
-    else:
-        file = run / data.draw(st.sampled_from(["manifest.json", "ledger.jsonl"]))
-        good = file.read_bytes()
-        place = data.draw(st.integers(0, len(good) - 1))
-        rest = good[place + 1 :] if how == "bytes" else b""
-        file.write_bytes(good[:place] + data.draw(st.binary(max_size=3)) + rest)
-    problems = verify(run)
-    assert all("\n" not in problem for problem in problems)
-    try:
-        assert_holds(read_run(run), 20)
-    except FileError as error:
-        assert "\n" not in str(error)
-    except AssertionError:
-        assert problems, "other rows than were recorded and verify saw nothing"
+@examples(40, 150)
+def test_mutated_manifest_raises_only_file_errors(whole: Path, run: Path, examples: int) -> None:
+    @settings(max_examples=examples)
+    @given(data=st.data())
+    def holds(data: st.DataObject) -> None:
+        for name in ("manifest.json", "ledger.jsonl"):
+            shutil.copy(whole / name, run / name)
+        how = data.draw(st.sampled_from(["bytes", "cut", "key", "record"]))
+        if how == "key":
+            key = data.draw(st.sampled_from(sorted(json.loads((run / "manifest.json").read_bytes()))))
+            edit_manifest(run, {key: data.draw(JUNK)})
+        elif how == "record":
+            records = ledger_records(run)
+            (target,) = data.draw(st.sampled_from(records[1:])).values()
+            target[data.draw(st.sampled_from(sorted(target)))] = data.draw(JUNK)
+            put_ledger(run, records)
+        else:
+            file = run / data.draw(st.sampled_from(["manifest.json", "ledger.jsonl"]))
+            good = file.read_bytes()
+            place = data.draw(st.integers(0, len(good) - 1))
+            rest = good[place + 1 :] if how == "bytes" else b""
+            file.write_bytes(good[:place] + data.draw(st.binary(max_size=3)) + rest)
+        problems = verify(run)
+        assert all("\n" not in problem for problem in problems)
+        try:
+            assert_holds(read_run(run), 20)
+        except FileError as error:
+            assert "\n" not in str(error)
+        except AssertionError:
+            assert problems, "other rows than were recorded and verify saw nothing"
+
+    holds()
 
 
 def test_deeply_nested_manifest(run: Path) -> None:

@@ -195,3 +195,40 @@ def test_programs_of_one_name_are_refused(tmp_path: Path, cell: Path) -> None:
         path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     done = ran("correct", cell, "--program", paths[0], "--program", paths[1], "-o", tmp_path / "out")
     assert done.returncode == 3 and "would be written twice" in done.stderr
+
+
+def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path: Path, cell: Path) -> None:
+    path = tmp_path / "a.src"
+    path.write_text("DEF a()\nPTP {A1 0, A2 -80, A3 100, A4 -20, A5 80, A6 0}\nEND\n")
+    refused = ran("correct", cell, "--program", path, "-o", tmp_path / "out")
+    assert refused.returncode == 3 and "is a program for KUKA, and the robot of the rig file" in refused.stderr
+    assert not (tmp_path / "out").exists()
+    done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--for", "kuka")
+    assert done.returncode == 0 and "a.src (kuka): 1 target corrected" in done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [JointOffset(axis=3, offset_deg=0.0008, found=found(offset_deg=0.00079)), Backlash(axis=1, width_deg=0.02)],
+    ids=["a sound arm", "a play alone"],
+)
+def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path: Path, cell: Path) -> None:
+    cell.write_text(extended(load("ur10e")[1], [effect], "cell"))
+    path, out = tmp_path / "a.script", tmp_path / "out"
+    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+    done = ran("correct", cell, "--program", path, "-o", out)
+    assert done.returncode == 3 and "take away no error over the work, so none are written" in done.stderr
+    assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
+    assert yaml.safe_load((out / "corrections.yaml").read_text())["verdict"] == "nothing"
+    assert ran("correct", cell, "--program", path, "-o", tmp_path / "anyway", "--anyway").returncode == 0
+    assert "written although rig says" in (tmp_path / "anyway" / "a.script").read_text()
+
+
+def test_beside_a_corrected_program_there_are_no_values_to_enter(tmp_path: Path, cell: Path) -> None:
+    """Entered as well, they correct twice; the feedback of this cell names the maker."""
+    path, out = tmp_path / "a.script", tmp_path / "out"
+    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+    done = ran("correct", cell, "--program", path, "-o", out)
+    assert "delta_theta" in ran("correct", cell, "-o", tmp_path / "entered").stdout
+    assert "delta_theta" not in done.stdout and "never both" in done.stdout and "--for" not in done.stderr
+    assert yaml.safe_load((out / "corrections.yaml").read_text())["controller"] is None

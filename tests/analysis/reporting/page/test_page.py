@@ -60,6 +60,11 @@ def page(report: Report) -> str:
     return rendered(report, texts_of("en"))
 
 
+def _small(report: Report) -> Report:
+    """A report of its last run alone, where nothing was found: pictures are most of a page's time."""
+    return replace(report, results=report.results[-1:], found=diagnosis("not_testable_here", curves=(), maps=()))
+
+
 def _text(page: str) -> str:
     body = re.sub(r"<(script|style)\b.*?</\1>|<[^>]*>", " ", page, flags=re.DOTALL)
     return " ".join(body.split())
@@ -116,14 +121,13 @@ def test_fixed_texts_are_in_the_language_asked_for(report: Report, language: str
 
 def test_foreign_text_is_shown_as_text(report: Report) -> None:
     robot = report.rig.robot.model_copy(update={"name": EVIL})
-    page = rendered(replace(report, rig=report.rig.model_copy(update={"robot": robot})), texts_of("en"))
+    page = rendered(replace(_small(report), rig=report.rig.model_copy(update={"robot": robot})), texts_of("en"))
     assert "<script>" not in page and "\x1b" not in page and "\u202e" not in page
     assert "&lt;script&gt;alert(1)" in page
 
 
 def test_runs_that_show_nothing_are_not_called_faultless(report: Report) -> None:
-    small = replace(report, results=report.results[-1:], found=diagnosis("not_testable_here", curves=(), maps=()))
-    text = _text(rendered(small, texts_of("en")))
+    text = _text(rendered(_small(report), texts_of("en")))
     assert "Condition: ? NOT VISIBLE HERE These runs cannot show whether something is worn" in text
     assert "What makes the error" not in text
 
@@ -167,12 +171,12 @@ def test_title_and_heading_name_the_rig_and_the_robot(page: str) -> None:
 
 def test_a_page_without_a_verdict_says_which_limits_it_needs(report: Report) -> None:
     unlimited = report.rig.model_copy(update={"limits": Limits(data_sheet_rp_mm=0.05)})
-    text = _text(rendered(replace(report, rig=unlimited, results=report.results[:1]), texts_of("en")))
+    text = _text(rendered(replace(_small(report), rig=unlimited, results=report.results[:1]), texts_of("en")))
     assert "limits: yaw: circular_deviation_mm: {watch: 0.05" in text and "a run of the repeatability test" in text
 
 
 def test_a_full_disk_keeps_the_old_page(report: Report, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file, small = tmp_path / "page.html", replace(report, results=report.results[-1:])
+    file, small = tmp_path / "page.html", _small(report)
     write_page(small, file, "de")
     old, write_full = file.read_bytes(), os.pwrite
 
