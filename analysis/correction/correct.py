@@ -103,23 +103,17 @@ def correct_rig(
     Raises FileError for a rig without effects, for a path that cannot be read or reached, for a file that is no program
     and for a program of another maker's robot; UseError for `entered` without what it needs."""
     if not model_of(rig).effects:
-        raise FileError(
-            RigPlace.of(rig.name),
-            "has no effects to correct",
-            "diagnose or calibrate it, and give the rig file written",
-        )
-    if len(rig.robot.axes) != DRIVEN_AXES and (controller or programs.paths):
-        problem = f"{len(rig.robot.axes)} axes: controllers' entries and programs are known of six"
-        raise UseError("--for, --program", problem, "give joint targets with --path")
-    if rig.robot.rail and (controller or programs.paths):
-        problem = "an arm on a rail: controllers' entries and programs are known of arms that stand"
+        remedy = "diagnose or calibrate it, and give the rig file written"
+        raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy)
+    arm = "an arm on a rail" if rig.robot.rail else f"{len(rig.robot.axes)} axes"
+    if (rig.robot.rail or len(rig.robot.axes) != DRIVEN_AXES) and (controller or programs.paths):
+        problem = f"{arm}: controllers' entries and programs are known of arms of six axes that stand"
         raise UseError("--for, --program", problem, "give joint targets with --path")
     if entered and not (path and controller):
         raise UseError("--entered", "needs --path, and --for or a feedback that names it", "give both")
     if entered and programs.paths:
-        raise UseError(
-            "--entered", "is for --path; --program is for a controller without its entries", "give one of them"
-        )
+        problem = "is for --path; --program is for a controller without its entries"
+        raise UseError("--entered", problem, "give one of them")
     supported = supports(rig)
     entries = controller_entries(rig, supported, controller, scale) if controller and not programs.paths else None
     beside = supports_beside(rig)
