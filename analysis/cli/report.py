@@ -63,10 +63,10 @@ def report(
         say_doubts(result.measured for result in results)
         with progress_of() as progress:
             gathered = gather(results, model, diagnosed=diagnosis, left_out=errors, progress=progress)
-            if gathered.diagnosis:
+            if gathered.found:
                 model_words = ("--rig", as_argument(rig_file)) if rig_file else ()
                 again = ("diagnose", *map(as_argument, runs), *model_words, "-o", "found")
-                gathered = replace(gathered, diagnosis=with_commands_here(gathered.diagnosis, None, again))
+                gathered = replace(gathered, found=with_commands_here(gathered.found, None, again))
             progress("drawing the pictures")
             written = write_page(gathered, output, lang, heading)
         say(f"wrote {written}", err=True)

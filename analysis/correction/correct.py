@@ -73,7 +73,7 @@ class InBase:
 class Corrections:
     """What can be corrected: the effects with their use, zeros and constants, and the error over the work; at a
     controller, the entries in its words; and, if a path was given, the path and its corrected targets, which are for a
-    controller that has its entries if `entered`. `beside` are the effects that only the calibration beside the rig file
+    controller that has its entries if `entered`. `calibrated` are the effects that only the calibration of the rig
     names, whose zeros and constants are among those."""
 
     rig: Rig
@@ -85,7 +85,7 @@ class Corrections:
     at_controller: ControllerEntries | None = None
     entered: bool = False
     programs: tuple[CorrectedProgram, ...] = ()
-    beside: tuple[Support, ...] = ()
+    calibrated: tuple[Support, ...] = ()
 
 
 def correct_rig(
@@ -116,8 +116,8 @@ def correct_rig(
         raise UseError("--entered", problem, "give one of them")
     supported = supports(rig)
     entries = controller_entries(rig, supported, controller, scale) if controller and not programs.paths else None
-    beside = supports_beside(rig)
-    zeros, constants = joint_zeros(rig, [*supported, *beside]), link_constants(rig, [*supported, *beside])
+    of_model = tuple(supports_beside(rig))
+    zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
     targets = _targets(rig, supported, path, entries if entered else None) if path else None
     filtered = tuple(
         correct_program(rig, supported, program, programs.frames, scale, whole=programs.whole, start=programs.start)
@@ -126,9 +126,8 @@ def correct_rig(
     for program in filtered:
         _hold_maker(program, controller or rig.maker)
     work = _work(rig, supported)
-    return Corrections(
-        rig, tuple(supported), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered, tuple(beside)
-    )
+    effects, numbers = tuple(supported), (tuple(zeros), tuple(constants))
+    return Corrections(rig, effects, *numbers, work, targets, entries, entered, filtered, of_model)
 
 
 def _hold_maker(program: CorrectedProgram, maker: MakerName | None) -> None:

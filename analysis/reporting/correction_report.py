@@ -56,7 +56,7 @@ def as_table(corrections: Corrections) -> RenderableType:
     path."""
     columns = ("effect", right("value"), "corrected as", Column("why", ratio=1))
     effects = Table(*columns, title="value ± standard uncertainty", title_style="dim", header_style="bold")
-    for support in (*corrections.effects, *corrections.beside):
+    for support in (*corrections.effects, *corrections.calibrated):
         field = size_field(support.effect)
         quantity = quantity_of(support.effect, field, {field: support.u})
         value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
@@ -229,7 +229,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
                 "corrected_as": None if support.use == "none" else support.use,
                 "reason": support.reason,
             }
-            for support in (*corrections.effects, *corrections.beside)
+            for support in (*corrections.effects, *corrections.calibrated)
         ],
         "work": {
             **{name: rounded_um(getattr(corrections.work, name)) for name in _ERRORS},
