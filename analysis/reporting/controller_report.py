@@ -17,8 +17,6 @@ from rigs.schema.effect import label_of
 
 _REPORTED_UM = 1.0
 """An effect that stays is listed where it moves the tool by at least this."""
-_NONE_UM = 0.5
-"""An entry that moves the place of the tool by less only turns it."""
 _THIRD = 1 / 3
 """Part of a squared error from which its cause is said in the first sentence."""
 
@@ -109,7 +107,7 @@ def _entries(entries: ControllerEntries) -> Table:
         digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
         numbers = (f"{entry.add:+.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading)
         now = ["" if entry.now is None else f"±{entry.now:g}"] * lengths
-        sizes = (entry.worth_um, entry.leaves_um) if entry.worth_um >= _NONE_UM else ()
+        sizes = (entry.worth_um, entry.leaves_um) if round(entry.worth_um) else ()
         table.add_row(entry.parameter, *now, *numbers, *([f"{um:.0f} µm" for um in sizes] or ["turns only"]))
     return whole(table)
 

@@ -35,6 +35,7 @@ from rigs.schema.effect import label_of
 
 _REPORTED_MM = 1e-3
 """An effect that is not corrected is reported if it moves a target by at least this."""
+_count = program_report.targets_in_words
 _ERRORS = ("before_um", "after_um", "u_um")
 _HEAD = "Corrections for the cell {name} by the effects of its rig file and the calibration beside it, {date}."
 _WAYS = {
@@ -55,15 +56,14 @@ def as_table(corrections: Corrections) -> RenderableType:
     path."""
     columns = ("effect", right("value"), "corrected as", Column("why", ratio=1))
     effects = Table(*columns, title="value ± standard uncertainty", title_style="dim", header_style="bold")
-    for support in (*corrections.effects, *corrections.unnamed):
+    for support in (*corrections.effects, *corrections.calibrated):
         field = size_field(support.effect)
         quantity = quantity_of(support.effect, field, {field: support.u})
         value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
         use = Text("not corrected", "yellow") if support.use == "none" else Text(support.use, "green")
         effects.add_row(plain(corrections.rig, support.effect), value, use, support.reason)
-    parts: list[RenderableType] = [
-        Text(_first(corrections) + texts_of("en").not_known(corrections.work.unknown), style="bold")
-    ]
+    first = _first(corrections) + texts_of("en").not_known(corrections.work.unknown)
+    parts: list[RenderableType] = [Text(first, style="bold")]
     if effects.row_count:
         parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):
@@ -76,14 +76,11 @@ def as_table(corrections: Corrections) -> RenderableType:
 
 
 def _first(corrections: Corrections) -> str:
-    if all(support.use == "none" for support in corrections.effects) and corrections.work.model_um < GAIN_UM:
-        return (
-            f"Nothing of the tool's {corrections.work.before_um:.0f} µm over the work can be corrected; "
-            "the table says why."
-        )
+    work = corrections.work
+    if all(support.use == "none" for support in corrections.effects) and work.model_um < GAIN_UM:
+        return f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected; the table says why."
     if corrections.at_controller:
         return controller_report.first_sentence(corrections.at_controller) + _never_both(corrections)
-    work = corrections.work
     targets = f"the targets of corrected-{corrections.path[0].name}" if corrections.path else ""
     targets = targets or ("the corrected targets of --program" if corrections.programs else "")
     targets = targets or "corrected targets (--program FILE, or --path TARGETS.csv)"
@@ -180,10 +177,6 @@ def _budget(targets: Corrected) -> dict[str, float]:
     return dict(sorted(worst.items(), key=lambda item: -item[1]))
 
 
-def _count(targets: int) -> str:
-    return "1 target" if targets == 1 else f"{targets} targets"
-
-
 def _small(mm: float) -> str:
     return "less than 0.001 mm" if mm < _REPORTED_MM else f"{mm:.3f} mm"
 
@@ -236,7 +229,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
                 "corrected_as": None if support.use == "none" else support.use,
                 "reason": support.reason,
             }
-            for support in (*corrections.effects, *corrections.unnamed)
+            for support in (*corrections.effects, *corrections.calibrated)
         ],
         "work": {
             **{name: rounded_um(getattr(corrections.work, name)) for name in _ERRORS},
