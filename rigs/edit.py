@@ -1,11 +1,10 @@
-"""A rig file with some values changed: the text as it was, comments and all, and only these values changed.
+"""A rig file with some values changed, or with more effects at the end of their list: the text as it was, comments and
+all, and nothing else changed.
 
 YAML's nodes say where in the text each value stands. Numbers are replaced one by one in their places; keys that are
 missing come first in their mapping, whichever style it is written in, and at the end of the file where they are the
 file's own. What comes of it is read again and held against what was asked for, so that a style in which one place is
 used twice (anchors) is refused instead of half changed.
-
-A rig file with more effects: the text as it was, comments and all, and the new effects at the end of their list.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Reading a rig file: found by path or by name, read whole, every mistake reported at once.
+"""Reading a rig file and the calibration that it names: found by path or by name, read whole, every mistake reported at
+once.
 
-Whether a calibration file can be that of a rig: its hash proves that the file was not changed, not that it is right.
-
-A file that somebody has rewritten, with the new hash in the rig file, is held against the arm: its name, its axes,
-and the bounds that the same effects have in a rig file.
+The hash of a calibration proves that the file was not changed, not that it is right. One that somebody has rewritten,
+with the new hash in the rig file, is held against the arm: its name, its axes, and the bounds that the same effects
+have in a rig file.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ reverse the reading direction, and lone surrogates that no encoder accepts. Each
 (`\\x1b`), so that nothing is hidden, and passing a text through twice changes nothing. Every output of the programs
 goes through here at the place where it leaves them: docs/decisions/0018-one-gate-for-text.md.
 
-Names as people write them: UR10E, ur-10e and Ur 10e are ur10e.
+Names are as people write them: UR10E, ur-10e and Ur 10e are ur10e.
 """
 
 from __future__ import annotations
@@ -23,6 +23,11 @@ def plain(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
+
+
+def counted(count: int, singular: str, plural: str = "") -> str:
+    """Return `1 run`, `2 runs`."""
+    return f"{count} {singular if count == 1 else plural or singular + 's'}"
 
 
 def as_argument(path: Path | str) -> str:

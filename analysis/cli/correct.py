@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
@@ -122,7 +123,7 @@ def correct(
     from analysis.correction.refusal import hold_verdict
     from analysis.reporting import correction_report
     from analysis.reporting.plain_console import PlainConsole
-    from rigs.errors import UseError
+    from rigs.errors import FileError, UseError
     from rigs.load import load, named_by
 
     if start and not programs:
@@ -134,6 +135,9 @@ def correct(
     with named_by(rig_file, rig), progress_of("correcting"):
         asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole, start_of(start))
         corrections = correct_rig(rig, path, maker, factors, entered=entered, programs=asked)
+        refused = bool(path or programs) and not corrections.work.gains and not anyway
+        if refused:
+            corrections = replace(corrections, path=None, programs=())
         written = correction_report.write(corrections, directory)
     if as_json:
         say_json(correction_report.as_object(corrections, written))
@@ -142,7 +146,11 @@ def correct(
     for file in written:
         say(f"wrote {file}", err=True)
     corrected = next((file for file in written if path and file.name == f"corrected-{path.name}"), None)
-    _say_next(rig_file, rig, maker, directory, corrected, has_targets=bool(path or programs))
+    if refused:
+        problem = "corrected targets take away no error over the work, so none are written"
+        raise FileError(rig_file, problem, "leave targets and programs as they are; --anyway writes them")
+    if corrections.work.gains or anyway:
+        _say_next(rig_file, rig, maker, directory, corrected, has_targets=bool(path or programs))
     for program in corrections.programs:
         if start and program.start is None:
             say(f"{program.path.name}: no target takes its posture from --start-joints", err=True)

@@ -165,11 +165,11 @@ def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequen
     """Runs as arguments that mean the same runs from here: the directory, where all of its runs have a use."""
     from analysis.cli.run_paths import runs_below
 
-    directory, here = used[0].parent, Path.cwd()
+    directory, current = used[0].parent, Path.cwd()
     is_whole = len(used) > 1 and {path.resolve() for path in runs_below([directory])} <= {*used, *held_out, *unseen}
     uses = ([directory] if is_whole else used, held_out, unseen)
     return " ".join(
-        f"{option}{as_argument(path.relative_to(here) if path.is_relative_to(here) else path)}"
+        f"{option}{as_argument(path.relative_to(current) if path.is_relative_to(current) else path)}"
         for option, paths in zip(("", "--hold-out ", "--unseen "), uses, strict=True)
         for path in paths
     )

@@ -55,6 +55,7 @@ def history(
     from analysis.history.history import history_of
     from rigs.errors import UseError
     from rigs.load import load
+    from rigs.text import as_argument
 
     if as_json and as_csv:
         raise UseError("--json and --csv", "cannot both be printed", "give one of them")
@@ -62,6 +63,9 @@ def history(
         from analysis.reporting.html_page import hold_page
 
         hold_page(output)
+    if Path(robot).is_dir() and runs == Path("runs") and (robot != Path(robot).name or not runs.is_dir()):
+        remedy = f"give its name: rig history NAME --runs {as_argument(robot)}"
+        raise UseError(robot, "is a directory, and a history is of a robot", remedy)
     collected = _collected(runs, robot, Workers(jobs, scheduler))
     limits = load(rig_file)[0].limits if rig_file else None
     history_found = history_of(collected, figure, since.date() if since else None, limits)

@@ -77,9 +77,10 @@ def refuse_impossible(run: Measured, where: str) -> None:
     if run.table.kind.without_joints:
         return
     for findings in (unit_findings(run.table, run.rig), run.table.kind.findings(SOURCE, run.table, run.rig)):
-        for finding in findings:
-            if finding.strength == "impossible":
-                raise FileError(where, finding.what, finding.remedy)
+        wrong = [finding for finding in findings if finding.strength == "impossible"]
+        if wrong:
+            what, remedies = ([getattr(finding, of) for finding in wrong] for of in ("what", "remedy"))
+            raise FileError(where, "; ".join(what), ", and ".join(dict.fromkeys(remedies)))
 
 
 def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:

@@ -1,15 +1,13 @@
-"""Gauges that count the other way: with both negated every size and every sign is the opposite, and most runs look as
-good as ever.
+"""Gauges that count the other way, or are exchanged: with both negated every size and every sign is the opposite, and
+most runs look as good as ever.
 
 What cannot be negated, nor exchanged: a joint with play lags behind where it is driven, and never leads; and an error
 that the rig file knows of already. Both are held against the readings as labelled and as they may have been meant.
 Where the arm has no play, and the rig file no effect, the data do not show it.
 
-Circles whose gauges are exchanged or negated relative to their repeats, because of swapped cables or columns.
-
-An exchange does not change the mean of the gauges, and it reverses the sign of their difference. Another sign reverses
-both. A ball that was moved changes both as well, but only in the first order of the circle: the sign of both is judged
-by the higher ones.
+Circles that repeat each other show swapped cables or columns. An exchange does not change the mean of the gauges, and
+it reverses the sign of their difference. Another sign reverses both. A ball that was moved changes both as well, but
+only in the first order of the circle: the sign of both is judged by the higher ones.
 """
 
 from __future__ import annotations

@@ -4,10 +4,8 @@ Poses: base and tool are fitted to the nearest four fifths for each meaning, and
 meaning leaves centimetres, an arm by its nominal constants millimetres. Circles and targets: the program put the tool
 on a path that the rig file states, and only the right meaning does.
 
-What joint columns may hold in place of what their labels say: one mistake of a person or a program at a time.
-
-Axis 3 counted from the horizontal or from axis 2; an axis that counts the other way; two columns exchanged; a zero
-elsewhere.
+Each other way is one mistake of a person or a program: axis 3 counted from the horizontal or from axis 2; an axis that
+counts the other way; two columns exchanged; a zero elsewhere.
 """
 
 from __future__ import annotations

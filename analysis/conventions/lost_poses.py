@@ -1,14 +1,13 @@
-"""Poses that a tracker did not measure: it lost its target, or the robot was elsewhere. They are left out and counted.
+"""Readings that no robot explains, of poses, touches and paths: the tracker lost its target, or the robot was
+elsewhere. They are left out and counted, and those that only look so are named.
 
 A place of exactly 0, 0, 0 is what instruments write without a target. Others are wild by `analysis.noise.wild`, by
 their place or their turn beside an arm whose base and tool are fitted to the poses that are near; then by their place
 beside an arm of which all constants are fitted to these: what an arm by its nominal constants misses by half a
 millimetre hides a reading that is 2 mm wrong, and moves every constant by it.
 
-Readings so far from all others that no robot explains them, and those that only look so: poses, touches, paths.
-
-Places and rows that were written more than once: an instrument that sent its last place again, a file put together
-twice.
+So are places and rows that were written more than once: an instrument that sent its last place again, a file put
+together twice.
 """
 
 from __future__ import annotations

@@ -28,6 +28,7 @@ from analysis.traces.loading import Measured
 from analysis.traces.stands import rows_a_stand
 from analysis.traces.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
+from rigs.text import counted
 
 _FEWEST_ROWS, _SPLITS = 4, 24
 """Rows of a part, of which the nine unknowns of a placing leave three readings, and how many are tried as its first."""
@@ -151,7 +152,7 @@ def stand_findings(run: Measured) -> Iterator[Finding]:
     several = counts[counts > 1]
     if not len(several):
         return
-    stands = "1 stand" if len(several) == 1 else f"{len(several)} stands"
+    stands = counted(len(several), "stand")
     fact = (
         f"{several.sum()} rows are {stands} of the robot, read up to {several.max()} times without a move: their "
         "means are used, one for each"

@@ -3,16 +3,12 @@
 Nothing here is a matter of taste: a claim needs data that are impossible as labelled and right as claimed.
 What is only unlikely is a doubt; what cannot be detected is accepted.
 
-Gauges in another unit: what the two readings on a circle show of one another.
+The two gauges on a circle show their unit of one another: at circle angle phi their mean is R - e_u cos(phi) - e_v
+sin(phi) for an eccentricity e, and each gauge sees the same e in yaw and roll alike.
 
-At circle angle phi the mean of the gauges is R - e_u cos(phi) - e_v sin(phi) for an eccentricity e, and each gauge
-sees the same e in yaw and roll alike.
-
-A tracker's places and angles in another unit or order: held against the robot's own motion, whatever the frames.
-
-Where a rail stood, read in another unit: held against a tracker's places, whatever the frames.
-
-Places in a left-handed frame: a tracker's export with one axis turned round, which no rigid frame makes right.
+A tracker's places and angles, their units and order, are held against the robot's own motion, whatever the frames; so
+is where a rail stood. Places in a left-handed frame are a tracker's export with one axis turned round, which no rigid
+frame makes right.
 """
 
 from __future__ import annotations
@@ -24,7 +20,7 @@ import numpy as np
 
 from analysis.conventions.finding import Finding, Misfit
 from analysis.conventions.joints import CLEARLY, FEWEST, RIGHT_MM, left_mm
-from analysis.conventions.off_path import far_rows, off_circle, steps
+from analysis.conventions.off_path import Off, far_rows, off_circle, off_places, steps
 from analysis.geometry.circle import frame_of
 from analysis.kinematics.arm import Array, arm_of, forward, rail_mm, without_setup
 from analysis.kinematics.limits import impossible_rad
@@ -114,6 +110,13 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
         yield from _tracker_angles(table.rpy, T[:, :3, :3], rows)
 
 
+def off_in_its_unit(T: Array, xyz_mm: Array) -> Off | None:
+    """How far tool poses T (n, 4, 4) are from places (n, 3), in the unit of these in which they are least far off."""
+    units = (1.0, *FACTORS.values(), *_OF_TRACKERS.values(), *_TAKEN_FOR.values())
+    every = [off for factor in units if (off := off_places(T, xyz_mm / factor))]
+    return min(every, key=lambda off: off.off, default=None)
+
+
 def _tracker_angles(rpy: Array, R: Array, rows: int) -> Iterator[tuple[str, str]]:
     """Angles (n, 3) rad as read against the robot's turns R (n, 3, 3): another unit or order fits, and this one not."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
@@ -200,8 +203,9 @@ def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Fin
 
 UNITS = "units"
 _TURN_RAD = 2 * np.pi + 0.1
-_CLEARLY = 3.0
-"""One way to read the joints is right and the other wrong where it is off the path by this factor more."""
+_MUCH_MORE = 2.0
+"""One way to read the joints is right and the other wrong where it is off the path by this factor more, whatever the
+unit of a tracker's places: radians read as degrees move an arm so little that metres look like inches."""
 _UNLIKELY = 0.1
 """A robot that stops on a sphere of this share of its travel has shown its gauge more than its errors."""
 _ROWS = 20_000
@@ -222,10 +226,11 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     degrees = np.degrees(table.q)
     ways = (places, forward(arm, degrees)) if np.abs(degrees).max() <= _TURN_RAD else ()
     wrong, right = [table.kind.off_path(table, rig, T) for T in ways] or (None, None)
-    if wrong and right and right.on and not wrong.on and wrong.off > _CLEARLY * right.off:
+    if wrong and right and right.on and wrong.off > _MUCH_MORE * right.off:
         columns = tuple(f"q{axis}_deg" for axis in range(1, arm.axes + 1))
         fact = f"q1_deg … {columns[-1]} are radians: only then does the robot of the rig file follow the program"
         yield Finding(UNITS, "impossible", columns, "radians", fact, "convert them to degrees")
+        yield from table.kind.unit_findings(table, rig, ways[1])
         return
     yield from table.kind.unit_findings(table, rig, places)
 
@@ -233,7 +238,7 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
 def impossible(mistakes: Iterable[tuple[str, str]]) -> Iterator[Finding]:
     """What is wrong for certain, and what to do, as findings."""
     for fact, remedy in mistakes:
-        columns = tuple(name for name in fact.split() if "_" in name)
+        columns = tuple(name.strip(",:") for name in fact.split() if "_" in name)
         yield Finding(UNITS, "impossible", columns, "another unit", fact, remedy)
 
 

@@ -4,8 +4,6 @@ The whole model's error over the work is projected onto the parameters that the 
 of the rig file, never that of a path, so that one rig file has one set of entries and targets for a controller that has
 them stay right.
 
-The whole model projected onto the constants that a controller has.
-
 A controller's zeros and lengths cannot follow a soft joint or a gear, and still take up a part of what these do to the
 tool. The error of the tool at the postures of the work, place and turn together, is fitted by the constants:
 
@@ -213,7 +211,8 @@ class NotEntered:
 class ControllerEntries:
     """All changes at one controller and what they leave.
 
-    `effects` are the changes as effects of the nominal arm. `before_um` and `after_um` are the error of the tool's
+    `effects` are the changes as effects of the nominal arm; there are none where they take away no error.
+    `before_um` and `after_um` are the error of the tool's
     place over the work, root mean square, without and with the changes, `by_targets_um` with corrected targets; each
     has what nothing can correct, the latter two also the uncertainty of the model. `elsewhere_um` is the
     error of the model alone, without and with the changes, at postures spread over the joint angles of the work or the
@@ -263,30 +262,50 @@ def controller_entries(
         pose_uncertainty(rig, supported),
     )
     spread, q = spread_angles(rig, uncertainty.joints_rad), work_or_spread(rig, uncertainty.joints_rad)
-    projection = project(rig, used, _constants(rig, controller), q, spread)
-    u = projection.u(uncertainty.pose_displacements(np.concatenate([q, spread])))
+    moves = uncertainty.pose_displacements(np.concatenate([q, spread]))
+    projection, u = _significant(rig, used, _constants(rig, controller), (q, spread), moves)
     sizes = zip(
         projection.constants, projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True
     )
     entries = [_entry(rig, controller, scale, *size) for size in sizes]
-    lengths = (CHECK_LENGTH,) if any(entry.now is not None for entry in entries) else ()
     left_mm = np.linalg.norm(left_out_mm(rig, uncorrected, q), axis=1)
     in_base_mm, u_mm = places_u_mm(rig, uncertainty, q, q)
     doubt_mm = np.hypot(u_mm, left_mm)
+    before_um = rms_um(np.hypot(_apart_mm(rig, used, (), q), left_mm))
+    after_um = rms_um(np.hypot(_apart_mm(rig, used, projection.effects, q), doubt_mm))
+    effects, twins = projection.effects, projection.twins
+    if after_um >= before_um:
+        entries, effects, twins, after_um = [], (), (), before_um
+    lengths = (CHECK_LENGTH,) if any(entry.now is not None for entry in entries) else ()
     return ControllerEntries(
         name,
         controller,
         tuple(entries),
-        projection.effects,
-        tuple(tuple(entries[k].parameter for k in group) for group in projection.twins),
+        effects,
+        tuple(tuple(entries[k].parameter for k in group) for group in twins),
         tuple(NotEntered(effect, rms_um(left_out_mm(rig, [effect], q)[:, 0])) for effect in uncorrected),
-        rms_um(np.hypot(_apart_mm(rig, used, (), q), left_mm)),
-        rms_um(np.hypot(_apart_mm(rig, used, projection.effects, q), doubt_mm)),
+        before_um,
+        after_um,
         rms_um(doubt_mm),
-        (rms_um(_apart_mm(rig, used, (), spread)), rms_um(_apart_mm(rig, used, projection.effects, spread))),
+        (rms_um(_apart_mm(rig, used, (), spread)), rms_um(_apart_mm(rig, used, effects, spread))),
         base_u_um(in_base_mm, u_mm),
         (*controller.steps, *lengths, controller.check),
     )
+
+
+def _significant(
+    rig: Rig, used: Sequence[Effect], constants: Sequence[Constant], postures: tuple[Array, Array], moves: Array
+) -> tuple[Projection, Array]:
+    """Return the projection onto the constants whose changes are larger than their standard uncertainty (m,), and that:
+    the others go one after the other, the least certain first, since what they held may make the rest certain."""
+    while True:
+        projection = project(rig, used, constants, *postures)
+        u = projection.u(moves)
+        sizes = np.abs(projection.values)
+        if (sizes > u).all():
+            return projection, u
+        least = int(np.argmin(np.where(sizes > u, np.inf, sizes / u)))
+        constants = [constant for k, constant in enumerate(projection.constants) if k != least]
 
 
 def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected:

@@ -12,7 +12,7 @@ from analysis.correction.controller_entries import ControllerEntries, as_entered
 from analysis.correction.corrected_program import CorrectedProgram, Programs, correct_program
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
-from analysis.correction.support import Correction, Support, joint_zeros, link_constants, supports
+from analysis.correction.support import Correction, Support, joint_zeros, link_constants, supports, supports_beside
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from analysis.correction.work import (
     base_u_um,
@@ -33,6 +33,8 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES, MakerName
 
 NO_PROGRAMS = Programs()
+GAIN_UM = 1.0
+"""Gain below which nothing can be corrected. Chosen: below any robot's repeatability."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,11 @@ class WorkError:
     model_um: float
     unknown: float
 
+    @property
+    def gains(self) -> bool:
+        """Whether corrected targets take away error, with frame and tool taught or in the base."""
+        return max(self.before_um - self.after_um, self.base.before_um - self.base.after_um) >= GAIN_UM
+
 
 @dataclass(frozen=True)
 class InBase:
@@ -66,7 +73,8 @@ class InBase:
 class Corrections:
     """What can be corrected: the effects with their use, zeros and constants, and the error over the work; at a
     controller, the entries in its words; and, if a path was given, the path and its corrected targets, which are for a
-    controller that has its entries if `entered`."""
+    controller that has its entries if `entered`. `beside` are the effects that only the calibration beside the rig file
+    names, whose zeros and constants are among those."""
 
     rig: Rig
     effects: tuple[Support, ...]
@@ -77,6 +85,7 @@ class Corrections:
     at_controller: ControllerEntries | None = None
     entered: bool = False
     programs: tuple[CorrectedProgram, ...] = ()
+    beside: tuple[Support, ...] = ()
 
 
 def correct_rig(
@@ -113,7 +122,8 @@ def correct_rig(
         )
     supported = supports(rig)
     entries = controller_entries(rig, supported, controller, scale) if controller and not programs.paths else None
-    zeros, constants = joint_zeros(rig, supported), link_constants(rig, supported)
+    beside = supports_beside(rig)
+    zeros, constants = joint_zeros(rig, [*supported, *beside]), link_constants(rig, [*supported, *beside])
     targets = _targets(rig, supported, path, entries if entered else None) if path else None
     filtered = tuple(
         correct_program(rig, supported, program, programs.frames, scale, whole=programs.whole, start=programs.start)
@@ -122,7 +132,9 @@ def correct_rig(
     for program in filtered:
         _hold_maker(program, controller or rig.maker)
     work = _work(rig, supported)
-    return Corrections(rig, tuple(supported), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered)
+    return Corrections(
+        rig, tuple(supported), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered, tuple(beside)
+    )
 
 
 def _hold_maker(program: CorrectedProgram, maker: MakerName | None) -> None:

@@ -124,5 +124,5 @@ def simulated_arm(rig: Rig, arm: Arm, where: str, carried: str, friction: Mappin
         if axes
     ]
     hinges = f"In hinges beside the joints' own: {'; '.join(parts)}."
-    beside = hinges if parts else "Neither play nor deflection under load was found."
-    return mjcf_text(rig.robot, arm, traits, where, [carried, beside]), f"{carried} {beside}"
+    of_joints = hinges if parts else "Neither play nor deflection under load was found."
+    return mjcf_text(rig.robot, arm, traits, where, [carried, of_joints]), f"{carried} {of_joints}"

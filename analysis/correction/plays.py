@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.correction.support import supports
+from analysis.correction.support import supports, supports_beside
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Path, driven, model_of
@@ -20,7 +20,7 @@ from analysis.robot_programs.compensated import reached, targets_of
 from analysis.robot_programs.plan import Plan
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.schema.effect import is_play, size_field
+from rigs.schema.effect import is_play
 
 _BETWEEN = 16
 """Places between two targets at which the turning of a joint is looked at."""
@@ -35,14 +35,11 @@ def known_plays(rig: Rig) -> tuple[Effect, ...]:
     plays = [
         effect for effect in rig.effects if effect.STAGE == "joint" and is_play(effect) and id(effect) not in unsure
     ]
-    if rig.calibrated is None:
-        return tuple(plays)
-    for row, parameter in enumerate(rig.calibrated.parameters):
-        term = rig.calibrated.terms[parameter.term]
-        effect, u = term.effect, float(np.linalg.norm(rig.calibrated.root[row]))
-        has_width = effect.STAGE == "joint" and is_play(effect) and parameter.field == size_field(effect)
-        if has_width and not term.named and getattr(effect, parameter.field) >= _CERTAIN_U * u:
-            plays.append(effect)
+    plays += [
+        support.effect
+        for support in supports_beside(rig)
+        if support.effect.STAGE == "joint" and is_play(support.effect) and support.value >= _CERTAIN_U * support.u
+    ]
     return tuple(plays)
 
 

@@ -13,6 +13,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 from rigs.schema.effect import Use
@@ -38,27 +40,42 @@ class Support:
 
 def supports(rig: Rig) -> list[Support]:
     """Return every effect of a rig file with its use, in the order of the file."""
-    return [_support(effect) for effect in rig.effects]
+    unknown = float("nan")
+    return [
+        _support(effect, effect.found.sd.get(size_field(effect), unknown) if effect.found else unknown)
+        for effect in rig.effects
+    ]
 
 
-def _support(effect: Effect) -> Support:
-    field = size_field(effect)
-    value = float(getattr(effect, field))
-    u = effect.found.sd.get(field, float("nan")) if effect.found else float("nan")
+def supports_beside(rig: Rig) -> list[Support]:
+    """Return every effect that the diagnosis named and only the calibration beside the rig file holds, with its use:
+    what is sure, and no larger than usual."""
+    if rig.calibrated is None:
+        return []
+    terms = [(rig.calibrated.terms[parameter.term], parameter.field) for parameter in rig.calibrated.parameters]
+    return [
+        _support(term.effect, float(np.linalg.norm(rig.calibrated.root[row])), beside=True)
+        for row, (term, field) in enumerate(terms)
+        if not term.named and field == size_field(term.effect)
+    ]
+
+
+def _support(effect: Effect, u: float, *, beside: bool = False) -> Support:
+    value = float(getattr(effect, size_field(effect)))
     use = effect.compensation().use
     if use == "none":
         return Support(effect, value, u, use, effect.compensation().why_not)
-    if effect.found is None:
+    if effect.found is None and not beside:
         why = "stands in the rig file without where it came from: diagnose or calibrate it"
         return Support(effect, value, u, "none", why)
     if not u > 0:
         return Support(effect, value, u, "none", "was found without an uncertainty: calibrate it")
     if u >= abs(value):
-        if not effect.found.together:
+        alike = " and ".join(effect.found.together if effect.found else ())
+        if not alike:
             return Support(effect, value, u, "none", "is no larger than its uncertainty: it may as well be zero")
-        alike = " and ".join(effect.found.together)
         return Support(effect, value, u, use, f"is known only together with {alike}: correct all or none of them")
-    rivals = " or ".join(effect.found.rivals)
+    rivals = " or ".join(effect.found.rivals if effect.found else ())
     doubt = f"; the same runs show {rivals} as well: measure which it is first" * bool(rivals)
     return Support(effect, value, u, use, _HOW[use] + doubt)
 

@@ -1,18 +1,14 @@
 """The work of a rig: the postures of its tests, at which the worth of a correction is computed.
 
-What a correction leaves out at each target: effects that no target can compensate still move the arm.
+What a correction leaves out is computed at each target, which is approached from either side, and early and late in a
+shift, because the program's approach is unknown. The root mean square error of an effect over these is its share of the
+uncertainty of the position: half the play of a joint, the rest of a spike on arrival, growth by warming.
 
-Each target is approached from either side, and early and late in a shift, because the program's approach is unknown.
-The root mean square error of an effect over these is its share of the uncertainty of the position: half the play of a
-joint, the rest of a spike on arrival, growth by warming.
-
-Errors with a frame and a tool that are taught with the robot itself, in which a rigid motion of the whole arm and a
-shift of the tool on the flange do not show.
-
-A tracker or a ball cannot show where an arm stands on its base, nor where its target sits on the last link: the zero of
-joint 1, the height of the shoulder and the length of the last link show in no run, and neither in work whose frame and
-tool centre were taught with the same arm. So an error over the work is stated after these nine terms were taken out, by
-least squares over the places of the tool, as set-ups are fitted everywhere else.
+Frame and tool are taught with the robot itself: a rigid motion of the whole arm and a shift of the tool on the flange
+do not show. A tracker or a ball cannot show where an arm stands on its base, nor where its target sits on the last
+link: the zero of joint 1, the height of the shoulder and the length of the last link show in no run, and neither in
+work whose frame and tool centre were taught with the same arm. So an error over the work is stated after these nine
+terms were taken out, by least squares over the places of the tool, as set-ups are fitted everywhere else.
 """
 
 from __future__ import annotations

@@ -1,18 +1,16 @@
 """A bag of ROS 2 in either of the formats of `ros2 bag record`, and its messages in the order of the file.
 
-The messages of an MCAP file in the order of the file: each chunk unpacked once, bounded, its checksum held.
+Of an MCAP file each chunk is unpacked once, bounded, its checksum held. A bag's index may name one chunk any number of
+times: 220 kB stood for 22 GB. So the index is not read; records are taken as they come, and what they unpack to is
+counted in the same pass. One changed bit in a reading makes another plausible reading, and only the checksums of chunks
+and of the data section show it.
 
-A bag's index may name one chunk any number of times: 220 kB stood for 22 GB. So the index is not read; records are
-taken as they come, and what they unpack to is counted in the same pass. One changed bit in a reading makes another
-plausible reading, and only the checksums of chunks and of the data section show it.
+rosbag2's first format is SQLite. A database can hold views and triggers that compute without end. So only plain tables
+are read, in the order of their times, and only for so many steps. It has no checksums: a changed bit in a message makes
+another message.
 
-The messages of a bag in SQLite, rosbag2's first format, in the order of their times.
-
-A database can hold views and triggers that compute without end. So only plain tables are read, and only for so many
-steps. It has no checksums: a changed bit in a message makes another message.
-
-The messages of ROS 2 that rig reads, taken from CDR: their layout is fixed, where a general reader would build code
-from the text of definitions in a file that somebody else made.
+The messages that rig reads are taken from CDR by their layout, which is fixed; a general reader would build code from
+the text of definitions in a file that somebody else made.
 
 Sources: OMG DDSI-RTPS 2.3, 10 (CDR), and ros2/common_interfaces, sensor_msgs, geometry_msgs and std_msgs.
 """

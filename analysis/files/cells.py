@@ -1,10 +1,8 @@
-"""One cell of a table: its value, or why it has none.
+"""The cells of a table: the value of each, or why it has none, by its line and column; and its rows as columns of
+numbers, counts and words, a batch at a time, every bad cell named.
 
-Python's own float() takes `1_000`, `nan` and digits of any script; a table of measurements does not.
-
-The mistakes of a table file, each with its line and column; the first twenty are reported.
-
-The rows of a table as columns of numbers, counts and words, a batch of rows at a time, every bad cell named.
+Python's own float() takes `1_000`, `nan` and digits of any script; a table of measurements does not. The first twenty
+mistakes are reported.
 """
 
 from __future__ import annotations
@@ -25,6 +23,7 @@ from analysis.traces.table_layout import COUNTS, SOCKET, WORDS, Layout
 from daq.store.chunk import ColumnType
 from rigs.errors import FileError
 from rigs.schema.vocabulary import direction_of
+from rigs.text import counted
 
 _SHOWN = 20
 
@@ -77,7 +76,7 @@ class TableFileError(FileError):
         shown = [str(problem) for problem in self.problems]
         if total > _SHOWN:
             shown.append(f"… and {total - _SHOWN} more, {total} mistakes in all")
-        mistakes = "1 mistake" if total == 1 else f"{total} mistakes"
+        mistakes = counted(total, "mistake")
         super().__init__(path, f"{mistakes}: " + " | ".join(shown), remedy)
         self.shown = shown
 

@@ -6,10 +6,8 @@ store is in the messages, stamps as they are. JSON knows no nan: such a value is
 An imported table has no clock; its `t_s` counts from 1970, so that plots begin at zero. MCAP knows no time before
 that: where `t_s` begins below zero its first row is at zero.
 
-The arm of a run as Foxglove shows it: joint angles as `foxglove.JointStates`, and its URDF, whose joints have these
-names, so that the arm moves.
-
-The schemas are those of docs.foxglove.dev/docs/sdk/schemas, and of `std_msgs/String` for the URDF, in JSON.
+The arm is its joint angles as `foxglove.JointStates`, and its URDF, whose joints have these names. The schemas are
+those of docs.foxglove.dev/docs/sdk/schemas, and of `std_msgs/String` for the URDF, in JSON.
 """
 
 from __future__ import annotations

@@ -4,9 +4,8 @@ The file's own columns stay in their order; known ones become numbers, counts an
 the text they are. Rows become columns of Arrow a batch at a time: as objects of Python, a table takes ten times the
 memory, and where that ends, each of millions of small requests for more is refused by the system on its own.
 
-The header line of a table: which columns there are, which are missing, and what they may be called instead.
-
-Files that are no table, and what to do with each: a person gives what a controller or a recorder has written.
+The header says which columns there are, which are missing, and what they may be called instead. Of a file that is no
+table it is said what to do with it: a person gives what a controller or a recorder has written.
 """
 
 from __future__ import annotations

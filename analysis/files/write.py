@@ -1,14 +1,11 @@
-"""Writing files that are not there yet: tables as CSV or Parquet, or whatever a writer puts into them.
-
-The one rule for files that are there already: docs/decisions/0034-existing-files.md.
+"""Writing files, as CSV, Parquet or whatever a writer puts into them, by the one rule for those that are there already.
 
 What records or decides something is never replaced. What only shows runs, pages, pictures and tables of figures, is
-made again under its name, where rig made what is there.
+made again under its name, where rig made what is there (docs/decisions/0034-existing-files.md).
 
-Text in a CSV file that a spreadsheet would compute: a table from elsewhere may hold `=cmd|…` in a note.
-
-Such a cell gets an apostrophe as its first character, by which a spreadsheet knows text; what is read from a CSV file
-loses it again, so that a table that goes out and comes back is the same. Numbers are no text, and stay as they are.
+A table from elsewhere may hold `=cmd|…` in a note, which a spreadsheet would compute. Such a cell of a CSV file gets an
+apostrophe as its first character, by which a spreadsheet knows text; what is read from a CSV file loses it again, so
+that a table that goes out and comes back is the same. Numbers are no text, and stay as they are.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""What lies below the directory of a plant, by names, sizes and times of files alone: no run is opened.
+"""What lies below the directory of a plant, by names, sizes and times of files alone: no run is opened for that.
 
 Of files elsewhere the store says what it knows of their state: an object store gives each a digest, its ETag.
 
-A run that is new or has changed, as the catalogue keeps it: its record, and the rig file that it holds.
+A run that is new or has changed is examined, and becomes what the catalogue keeps: its record, and the rig file that it
+holds.
 """
 
 from __future__ import annotations

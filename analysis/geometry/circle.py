@@ -1,11 +1,10 @@
-"""The circle of the yaw and roll tests: its frame, the tool's nominal poses on it, the angle of a point.
+"""Circles: the one of the yaw and roll tests, with its frame, the tool's nominal poses on it and the angle of a point;
+and those through three points each or nearest to many, and how points deviate from one.
 
 docs/conventions.md, "Circle test": P = C + R r(phi), z_T = -r, x_T = n, y_T = z_T × x_T (the acw tangent).
 
-Peaks of a curve that stand out, as `scipy.signal.find_peaks` finds them: importing that takes half a second, more
-than a diagnosis of a small run.
-
-Circles in space: through three points each, nearest to many, and how points deviate from one.
+Peaks of a curve that stand out are those of `scipy.signal.find_peaks`: importing that takes half a second, more than a
+diagnosis of a small run.
 
 About a circle near the truth the radial deviations are dR + dC·r(phi), the axial ones dC·n - R dn·r(phi), dC, dn and
 dR being what the circle is off by: two regressions on the same three columns 1, cos(phi), sin(phi).

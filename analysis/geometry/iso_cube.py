@@ -4,11 +4,10 @@ P1 is the centre; P2 … P5 lie on the cube's space diagonals, 10 % of a diagona
 planes that hold two opposite edges: P2 and P3 low, P4 and P5 high, P2 opposite to P4. The tool keeps its orientation.
 The standard itself is for sale; clauses and numbers are those by which it is publicly quoted (docs/figures.md).
 
-The paths of ISO 9283:1998, 6.8.6, on the inclined plane of the cube, by the length that was driven along each.
-
-The line from P2 to P4; a large circle about P1 of 80 % of the cube's side across and a small one of a tenth of that;
-the rectangle P2 P3 P4 P5, whose corners are P2 … P5. The large circle is driven in both directions, as ISO 230-4 asks.
-All places are in mm, in the frame in which the cube is given.
+The paths, 6.8.6, lie on that plane, by the length that was driven along each. The line from P2 to P4; a large circle
+about P1 of 80 % of the cube's side across and a small one of a tenth of that; the rectangle P2 P3 P4 P5, whose corners
+are P2 … P5. The large circle is driven in both directions, as ISO 230-4 asks. All places are in mm, in the frame in
+which the cube is given.
 """
 
 from __future__ import annotations

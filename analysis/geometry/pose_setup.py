@@ -1,14 +1,11 @@
-"""Where the tracker stood and where its target sat on the tool: least squares over the places of poses.
+"""Least squares over the places of poses: where a tracker stood and its target sat on the tool, or a ball on it and the
+sockets in which that sat; or all constants of an arm.
 
-A ball on the tool, seated in sockets that are fixed in the world: where both are, from the poses of the tool.
+Rigid motions between two sets of points, and small changes of a frame, are what all of them are made of.
 
-Rigid motions: the best fit between two sets of points, and small changes of a frame.
-
-All constants of an arm by places that it reached, least squares: what a controller computed comes out to its last
-digit, what an instrument measured does not.
-
-Unknown are a, alpha, beta, d and the zero of each axis, where the instrument stands, and the place of its target; what
-the places do not distinguish stays as it was nominally, or moves least (Marquardt).
+Of the constants unknown are a, alpha, beta, d and the zero of each axis, where the instrument stands, and the place of
+its target; what the places do not distinguish stays as it was nominally, or moves least (Marquardt). What a controller
+computed comes out to its last digit, what an instrument measured does not.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from analysis.history.history import History, Series, judge
 from analysis.history.records import Record, in_time
 from analysis.measures.quantity import Quantity
 from analysis.reporting.origins import simulated_runs
-from rigs.text import plain
+from rigs.text import counted, plain
 
 _MOST_NAMED = 5
 _MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept", "Oct", "Nov", "Dec")
@@ -60,7 +60,7 @@ def remarks(history: History) -> list[str]:
     runs = _runs_of(history)
     short = sum(map(is_short, history.series))
     alarms = f"; of a robot that does not change, {FALSE_ALARMS:.0%} of histories report a change"
-    looked_at = f"{_count(len(history.series), 'series', 'series')} of {_count(len(runs), 'run')} looked at"
+    looked_at = f"{counted(len(history.series), 'series', 'series')} of {counted(len(runs), 'run')} looked at"
     lines = [looked_at + (alarms if short < len(history.series) else "")]
     if short:
         lines.append(f"{short} of the series have fewer than {2 * FEWEST} runs, too few to show a change")
@@ -85,8 +85,7 @@ def doubts(history: History) -> list[str]:
     broken = history.collected.broken
     lines = list(history.collected.notes)
     if broken:
-        verb = "has" if len(broken) == 1 else "have"
-        lines.append(f"{_count(len(broken), 'run')} {verb} no figures and {'is' if verb == 'has' else 'are'} left out:")
+        lines.append(f"{counted(len(broken), 'run has no figures and is', 'runs have no figures and are')} left out:")
         lines += [plain(f"  {record.name}: {record.problem}") for record in broken[:_MOST_NAMED]]
         if len(broken) > _MOST_NAMED:
             lines.append(f"  and {len(broken) - _MOST_NAMED} more, which --json names")
@@ -176,10 +175,6 @@ def _sentence(group: Sequence[tuple[Series, Change]]) -> str:
         f"{size.rounded(change.after)} {series.unit} {when} ({series.title}: by {size}; "
         f"runs {series.runs[change.first].name} and {series.runs[change.last].name}{seen})."
     )
-
-
-def _count(count: int, singular: str, plural: str = "") -> str:
-    return f"{count} {singular if count == 1 else plural or singular + 's'}"
 
 
 def _listed(words: Sequence[str]) -> str:

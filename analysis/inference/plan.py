@@ -469,7 +469,8 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
         circle: tuple[TestName, ...] = CIRCLES if rig.tests.circle else ()
         if rig.tests.touch and not circle and not rig.tests.hemisphere:
             return ("touch",)
-        return (*circle, "radial") if rig.tests.hemisphere else circle or CIRCLES
+        at_targets = next(kind.test for kind in kinds() if kind.part == "hemisphere")
+        return (*circle, at_targets) if rig.tests.hemisphere else circle or CIRCLES
     every: tuple[TestName, ...] = (*CIRCLES, *(kind.test for kind in kinds() if kind.further))
     asked = [name.strip() for name in names.split(",")]
     for name in asked:

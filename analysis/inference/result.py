@@ -113,9 +113,8 @@ class BudgetPart:
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        parts = {"alone": self.alone, "members": self.members}
-        plain = vars(self) | {key: [part.to_dict() for part in every] for key, every in parts.items()}
-        return {**plain, "class": self.rank, "cancelled": self.cancelled}
+        parts = {name: [part.to_dict() for part in getattr(self, name)] for name in ("alone", "members")}
+        return {**vars(self), **parts, "class": self.rank, "cancelled": self.cancelled}
 
 
 @dataclass(frozen=True)

@@ -264,12 +264,12 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         energy = float(np.sum((y - A @ ahead)[rows] ** 2))
         sd[shown] = np.sqrt(energy / freedom * (inverse**2).sum(axis=1))
         share = 1 - energy / max(float(np.sum(y[rows] ** 2)), 1e-300)
-        fits.append((share, ahead, sd, A, words, unit))
-    share, ahead, sd, A, words, unit = max(fits, key=lambda fit: fit[0])
+        fits.append((share, ahead, sd, A, y, words, unit))
+    share, ahead, sd, A, y, words, unit = max(fits, key=lambda fit: fit[0])
     poses = [block.table.kind.of_tracker for block in linear.blocks]
     um = np.array([plain_worth(linear, A[:, [k]] @ ahead[[k]]).um[poses].max() for k in range(len(joints))])
     early = (ahead > _SURE * sd) & (um > LEAST_MATERIAL_UM)
-    if share < _LEAST_SHARE or not early.any() or share < _step_share(linear, rows, free, _with_alike(result, A, free)):
+    if share < _LEAST_SHARE or not early.any() or share < _step_share(linear, rows, free, y):
         return ()
     axes = ", ".join(f"axis {k + 1} {words.format(unit * ahead[k], unit * sd[k])}" for k in np.flatnonzero(early))
     message = f"poses were read before the joints came to rest: links are ahead in the direction of travel ({axes})"

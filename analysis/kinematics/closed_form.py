@@ -14,12 +14,10 @@ t2 + t3 + t4 in place of t4, elbow with w = a3 after a4 - i d5 is taken off. Der
 (J. Craig, Introduction to Robotics, 3rd ed., ch. 4 for the method; M. Brandstötter et al. 2014 and
 K. Hawkins 2013 have the same branches in other parameters).
 
-Which arms have an inverse in closed form, and their frames with every sign taken out.
-
-Two kinds: an arm with parallel axes 2 and 3 and a spherical wrist, and an arm with parallel axes 2, 3
-and 4 (Universal Robots). Reversing the z axis of joint i (a half turn about its x) changes the sign of
-theta_i and d_i and moves the alphas on both sides by 180°, so each arm of a kind is brought to the same
-alphas, all 90° or 0°, and one derivation serves them all.
+Two kinds of arm have an inverse in closed form: with parallel axes 2 and 3 and a spherical wrist, and with parallel
+axes 2, 3 and 4 (Universal Robots). Reversing the z axis of joint i (a half turn about its x) changes the sign of
+theta_i and d_i and moves the alphas on both sides by 180°, so each arm of a kind is brought to the same alphas, all 90°
+or 0°, and one derivation serves them all.
 
 A calibrated arm is near a kind: small Hayati angles, alphas off by a little. It is snapped, and the
 closed form of the snapped arm seeds Newton's method on the true one.

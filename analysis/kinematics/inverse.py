@@ -1,9 +1,8 @@
 """Inverse kinematics with all branches: every set of joint angles that puts the tool at a pose.
 
-Strategy: an arm of a kind that has a closed form (`canonical`) gets its eight branches from it, exact. Any other arm
-is searched (`search`). Whatever its origin, a solution counts only once forward kinematics gives the pose back.
-
-Inverse kinematics of an arm without a closed form, by Newton's method on stacks of seeds.
+Strategy: an arm of a kind that has a closed form (`canonical`) gets its eight branches from it, exact. Any other arm is
+searched (`search`), by Newton's method on stacks of seeds. Whatever its origin, a solution counts only once forward
+kinematics gives the pose back.
 
 An arm near a kind that has one, as calibration leaves it, gets the branches of the snapped arm as seeds, all at once.
 Where this leaves a doubt, near a singularity or the end of a reach, and for an arm of no known kind, there are more

@@ -1,9 +1,5 @@
-"""Joint limits: which turns of a solution the arm can stand in.
-
-Joint angles modulo a turn: an arm whose wrist winds on stands in one posture turns apart.
-
-What makes joint angles a solution of a pose, and which solutions are the same.
-"""
+"""Joint angles as solutions: what makes them one of a pose, which are the same modulo a turn, and in which turns the
+arm can stand within its limits. An arm whose wrist winds on stands in one posture turns apart."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 Works for any arm; where it has more than six axes, each step is the shortest of those that lead there. Rows that have
 converged leave the stack, so that a few hard poses do not make all of them pay.
 
-How near an arm is to a singularity, and which axes make it.
+How near the arm is to a singularity, and which axes make it, shows in the same Jacobian.
 """
 
 from __future__ import annotations

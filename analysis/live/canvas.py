@@ -2,11 +2,9 @@
 
 Text passes the gate of `rigs.text` here. A wide character takes two cells; what has no width of its own is left out.
 
-Drawing finer than characters: two by four braille dots in each cell.
-
-Colours of the screen, from the sixteen that every terminal has; in pairs that the colour-blind can distinguish.
-
-Numbers that can be read from across the cell: figures of half-block cells, in whole multiples of a small size.
+Finer than characters are two by four braille dots in each cell. Colours are of the sixteen that every terminal has, in
+pairs that the colour-blind can distinguish. Numbers that can be read from across the cell are figures of half-block
+cells, in whole multiples of a small size.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Progress of a lap as it is driven: the sense of motion, how far it is, and how many laps were driven.
+"""A lap as it is driven: the sense of motion, how far it is, how many were driven, and where the joints turn back.
 
 A lap begins at the start angle, after the lead-in, as in `analysis.traces.laps`. The sense is known 2° after the tool
 has begun to move or turned back, which is more than the noise of any feedback.
@@ -6,7 +6,7 @@ has begun to move or turned back, which is more than the noise of any feedback.
 Few wrists have two turns to give, so a robot goes back after a lap before it drives the next. What goes back over the
 way of a whole lap, without having left the circle, is that way back and no lap of the other direction.
 
-Where the joints go and turn back, as it happens: the rule of `analysis.measures.joint_reversals`, row by row.
+Joints turn back by the rule of `analysis.measures.joint_reversals`, row by row.
 """
 
 from __future__ import annotations

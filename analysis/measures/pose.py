@@ -35,9 +35,9 @@ from analysis.conventions.lost_poses import (
     wild_findings,
     without_lost,
 )
-from analysis.conventions.off_path import Off, off_places
+from analysis.conventions.off_path import Off
 from analysis.conventions.place import SOURCE, source_findings
-from analysis.conventions.units import UNITS, impossible, mirror_findings, rail_findings, tracker
+from analysis.conventions.units import UNITS, impossible, mirror_findings, off_in_its_unit, rail_findings, tracker
 from analysis.geometry.iso_cube import Cube, cube_of
 from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, transform, without_setup
@@ -433,7 +433,7 @@ class Pose(PlaceKind[PoseTable]):
         return judged_by_places(rig, table.q, table.xyz_mm, table.rpy)
 
     def off_path(self, table: PoseTable, rig: Rig, T_tool: Array) -> Off | None:
-        return off_places(T_tool, table.xyz_mm)
+        return off_in_its_unit(T_tool, table.xyz_mm)
 
     def evaluate(self, table: PoseTable, rig: Rig, where: str, instruments: Instruments) -> PoseResult:
         iso = rig.tests.iso9283

@@ -5,10 +5,9 @@
 The same function predicts for simulated programs and for measured tables, so that a difference between the two is
 in the model and not in the method.
 
-The geometric part of a model: the arm whose constants the effects of a rig file have changed.
-
-Joint zeros and link constants are the same in all postures, so that an arm with other constants carries them whole, in
-any program that knows rigid arms. Compliance, waves, plays, growth and lag are not in it.
+Of a model the geometric part is an arm: joint zeros and link constants are the same in all postures, so that an arm
+with other constants carries them whole, in any program that knows rigid arms. Compliance, waves, plays, growth and lag
+are not in it.
 """
 
 from __future__ import annotations

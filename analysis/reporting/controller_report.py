@@ -15,6 +15,8 @@ from rigs.schema.effect import label_of
 
 _REPORTED_UM = 1.0
 """An effect that stays is listed where it moves the tool by at least this."""
+_NONE_UM = 0.5
+"""An entry that moves the place of the tool by less only turns it."""
 _THIRD = 1 / 3
 """Part of a squared error from which its cause is said in the first sentence."""
 
@@ -23,17 +25,12 @@ def first_sentence(entries: ControllerEntries) -> str:
     """What to enter where, what it gains, and what to check before motion."""
     maker, targets = entries.controller.maker, f"{entries.by_targets_um:.0f} µm"
     if not entries.entries:
+        better = entries.carried_by_targets_um >= _REPORTED_UM
+        instead = f"corrected targets (--path) leave {targets}" if better else "leave the targets as they are, too"
         return (
-            f"Nothing is to be entered at this {maker} controller: none of its parameters takes up 1 µm of the "
-            f"tool's {entries.before_um:.0f} µm over the work; corrected targets (--path) leave {targets}, with frame "
-            f"and tool taught with the robot.{base_note(entries.base_u_um, entries.by_targets_um)}"
-        )
-    if entries.carried_um <= 0:
-        return (
-            f"Leave the parameters of this {maker} controller as they are: with frame and tool taught with the "
-            f"robot the tool's error over the work is {entries.before_um:.0f} µm rms as it is and "
-            f"{entries.after_um:.0f} with the values below; corrected targets (--path) leave {targets}."
-            f"{base_note(entries.base_u_um, entries.by_targets_um)}"
+            f"Nothing is to be entered at this {maker} controller: with frame and tool taught with the robot its "
+            f"parameters take away nothing of the tool's {entries.before_um:.0f} µm over the work for certain; "
+            f"{instead}.{base_note(entries.base_u_um, entries.by_targets_um)}"
         )
     count = "the value" if len(entries.entries) == 1 else f"the {len(entries.entries)} values"
     reads = entries.controller.changes_reading
@@ -70,9 +67,9 @@ def as_table(entries: ControllerEntries) -> RenderableType:
     parts += [Text(f"known only together, so divided by usual sizes: {', '.join(group)}") for group in entries.twins]
     kept_um = [(label_of(kept.effect), kept.worth_um) for kept in entries.not_entered if kept.worth_um >= _REPORTED_UM]
     parts += [Text(f"not entered: {name}, {um:.0f} µm rms: no constant and no target holds it") for name, um in kept_um]
-    parts.append(Text(carried(entries), style="bold"))
     before, after = entries.elsewhere_um
     if entries.entries:
+        parts.append(Text(carried(entries), style="bold"))
         elsewhere = f"beside the work, at other joint angles for which the model is known: {before:.0f} µm before, "
         elsewhere += f"{after:.0f} µm after"
         worse = ": worse, so enter them for this work only" if after > before else ""
@@ -90,7 +87,7 @@ def carried(entries: ControllerEntries) -> str:
 
 def _entries(entries: ControllerEntries) -> Table:
     title = (
-        f"to be entered once at the controller ({entries.controller.maker}); "
+        f"to be entered together, once, at the controller ({entries.controller.maker}); "
         "worth and leaves: rms of the tool over the tests"
     )
     lengths = any(entry.now is not None for entry in entries.entries)
@@ -108,7 +105,8 @@ def _entries(entries: ControllerEntries) -> Table:
         digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
         numbers = (f"{entry.add:+.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading)
         now = ["" if entry.now is None else f"±{entry.now:g}"] * lengths
-        table.add_row(entry.parameter, *now, *numbers, f"{entry.worth_um:.0f} µm", f"{entry.leaves_um:.0f} µm")
+        sizes = (entry.worth_um, entry.leaves_um) if entry.worth_um >= _NONE_UM else ()
+        table.add_row(entry.parameter, *now, *numbers, *([f"{um:.0f} µm" for um in sizes] or ["turns only"]))
     return whole(table)
 
 

@@ -14,9 +14,8 @@ from rich.console import Group, RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
-from analysis.correction.correct import Corrections
+from analysis.correction.correct import GAIN_UM, Corrections
 from analysis.correction.corrected_targets import Corrected
-from analysis.correction.plays import known_plays
 from analysis.correction.refusal import ANYWAY, why_nothing
 from analysis.correction.support import CONSTANTS, corrected_table
 from analysis.correction.target_path import corrected_columns
@@ -34,18 +33,19 @@ from rigs.schema.effect import label_of
 
 _REPORTED_MM = 1e-3
 """An effect that is not corrected is reported if it moves a target by at least this."""
-_GAIN_UM = 1.0
-"""Gain below which nothing can be corrected. Chosen: below any robot's repeatability."""
 _ERRORS = ("before_um", "after_um", "u_um")
-_HEAD = """\
-# Corrections for the cell {name} from the effects of its rig file, {date}. Use one of these ways for each effect:
-# joint_zeros: master each axis so that it reads `add_deg` more where it stands.
-# link_constants: enter these into the controller if it accepts them; dh.csv is the whole table.
-# controller: changes of the controller's own parameters that hold most of the whole model; either these or the above.
-# The corrected path: for a controller that keeps its zeros and constants. It contains all of these corrections.
-# u: standard uncertainty.
-# programs: no real controller has run a program that rig corrected; a person tries each at reduced speed first.
-"""
+_HEAD = "Corrections for the cell {name} by the effects of its rig file and the calibration beside it, {date}."
+_WAYS = {
+    "joint_zeros": "master each axis so that it reads `add_deg` more where it stands.",
+    "link_constants": "enter these into the controller if it accepts them; dh.csv is the whole table.",
+    "controller": "changes of the controller's own parameters that hold most of the whole model.",
+    "path": "the corrected targets hold the whole model, for a controller that keeps its zeros and constants.",
+    "programs": "they hold the whole model, too; no real controller has run one: a person tries each at reduced speed.",
+}
+_NOTHING = (
+    "Nothing to enter is here: --for MAKER writes values to enter, --program FILE or --path FILE corrected targets."
+)
+_ONE = "Zeros and constants, or the controller's parameters, or corrected targets: one of them, or it corrects twice."
 
 
 def as_table(corrections: Corrections) -> RenderableType:
@@ -53,18 +53,12 @@ def as_table(corrections: Corrections) -> RenderableType:
     path."""
     columns = ("effect", right("value"), "corrected as", Column("why", ratio=1))
     effects = Table(*columns, title="value ± standard uncertainty", title_style="dim", header_style="bold")
-    for support in corrections.effects:
+    for support in (*corrections.effects, *corrections.beside):
         field = size_field(support.effect)
         quantity = quantity_of(support.effect, field, {field: support.u})
         value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
         use = Text("not corrected", "yellow") if support.use == "none" else Text(support.use, "green")
         effects.add_row(label_of(support.effect), value, use, support.reason)
-    for play in (
-        known_play for known_play in known_plays(corrections.rig) if known_play not in corrections.rig.effects
-    ):
-        field = size_field(play)
-        value = f"{getattr(play, field):.4g} {quantity_of(play, field, {}).sign}"
-        effects.add_row(label_of(play), value, Text("not corrected", style="yellow"), play.compensation().why_not)
     parts: list[RenderableType] = [
         Text(_first(corrections) + texts_of("en").not_known(corrections.work.unknown), style="bold")
     ]
@@ -80,7 +74,7 @@ def as_table(corrections: Corrections) -> RenderableType:
 
 
 def _first(corrections: Corrections) -> str:
-    if all(support.use == "none" for support in corrections.effects) and corrections.work.model_um < _GAIN_UM:
+    if all(support.use == "none" for support in corrections.effects) and corrections.work.model_um < GAIN_UM:
         return (
             f"Nothing of the tool's {corrections.work.before_um:.0f} µm over the work can be corrected; "
             "the table says why."
@@ -92,13 +86,13 @@ def _first(corrections: Corrections) -> str:
     targets = targets or ("the corrected targets of --program" if corrections.programs else "")
     targets = targets or "corrected targets (--program FILE, or --path TARGETS.csv)"
     send = f"Send the controller to {targets}: the tool's error over the work falls from"
-    if work.before_um - work.after_um >= _GAIN_UM:
+    if work.before_um - work.after_um >= GAIN_UM:
         return (
             f"{send} {_mm(work.before_um)} to {_mm(work.after_um)} mm rms with frame and tool taught with the robot "
             f"(standard uncertainty of the model {_mm(work.u_um)} mm).{base_note(work.base_u_um, work.after_um)}"
             f"{_never_both(corrections)}"
         )
-    if work.base.before_um - work.base.after_um >= _GAIN_UM:
+    if work.gains:
         return (
             f"{send} {_mm(work.base.before_um)} to {_mm(work.base.after_um)} mm rms in the robot's base; in a frame "
             f"taught with the robot it is {_mm(work.before_um)} mm as it is.{_never_both(corrections)}"
@@ -108,6 +102,13 @@ def _first(corrections: Corrections) -> str:
         f"work, and is known to ± {_mm(work.u_um)} mm, with frame and tool taught with the robot. The error would go "
         f"from {_mm(work.before_um)} to {_mm(work.after_um)} mm. More runs, at another place or of another test, would "
         "make it surer."
+    )
+
+
+def why_not(corrections: Corrections) -> str:
+    """Why nothing is to be corrected; empty where something is."""
+    return why_nothing(corrections.rig) or (
+        "" if corrections.work.gains else "corrected targets take away no error over the work"
     )
 
 
@@ -206,7 +207,7 @@ def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, An
 def _contents(corrections: Corrections) -> dict[str, Any]:
     return {
         "rig": corrections.rig.name,
-        "verdict": "nothing" if (why := why_nothing(corrections.rig)) else "correct",
+        "verdict": "nothing" if (why := why_not(corrections)) else "correct",
         "verdict_why": why or None,
         "joint_zeros": [
             {"axis": zero.axis, "add_deg": short(zero.delta), "u_deg": short(zero.u)} for zero in corrections.zeros
@@ -232,7 +233,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
                 "corrected_as": None if support.use == "none" else support.use,
                 "reason": support.reason,
             }
-            for support in corrections.effects
+            for support in (*corrections.effects, *corrections.beside)
         ],
         "work": {
             **{name: rounded_um(getattr(corrections.work, name)) for name in _ERRORS},
@@ -268,10 +269,20 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
 
     from analysis.files.write import holding, write_all_new, write_csv  # noqa: PLC0415
 
-    head = _HEAD.format(name=corrections.rig.name, date=dt.datetime.now(dt.UTC).date())
-    if why := why_nothing(corrections.rig):
+    contents = _contents(corrections)
+    ways = [f"{key}: {way}" for key, way in _WAYS.items() if contents.get(key) or (key == "path" and corrections.path)]
+    date = dt.datetime.now(dt.UTC).date()
+    lines = [
+        _HEAD.format(name=corrections.rig.name, date=date),
+        *(ways or [_NOTHING]),
+        _ONE,
+        "u: standard uncertainty.",
+    ]
+    head = "".join(f"# {line}\n" for line in lines)
+    has_targets = bool(corrections.path or corrections.programs)
+    if why := why_not(corrections) if has_targets else why_nothing(corrections.rig):
         head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why}.\n"
-    text = head + yaml.safe_dump(_contents(corrections), sort_keys=False, allow_unicode=True, width=10_000)
+    text = head + yaml.safe_dump(contents, sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}
     if corrections.constants:
         rows = corrected_table(corrections.rig, corrections.constants)

@@ -33,6 +33,7 @@ from analysis.reporting.stairs import stairs_of, stairs_table
 from analysis.reporting.texts import texts_of
 from rigs.schema.effect import label_of, name_of
 from rigs.schema.vocabulary import CIRCLES
+from rigs.text import counted
 
 _MOST_PLACES = 6
 
@@ -88,7 +89,7 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
     for heading, body in sections:
         if body:
             shown += [Text(f"\n{heading}", style="bold"), *(Padding(part, (0, 0, 0, 2)) for part in body)]
-    runs = "1 run" if len(diagnosis.runs) == 1 else f"{len(diagnosis.runs)} runs"
+    runs = counted(len(diagnosis.runs), "run")
     noise = "noise from repeats" if diagnosis.repeated else "noise assumed, not from repeats"
     footer = f"{diagnosis.rig.name} · {runs} · {noise} · {diagnosis.seconds:.1f} s"
     return Group(*shown, Text(f"\n{footer}", style="dim"))

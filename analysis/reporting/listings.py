@@ -13,7 +13,7 @@ from rich.text import Text
 
 from analysis.reporting.plain_console import right
 from rigs.calibration import verdict_of
-from rigs.text import plain
+from rigs.text import counted, plain
 
 if TYPE_CHECKING:
     from analysis.correction.arms_apart import ArmsApart
@@ -165,7 +165,7 @@ def run_row(run: RunInfo, now_s: float) -> dict[str, Any]:
 
 def runs_table(rows: Sequence[dict[str, Any]]) -> Table:
     """A line a run, and what all of them take."""
-    runs = Column("run", f"{len(rows)} run{'s' * (len(rows) != 1)}")
+    runs = Column("run", counted(len(rows), "run"))
     size = right("size", footer=_size(sum(listed_row["bytes"] for listed_row in rows)))
     table = Table(
         runs, "test", "status", size, right("age"), "exported", "kept",

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from rigs.calibration import CalibratedModel
 from rigs.effects import Effect
 from rigs.schema.effect import name_of
+from rigs.text import counted
 
 _MOST_NAMED = 5
 
@@ -21,8 +22,8 @@ def begins_with(effects: Sequence[Effect]) -> str:
             else f"found on {effect.found.date} in {_listed(effect.found.runs)}"
         )
         origins.setdefault(origin, []).append(name_of(effect))
-    count = f"{len(effects)} effect{'s' * (len(effects) != 1)}"
-    return f"{count}, " + "; ".join(f"{origin}: {_listed(names)}" for origin, names in origins.items())
+    listed = "; ".join(f"{origin}: {_listed(names)}" for origin, names in origins.items())
+    return f"{counted(len(effects), 'effect')}, {listed}"
 
 
 def in_calibration(model: CalibratedModel) -> list[str]:

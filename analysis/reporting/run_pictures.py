@@ -26,6 +26,7 @@ from analysis.reporting.run_charts import target_charts
 from analysis.reporting.sheet import Sheet, as_png
 from analysis.reporting.still_chart import part_of
 from analysis.reporting.texts import texts_of
+from rigs.text import counted
 
 _GREY = "#777777"
 _PHI_DEG = np.degrees(PHI)
@@ -123,7 +124,7 @@ def draw_hemisphere(
 
 def raw_chart(result: Result, circle: CircleResult) -> Chart:
     """Angle over circle angle with its least-squares sine (the paper's figure 3)."""
-    many = "1 lap" if circle.laps.count == 1 else f"{circle.laps.count} laps"
+    many = counted(circle.laps.count, "lap")
     at_deg, whole = np.tile(_PHI_DEG, len(circle.curve.laps)), np.linspace(0, 2 * np.pi, 361)
     lines = (
         Line(f"readings, {many}", circle.laps.direction, at_deg, np.degrees(circle.curve.laps).ravel(), points=True),

@@ -1,11 +1,9 @@
 """The plans of a rig's tests: the same motion as the simulator's (analysis/geometry/programs.py), in steps.
 
 circle and roll: laps with lead-in and lead-out and the ways back between them, a program for each direction, since each
-is a run of its own. hemisphere and repeatability: a stop at each target.
-
-The plan of poses for a tracker: all joints together from one to the next, and a stand at each.
-
-The plans of ISO 9283 in front of a tracker: the stops of the cube, and its paths at a share of their speed.
+is a run of its own. hemisphere and repeatability: a stop at each target. Poses for a tracker: all joints together from
+one to the next, and a stand at each. ISO 9283 in front of a tracker: the stops of the cube, and its paths at a share of
+their speed.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""What all dialects write alike: numbers, names, comments, rotations.
+"""What all dialects write alike: numbers, names, rotations, and the comments at the head of every program, which a
+person checks before the robot moves.
 
-The comments at the head of every program: what a person checks before the robot moves.
-
-They hold no semicolon and no quotation mark, which end a line or a text in one language or the other.
+Comments hold no semicolon and no quotation mark, which end a line or a text in one language or the other.
 """
 
 from __future__ import annotations

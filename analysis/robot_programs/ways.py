@@ -3,10 +3,9 @@
 An arm may reach both ends of a move and nothing between them, or pass a singularity there. On each way the tool turns
 evenly about one axis; poses are (4, 4) and (n, 4, 4), places in mm.
 
-Ways between targets of the hemisphere that keep the tool at the link's length from the base-ball.
-
-A joint move between two targets takes the tool off the sphere by centimetres and more, which no link can follow. An arc
-about the ball keeps to it, and a turn where two targets are the same place in different orientations.
+Between targets of the hemisphere the tool stays at the link's length from the base-ball. A joint move between two
+targets takes the tool off the sphere by centimetres and more, which no link can follow. An arc about the ball keeps to
+it, and a turn where two targets are the same place in different orientations.
 """
 
 from __future__ import annotations

@@ -114,9 +114,9 @@ def corrected(
         if way == "entries"
         else (targets, between_um, work.after_um, remaining.by_targets_um)
     )
-    same = expected_left(model, pose_u, on_circle, left_um)
+    at_circle = expected_left(model, pose_u, on_circle, left_um)
     expected = {
-        "same": same,
+        "same": at_circle,
         "elsewhere": expected_left(
             model, pose_u, other_place, float(np.hypot(_left_um(other_place, other_place[0].rig, by), beside_um))
         )
@@ -129,7 +129,7 @@ def corrected(
             unknown=round(work.unknown, 3),
         ),
     }
-    falls = f"expected to fall from {remaining.now_um:.0f} to {same.text} µm rms"
+    falls = f"expected to fall from {remaining.now_um:.0f} to {at_circle.text} µm rms"
     if way == "entries":
         unknown = texts_of("en").not_known(work.unknown)
         sentence = f"{controller_report.first_sentence(entries)}{unknown} The readings' error is {falls}."

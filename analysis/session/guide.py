@@ -19,6 +19,7 @@ from analysis.session.plan import Pace, minutes_of, numbered, separating
 from analysis.session.state import MOST_TRIES, Answer, Correction, Purpose, Session, Stage, Step, Try, Verified, Way
 from rigs.errors import CellError
 from rigs.rig import Rig
+from rigs.text import counted
 
 _T = TypeVar("_T")
 _MOST_MORE = 4
@@ -363,13 +364,13 @@ def _answered(state: State, answer: Answer) -> Outcome:
         return changed, actions
     if is_answered(changed.session, answer):
         early = changed.skipping("find", _ANSWERED)
-        said = "{0}: {1} to find errors {2} left out"
+        sentence = "{0}: {1} to find errors {2} left out"
     else:  # more runs may show less for sure
         early = changed.reopened()
-        said = "the question is open again: {1} to find errors {2} driven after all"
+        sentence = "the question is open again: {1} to find errors {2} driven after all"
     if count := abs(len(session.open_steps) - len(early.session.open_steps)):
-        programs, are = ("1 further program", "is") if count == 1 else (f"{count} further programs", "are")
-        return early, (*actions, Say((f"  {said.format(_ANSWERED, programs, are)}",)))
+        programs, are = counted(count, "further program"), "is" if count == 1 else "are"
+        return early, (*actions, Say((f"  {sentence.format(_ANSWERED, programs, are)}",)))
     return changed, actions
 
 

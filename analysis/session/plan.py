@@ -95,6 +95,10 @@ def planned(
     Raises FileError where the arm cannot drive its circle, UseError where the time is too short for anything.
     """
     if rig.tests.circle is None:
+        if not rig.gauges.recorded:
+            problem = "has no gauges, beside which a session drives circles"
+            remedy = "measure poses (rig plan-poses) or touches (rig record touch), then rig import and rig diagnose"
+            raise FileError(RigPlace.of(rig.name), problem, remedy)
         remedy = "start rigd with it, and lead the robot around the ball: rig circle fit --live --rig FILE --write"
         raise FileError(RigPlace.of(rig.name), "has no tests.circle to drive", remedy)
     minutes -= pace.thinking_min

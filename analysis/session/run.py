@@ -35,6 +35,7 @@ from rigs.errors import CellError, FileError, RigError, UseError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
+from rigs.text import counted
 
 
 @dataclass(frozen=True)
@@ -238,7 +239,7 @@ class Conductor:
         inference, began_s = self.inferences.pop(self.state.inferring), clock.now_s()
         count = len(self.state.session.runs_for("find"))
         while not inference.is_done:
-            self.screen.show(f"understanding {count} runs: {clock.now_s() - began_s:.0f} s")
+            self.screen.show(f"understanding {counted(count, 'run')}: {clock.now_s() - began_s:.0f} s")
             clock.sleep(_LOOK_S)
         return guide.Answered(inference.result())
 

@@ -11,7 +11,7 @@ from analysis.reporting.texts import texts_of
 from analysis.session.next_step import Drive, Following
 from analysis.session.plan import Pace, minutes_of
 from analysis.session.state import Answer, Correction, PartOfError, Place, Session, Stage, Step, Way, own_programs
-from rigs.text import as_argument
+from rigs.text import as_argument, counted
 
 _PURPOSES = {"find": "to find errors", "judge": "to judge by, used for nothing else", "verify": "after the correction"}
 _BAR = 10
@@ -27,7 +27,7 @@ def plan_lines(session: Session, pace: Pace, directory: Path) -> Iterator[str]:
     driven = len(session.steps) - len(open_steps)
     goes_on = f", {driven} of {len(session.steps)} steps are done" if driven else ""
     minutes = minutes_of(session.stages, open_steps, pace)
-    yield f"{session.rig}: {len(open_steps)} programs to drive, {minutes:.0f} minutes{goes_on}"
+    yield f"{session.rig}: {counted(len(open_steps), 'program')} to drive, {counted(round(minutes), 'minute')}{goes_on}"
     for (purpose, stage), group in groupby(open_steps, key=lambda step: (step.purpose, step.stage)):
         programs = [step.program for step in group]
         times = [f"{name} × {programs.count(name)}" for name in dict.fromkeys(programs)]
@@ -49,7 +49,7 @@ def step_lines(session: Session, number: int) -> Iterator[str]:
 def answer_lines(answer: Answer, before: Answer | None) -> Iterator[str]:
     """Yield what the runs so far show, unless it was said before."""
     if before is None or (answer.runs, answer.headline) != (before.runs, before.headline):
-        yield f"  {answer.runs} runs show: {answer.headline}"
+        yield f"  {counted(answer.runs, 'run shows', 'runs show')}: {answer.headline}"
         yield from (f"    {line}" for line in budget_lines(answer.parts))
 
 
@@ -91,7 +91,7 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
             )
             yield f"the other place judged, where the model had no part: {at_other_place}"
         if answer.joined:
-            yield f"then its {answer.joined} runs joined the last diagnosis, of {answer.runs} runs"
+            yield f"then its {counted(answer.joined, 'run')} joined the last diagnosis, of {answer.runs} runs"
     if correction:
         first, *further_lines = correction_lines(correction, session.sides)
         yield f"corrected: {first}"
@@ -102,7 +102,8 @@ def end_lines(session: Session, directory: Path) -> Iterator[str]:
     if session.is_corrected and correction and session.to_do:
         yield f"  {texts_of('en')(f'after_cause_{correction.way}')}"
     programs = sum(len(step.tries) for step in session.steps)
-    yield f"{programs} runs, {session.driven_minutes:.0f} minutes of driving; {session.minutes:g} were at hand"
+    driven = f"{counted(programs, 'run')}, {counted(round(session.driven_minutes), 'minute')} of driving"
+    yield f"{driven}; {session.minutes:g} were at hand"
     yield f"report: {directory / session.report}"
     if answer and answer.level != 1:
         rig_file = as_argument(Path(session.rig_file))
@@ -142,12 +143,13 @@ def _size(error: Deviation) -> str:
 def status_lines(session: Session, following: Following, directory: Path) -> Iterator[str]:
     """Yield how far a session is, a line for each step, and what comes next."""
     began = session.began.replace("T", " ")
-    yield f"session of {session.rig}, begun {began}, aim {session.aim}, {session.driven_minutes:.0f} minutes driven"
+    minutes = counted(round(session.driven_minutes), "minute")
+    yield f"session of {session.rig}, begun {began}, aim {session.aim}, {minutes} driven"
     for number, step in enumerate(session.steps, start=1):
         yield f"{number:3} {step.program:{_WIDTH}} {_state_of(step)}"
     if session.answer:
         shown = "" if session.report else f" {session.answer.headline}"  # which the end says as well
-        yield f"{session.answer.runs} runs show:{shown}"
+        yield f"{counted(session.answer.runs, 'run shows', 'runs show')}:{shown}"
         yield from (f"  {line}" for line in budget_lines(session.answer.parts))
     if session.report:
         yield from end_lines(session, directory)

@@ -1,10 +1,9 @@
-"""Circles and spheres through points at which the robot stood, and the fixed ball that it touched.
+"""Circles and spheres through points at which the robot stood, the fixed ball that it touched, and touches of sockets
+as a person makes them: joint angles in, touches out.
 
-Touches as a person makes them: joint angles in, touches of sockets out.
-
-It owns no clock and no daemon. A robot that stands still after it moved has its ball in the socket, if the arm says so
-within what arms err by; elsewhere it only rests. Each joint's last turning point says from which side it came, and so
-on which flank of its play it stands.
+A touch is recognised without a clock or a daemon. A robot that stands still after it moved has its ball in the socket,
+if the arm says so within what arms err by; elsewhere it only rests. Each joint's last turning point says from which
+side it came, and so on which flank of its play it stands.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ import datetime as dt
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from pydantic import ValidationError
 
@@ -21,11 +22,11 @@ from rigs.problems import RigFileError, problems_of
 from rigs.schema.declared_tests import Circle, Touch
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
-from rigs.schema.limits import limits_of_tolerance
+from rigs.schema.limits import limits_of_tolerance, shared_limit
 from rigs.schema.part import Part
 from rigs.schema.robot import Pose, Robot
 from rigs.schema.vocabulary import DRIVEN_AXES, MeasuredBy
-from rigs.text import plain, the_same
+from rigs.text import as_argument, plain, the_same
 from rigs.yaml_text import flow, read_yaml
 
 _MAX_BYTES = 1_000_000
@@ -65,6 +66,10 @@ def _arm_of(name: str) -> ChosenArm:
         return _of_library(name)  # which reports the names that are near
     except OSError as error:
         raise FileError(name, error.strerror or str(error), "give a file with a section robot") from None
+    if "<robot" in text:
+        made = as_argument(Path(name).with_suffix(".yaml"))
+        remedy = f"make that of it, and give --arm {made}: rig import-urdf {as_argument(name)} -o {made}"
+        raise FileError(name, "is a URDF and no file with a section robot", remedy)
     root, data = read_yaml(text, name)
     if not isinstance(data, dict) or "robot" not in data:
         raise FileError(name, "lacks the section robot", "see rig arms for one, or choose an arm by its name")
@@ -132,10 +137,10 @@ def _of_gauges(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield from _limits(answers, arm.repeatability_mm)
 
 
-def _of_tracker(_: Answers, arm: ChosenArm) -> Iterator[str]:
+def _of_tracker(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"# Nominal arm, from {plain(arm.source)}. Where tracker and target are is found from the poses."
-    yield robot_text(arm.robot).rstrip()
-    yield from _data_sheet(arm)
+    yield robot_text(arm.robot.model_copy(update={"tool": answers.tool or arm.robot.tool})).rstrip()
+    yield from _limits_of("pose", answers.tolerance_mm, arm.repeatability_mm)
 
 
 def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
@@ -151,7 +156,7 @@ def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"    touches: {Touch.model_fields['touches'].default}"
     yield "    # One known distance says how large the arm is; measure over both balls (rig parts --over-balls-mm):"
     yield f"    # distances: [{{between: [{', '.join(_SOCKETS)}], distance_mm: 100, u_mm: 0.05}}]"
-    yield from _data_sheet(arm)
+    yield from _limits_of("touch", answers.tolerance_mm, arm.repeatability_mm)
 
 
 _ARM_LINES: dict[MeasuredBy, Callable[[Answers, ChosenArm], Iterator[str]]] = {
@@ -170,10 +175,14 @@ def _feedback(answers: Answers) -> Iterator[str]:
     yield ""
 
 
-def _data_sheet(arm: ChosenArm) -> Iterator[str]:
-    """The section `limits` of an arm whose data sheet is known."""
-    if arm.repeatability_mm is not None:
-        yield from ("", "limits:", _rp_line(arm.repeatability_mm))
+def _limits_of(test: Literal["pose", "touch"], tolerance_mm: float | None, rp_mm: float | None) -> Iterator[str]:
+    """The section `limits` of a test without gauges: the error, rms, that the work allows, and the data sheet's."""
+    if tolerance_mm or rp_mm is not None:
+        yield from ("", "limits:")
+    if tolerance_mm:
+        yield f"  {test}: {flow({'rms_mm': shared_limit(tolerance_mm).model_dump()})} # the error that the work allows"
+    if rp_mm is not None:
+        yield _rp_line(rp_mm)
 
 
 def _rp_line(rp_mm: float) -> str:

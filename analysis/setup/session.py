@@ -19,7 +19,15 @@ from analysis.setup.answers import (
 from analysis.setup.dialogue import Dialogue
 from analysis.setup.gauge_questions import ask_baseline, ask_gauges, hold_baseline_mm
 from analysis.setup.rig_text import chosen_arm, rig_text
-from analysis.setup.robot_questions import ask_arm, ask_circle, ask_robot, ask_robot_if_any, ask_tolerance, ask_tool
+from analysis.setup.robot_questions import (
+    ask_arm,
+    ask_circle,
+    ask_robot,
+    ask_robot_if_any,
+    ask_tolerance,
+    ask_tool,
+    take_options,
+)
 from daq.store import durable
 from rigs.errors import CellError, FileError, UseError
 from rigs.load import parse
@@ -29,8 +37,8 @@ from rigs.text import as_argument
 
 _QUESTIONS: dict[MeasuredBy, tuple[Callable[[Answers, Options, Dialogue], Answers], ...]] = {
     "gauges": (ask_robot, ask_gauges, ask_baseline, ask_arm, ask_tool, ask_tolerance),
-    "sockets": (ask_arm, ask_robot_if_any, ask_tool),
-    "tracker": (ask_arm,),
+    "sockets": (ask_arm, ask_robot_if_any, ask_tool, take_options),
+    "tracker": (ask_arm, take_options),
 }
 """What is asked, in order."""
 
@@ -43,6 +51,10 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     _check_new(path)
     if options.measured_by == "tracker" and options.robot is not None:
         raise UseError("--robot", "is not read beside a tracker, whose table has the joints", "leave it out")
+    gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": options.baseline_mm}
+    gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
+    for option in (name for name, value in gauges.items() if value and options.measured_by != "gauges"):
+        raise UseError(option, f"is of gauges, and --measured-by {options.measured_by} is without", "leave it out")
     if options.baseline_mm is not None:
         hold_baseline_mm(options.baseline_mm, "--baseline-mm")
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")

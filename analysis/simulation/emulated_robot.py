@@ -1,8 +1,7 @@
-"""The robot of an emulated cell: stands, and drives a program on command; a person may stop or pause it.
+"""The robot of an emulated cell: stands, and drives a program on command; a person may stop or pause it; and what its
+motors draw meanwhile, and how warm its joints become.
 
 Between programs it is set to the start of the next at once; a person would take the link off for that.
-
-What the motors of an emulated robot draw, and how warm its joints become.
 
 A motor carries what gravity asks, and the friction of its joint: Coulomb's part and one that grows with speed, both
 less in a warm joint, whose grease is thin. A joint is warmed by what its motor's winding loses, and cools to the room.

@@ -25,6 +25,7 @@ from daq.store import Run
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, TestName
+from rigs.text import counted
 
 LONGEST_MM = 1e5
 """No gauge measures further than 100 m, the bound of lengths in a rig file (`rigs.schema.part.Length`)."""
@@ -78,8 +79,8 @@ _NEVER = ("gauges and robot were never recorded at the same time", "record both 
 _STALLED = 5.0
 """A row's time is doubtful where its own uncertainty is so many times the usual, …"""
 _TOGETHER = {
-    True: "they arrived together with a later one; have each message sent at once (TCP_NODELAY), or with its own time",
-    False: "they have the same time as one before; have the instrument send its time in finer steps",
+    True: "arrival together with a later one; have each message sent at once (TCP_NODELAY), or with its own time",
+    False: "the same time as that of one before; have the instrument send its time in finer steps",
 }
 """Why rows share an instant, by whether their times are arrivals, and what to do."""
 _STALLED_S = 1e-3
@@ -281,23 +282,27 @@ def doubts_of(seen: Mapping[str, Seen], rows: int) -> list[str]:
     """What a person should know before trusting a run of so many rows of gauge 1, in words."""
     doubts = [doubt for name, of in seen.items() for doubt in _doubts_of(name, of)]
     gaps = ((name, of.gaps) for name, of in seen.items() if of.gaps and are_many(of.gaps, of.longest_ns, rows))
-    return [*doubts, *(f"{name}: {count} rows are left out at gaps" for name, count in gaps)]
+    return [*doubts, *(f"{_left_out(name, count)} at gaps" for name, count in gaps)]
 
 
 def _doubts_of(name: str, seen: Seen) -> list[str]:
     doubts = timing_doubts(name, seen)
     if seen.doubtful:
-        doubts.append(f"{name}: {seen.doubtful} readings are marked doubtful by the gauge itself")
+        doubts.append(f"{name}: the gauge itself marks {counted(seen.doubtful, 'reading')} as doubtful")
     if seen.odd:
-        doubts.append(f"{name}: {seen.odd} rows that hold no valid reading are left out; check it and its connection")
+        doubts.append(f"{_left_out(name, seen.odd)} for want of a valid reading; check it and its connection")
     if seen.stalled:
         doubts.append(
-            f"{name}: {seen.stalled} rows are left out because their time is too uncertain: "
+            f"{_left_out(name, seen.stalled)} because the time is too uncertain: "
             "the computer was held up, or a stamp was wrong"
         )
     if seen.dropped:
-        doubts.append(f"{name}: {seen.dropped} rows are left out because {_TOGETHER[seen.arrived]}")
+        doubts.append(f"{_left_out(name, seen.dropped)} because of {_TOGETHER[seen.arrived]}")
     return doubts
+
+
+def _left_out(name: str, count: int) -> str:
+    return f"{name}: {counted(count, 'row is', 'rows are')} left out"
 
 
 def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:

@@ -185,7 +185,7 @@ def _systematic(rig: Rig, table: Table) -> Systematic:
 def _doubts(run: Run) -> list[str]:
     manifest = run.manifest
     doubts = [
-        f"{count} {stream} {kind} while recording"
+        f"{stream}: {count} {kind} while recording"
         for stream, counted in manifest.counters.items()
         for kind, count in counted.items()
         if kind != "samples" and count

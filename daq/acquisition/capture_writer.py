@@ -1,14 +1,12 @@
 """Writing a capture while the daemon runs: every link is recorded, and one thread writes for all of them.
 
 Recording a piece only appends it to a list, so no reader waits for this disk. The list is bounded, and pieces that find
-no room are counted in
-the file itself. A capture that has grown to `LARGEST` bytes, or whose disk fails, ends with a line in the log; the
-daemon goes on.
+no room are counted in the file itself. A capture that has grown to `LARGEST` bytes, or whose disk fails, ends with a
+line in the log; the daemon goes on.
 
-The file in which `rig replay` marks each second that was out of step, and which rigd follows while it records.
-
-The rig file of a replayed cell names it (`replay:`). Each line is a second of a stream that was too far from its time;
-it becomes a fault of that stream, in the run that is being recorded, and no figures are taken from such a run.
+While a replayed cell is recorded, rigd also follows the file in which `rig replay` marks each second that was out of
+step; the rig file names it (`replay:`). Each line is a second of a stream that was too far from its time; it becomes a
+fault of that stream, in the run that is being recorded, and no figures are taken from such a run.
 """
 
 from __future__ import annotations

@@ -1,18 +1,17 @@
-"""Watching the computer's clocks: a wall clock that is set, and a computer that sleeps.
+"""Watching the clocks: the computer's wall clock that is set, its sleep, a computer that holds rigd up, and how an
+instrument's own clock runs against the host's.
 
 Everything is stamped by the monotonic clock, which neither touches. What does change is what time of day a stamp stands
 for. NTP slews both clocks alike, so wall less monotonic is constant until someone steps the wall clock; the clock that
 goes on while the computer sleeps (CLOCK_BOOTTIME) less monotonic grows by each sleep, and by nothing else.
 
-Watching whether rigd itself runs: a thread that only sleeps, and reports when it slept for too long.
+A thread that only sleeps shows whether rigd itself runs: it reports when it slept for too long. A computer that is
+suspended for a moment, that starves its programs, or a process that is stopped holds up every reader at once. Readers
+report their own stalls (`StreamBuffer.beat`); this one says that it was not a single reader.
 
-A computer that is suspended for a moment, that starves its programs, or a process that is stopped holds up every reader
-at once. Readers report their own stalls (`StreamBuffer.beat`); this one says that it was not a single reader.
-
-How an instrument's own clock runs against the host's, watched while samples come: for metrics only.
-
-A message can only come late, so the least (host - device) difference of each ten seconds is close to the clocks' true
-one, and a line through these minima shows the drift. Runs keep raw stamps and are fitted again at analysis.
+An instrument's clock is watched for metrics only. A message can only come late, so the least (host - device) difference
+of each ten seconds is close to the clocks' true one, and a line through these minima shows the drift. Runs keep raw
+stamps and are fitted again at analysis.
 """
 
 from __future__ import annotations

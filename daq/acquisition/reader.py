@@ -4,11 +4,10 @@ A link that is lost makes one DISCONNECTED fault. Until the next sample it is th
 refuses to open: each reason for that is reported once, and the first sample ends it with its length, both as faults
 of count 0. Between two attempts the reader pauses, longer each time up to a bound.
 
-How readers stamp promptly beside the other threads of the daemon, of which one at a time runs Python.
-
-Two things hold a reader up that has just been woken by its bytes. A thread that computes gives way only when it is
-asked to, after the interpreter's switch interval. And no thread runs while Python's collector visits all objects; those
-that the daemon starts with, its libraries above all, are some hundred thousand and never garbage.
+Readers stamp promptly beside the other threads of the daemon, of which one at a time runs Python. Two things hold one
+up that has just been woken by its bytes. A thread that computes gives way only when it is asked to, after the
+interpreter's switch interval. And no thread runs while Python's collector visits all objects; those that the daemon
+starts with, its libraries above all, are some hundred thousand and never garbage.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 The reader only ever appends here; it waits for no disk and no other thread. Room is bounded. Samples that find
 none are counted as dropped, faults as one fault of their kind.
 
-The last seconds of every stream, kept whether or not a recording runs: what came before a robot's signal was
-understood belongs to the run that it starts.
+The last seconds of every stream are kept as well, whether or not a recording runs: what came before a robot's signal
+was understood belongs to the run that it starts.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Pure lists, in the order in which they are tried. An interface whose request is not confirmed (`Origin.standing`) is not
 tried unless a person names it, since its request could mean something else to another instrument.
 
-A conversation that is only tried: what it may send is limited, and it ends once nothing can come of it.
+A conversation that is only tried is limited in what it may send, and ends once nothing can come of it.
 """
 
 from __future__ import annotations

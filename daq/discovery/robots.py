@@ -5,10 +5,9 @@ What is sent depends on the address alone. RTDE's read requests go to port 30004
 bytes that it does not expect can stop the program that serves it, and Universal Robots' script ports run what they are
 sent. A person who names the interface has it spoken to as rigd would.
 
-What a controller's program prints, guessed from some of its lines: separator, clock, six angles.
-
-Only what the numbers show is taken: a column that grows at the host's own pace is the clock. Whether angles are
-degrees or radians shows only where one is larger than a turn in radians; otherwise a person is asked.
+Of lines that a controller's program prints, separator, clock and six angles are guessed, and only what the numbers show
+is taken: a column that grows at the host's own pace is the clock. Whether angles are degrees or radians shows only
+where one is larger than a turn in radians; otherwise a person is asked.
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""The computer that the daemon runs on: its disk, its clock, and its service manager.
+"""The computer that the daemon runs on: its disk, its clock, its service manager, and a serial port before anything is
+said on it: there, named to last, allowed, free, and quick.
 
-Each finding is a function of plain figures; what reads them off the system stands below.
-
-A serial port before anything is said on it: there, named to last, allowed, free, and quick.
-
-`root` is where the system's tree begins, so that a test can build one. Nothing is opened.
+Each finding is a function of plain figures; what reads them off the system stands below. `root` is where the system's
+tree begins, so that a test can build one. No port is opened.
 """
 
 from __future__ import annotations

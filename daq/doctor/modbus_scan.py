@@ -4,11 +4,10 @@ It is done by reading alone (functions 3 and 4), while a person moves the probe.
 the registers around the described one, and where the number in a manual (30203, 40203) would have them, are read again
 and again, and judged.
 
-The ways to read the registers of a Modbus unit as the reading of a gauge that is being moved.
-
-A number that is put together wrongly jumps over the whole range of its type, or does not move at all. One that moves
-steadily within the range of a gauge, while its probe is moved by hand, is its reading, or else the higher part of one.
-Among several such ways those are taken for which the least of the rig file would have to be wrong.
+Registers can be read as a number in many ways. One that is put together wrongly jumps over the whole range of its type,
+or does not move at all. One that moves steadily within the range of a gauge, while its probe is moved by hand, is its
+reading, or else the higher part of one. Among several such ways those are taken for which the least of the rig file
+would have to be wrong.
 """
 
 from __future__ import annotations

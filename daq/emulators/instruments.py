@@ -1,9 +1,5 @@
-"""Instruments that measure a motion: the device's side of each protocol, fed by a `Motion`.
-
-So this package needs no kinematics.
-
-Several instruments on one line: each hears everything, and answers what is addressed to it.
-"""
+"""Instruments that measure a motion: the device's side of each protocol, fed by a `Motion`, so that this package needs
+no kinematics. Of several on one line each hears everything, and answers what is addressed to it."""
 
 from __future__ import annotations
 

@@ -9,15 +9,15 @@ nonsense.
 An adapter that is unplugged takes its tty with it and comes back on another; what stays is its name under
 `/dev/serial/by-id`. So a line may be given such a name: a symbolic link that goes and comes with the tty.
 
-What a UART makes of characters that were sent at another baud: why wrong line settings look as they do.
+Characters that were sent at another baud become what a UART makes of them, which is why wrong line settings look as
+they do.
 
-The latency timer of an FTDI adapter: bytes wait until it runs out, or until a USB packet is full.
+At an FTDI adapter bytes wait until its latency timer runs out, or until a USB packet is full. The chip sends what has
+come once every `latency_ms` (16 unless set), counted from when it last sent; with nothing to send it sends a packet of
+status alone, so the timer runs on. A packet carries 62 bytes beside its two of status, and goes at once when it is full
+(FTDI application note AN232B-04).
 
-The chip sends what has come once every `latency_ms` (16 unless set), counted from when it last sent; with nothing to
-send it sends a packet of status alone, so the timer runs on. A packet carries 62 bytes beside its two of status, and
-goes at once when it is full (FTDI application note AN232B-04).
-
-A network that delivers late: each piece that is sent waits a random time, and none overtakes another.
+Of a network that delivers late each piece waits a random time, and none overtakes another.
 """
 
 from __future__ import annotations

@@ -1,16 +1,13 @@
-"""Instruments that latch, filter, wait and pace as a rig file's `timing` says of them.
+"""Instruments that latch, filter, wait and pace as a rig file's `timing` says of them, each by a clock of its own.
 
-An instrument whose clock runs at its own rate: everything it does and stamps drifts against the host's clock.
+Such a clock runs at its own rate: everything the instrument does and stamps drifts against the host's clock.
 
-An instrument that measures in a cycle of its own, and answers with the last of it.
+An instrument with a cycle of its own answers with the last of it. No real cycle is perfect: its crystal is off and
+drifts, a busy processor is late at a tick or leaves one out.
 
-No real cycle is perfect: its crystal is off and drifts, a busy processor is late at a tick or leaves one out.
-
-An instrument on a serial line that keeps time by its own crystal, however late its computer wakes it.
-
-A real gauge that sends whenever its line is free keeps the pace of its UART. An emulated one that went on from where a
-busy computer woke it would wait a little after every message, more or less as the load changes, and its pace would be
-no pace.
+A real gauge on a serial line that sends whenever its line is free keeps the pace of its UART, however late its computer
+wakes it. An emulated one that went on from where a busy computer woke it would wait a little after every message, more
+or less as the load changes, and its pace would be no pace.
 """
 
 from __future__ import annotations

@@ -6,10 +6,9 @@ measured angles, 4 time: s and µs since 1970}, and of the condition 4 motorStat
 without `time` the clock is the header's {2 tm}, 32 bits of ms, which wraps after 49 days. A run keeps either as it
 came, and the analysis fits it in pieces.
 
-Protocol Buffers on the wire, as far as reading a few fields of a message takes (public encoding guide).
-
-A message is a list of fields, each a key (number and wire type, as a varint) and a value. A field may come in any
-order and unknown ones must be passed over. Groups (wire types 3 and 4) are long gone from the language.
+Of Protocol Buffers (public encoding guide) stands here what reading a few fields takes. A message is a list of fields,
+each a key (number and wire type, as a varint) and a value. A field may come in any order and unknown ones must be
+passed over. Groups (wire types 3 and 4) are long gone from the language.
 """
 
 from __future__ import annotations

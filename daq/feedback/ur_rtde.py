@@ -1,26 +1,23 @@
 """Universal Robots Real-Time Data Exchange, protocol version 2, read only (UR's documents and client,
 confirmed but for the layout of `M`, which is believed only).
 
-The host asks for the version (`V`), for the recipe `timestamp, actual_q` at
-a rate (`O`), with the signal where the rig file names one (`actual_digital_output_bits`, UINT64, or
-`output_int_register_n`, INT32), with the condition of the robot and with the currents of its motors where the rig file
-wants them, and for the start (`S`); each is answered; then
+The host asks for the version (`V`), for the recipe `timestamp, actual_q` at a rate (`O`), with the signal where the rig
+file names one (`actual_digital_output_bits`, UINT64, or `output_int_register_n`, INT32), with the condition of the
+robot and with the currents of its motors where the rig file wants them, and for the start (`S`); each is answered; then
 data (`U`) come at that rate, or at the controller's own where that is lower, until the link closes. A field of these
-that the answer to the recipe calls NOT_FOUND costs that field alone: the recipe is asked for again without.
-Every packet is kept: the controller may skip some under load, which only its own clock shows (Fault SKIPPED). `M`
-carries the controller's texts in version 2: length, text, length, source, level 0 exception … 3 information. `v` asks
-for the controller's version, four UINT32; the maker's client does so first. A packet of any other type is left out;
-several with nothing between them are a stream out of step.
+that the answer to the recipe calls NOT_FOUND costs that field alone: the recipe is asked for again without. Every
+packet is kept: the controller may skip some under load, which only its own clock shows (Fault SKIPPED). `M` carries the
+controller's texts in version 2: length, text, length, source, level 0 exception … 3 information. `v` asks for the
+controller's version, four UINT32; the maker's client does so first. A packet of any other type is left out; several
+with nothing between them are a stream out of step.
 
 A binary stream that is out of step cannot be picked up again without taking data for headers, a refused
 request will not be granted later on this link, and a silent controller is one that is gone (it streams at
 standstill too, and TCP alone would never notice): in all three the conversation asks for a new link
 (`Step.hang_up`).
 
-Packets and recipes of Universal Robots' RTDE, protocol version 2, and the robot's condition in its fields.
-
-Big-endian packets, `>HB`: size with header, type. A recipe is a list of fields, each with its type; a packet of data
-has the recipe's number and then the fields in their order.
+Packets are big-endian, `>HB`: size with header, type. A recipe is a list of fields, each with its type; a packet of
+data has the recipe's number and then the fields in their order.
 
 The condition: `runtime_state` (RuntimeState of UR's clients), `safety_status` or, on older software, `safety_mode`
 (SafetyMode and SafetyStatus of UR's clients, which agree up to 9), `speed_scaling` times `target_speed_fraction` (as

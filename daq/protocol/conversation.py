@@ -8,11 +8,9 @@ conversations; a device's side sends and emits no items.
 A fault is an item in the stream and never an exception: a bad peer must not end an acquisition.
 Times are integer nanoseconds on the host's monotonic clock.
 
-Reporting a fault that keeps coming once a second instead of a thousand times.
-
-The first is reported at once. Those that follow without a message free of it in between are counted, and reported
-as one when they end or a second has passed. What has its own count or its own pace (SILENT, LATE, SKIPPED) passes
-unchanged.
+A fault that keeps coming is reported once a second instead of a thousand times. The first is reported at once. Those
+that follow without a message free of it in between are counted, and reported as one when they end or a second has
+passed. What has its own count or its own pace (SILENT, LATE, SKIPPED) passes unchanged.
 """
 
 from __future__ import annotations

@@ -4,27 +4,22 @@ pymodbus' own framers, fed a stream, swallow all they hold on a checksum error, 
 something that looks like a frame, and raise. So they are only ever handed exact frames, whose length is
 known beforehand: TCP gives its length, ASCII ends in CR LF, and RTU is cut by `RtuReplies`.
 
-The values in a block of Modbus registers: numbers of 16 to 64 bits, in either order of registers and of bytes.
+Modbus itself knows registers of 16 bits alone, the higher byte first. How a longer number, of up to 64 bits, lies in
+them is up to the instrument, and both orders are met: `word_order` is that of the registers of a value, `byte_order`
+that of the bytes of each register.
 
-Modbus itself knows registers of 16 bits alone, the higher byte first. How a longer number lies in them is up to the
-instrument, and both orders are met: `word_order` is that of the registers of a value, `byte_order` that of the bytes of
-each register.
-
-Recognising late answers that carry no number: after a time-out, request something of another length.
-
-An instrument answers in order. So once a probe has its answer, whatever was asked before is answered or lost, and the
-next request's answer is its own, however late the instrument is. Until then an answer of a reading's length is late.
-Probes in a row ask for different lengths, which come round again after `LENGTHS` of them.
+Late answers carry no number, so after a time-out something of another length is requested. An instrument answers in
+order. So once a probe has its answer, whatever was asked before is answered or lost, and the next request's answer is
+its own, however late the instrument is. Until then an answer of a reading's length is late. Probes in a row ask for
+different lengths, which come round again after `LENGTHS` of them.
 
 Some instrument may answer nothing but its usual request. Until one probe has been answered, only `TRIES` are made,
 and one more for each reading that was answered in time. A request made after that is `doubtful`, since its answer may
 belong to an earlier one.
 
-Cutting a serial stream of Modbus RTU into frames, on either side.
-
-RTU frames end with silence, which a pure protocol cannot see and adapters do not keep. So a frame is known by its
-length, which its first bytes give, and by its checksum. A host hears more than the answers to it: its own request where
-the adapter echoes, and those of another host on the line.
+RTU frames end with silence, which a pure protocol cannot see and adapters do not keep. So on either side a frame is
+known by its length, which its first bytes give, and by its checksum. A host hears more than the answers to it: its own
+request where the adapter echoes, and those of another host on the line.
 """
 
 from __future__ import annotations

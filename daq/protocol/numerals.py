@@ -1,4 +1,5 @@
-"""The shape in which a gauge writes its numbers, learned from its replies, and what to make of one that differs.
+"""Numbers as gauges print them: the shape in which each writes its own, learned from its replies, and what to make of
+one that differs.
 
 Where a reply has no checksum, one that has lost or doubled a character is most often a number still, and another one.
 A gauge writes all its numbers alike, and that shows it: the number of decimals is always the same; where the number is
@@ -13,12 +14,11 @@ readings are never believed, since rigd cannot know which of the two it was.
 What no shape shows is a digit that became another one, on a line without parity. Where the reading jumps by one digit
 and back it is reported as doubtful. A change of the last digits, of the size of what the gauge scatters, shows nowhere.
 
-Numbers as devices print them, and possible angles; anything else gives None and never an exception.
+What is no number, or no possible angle, gives None and never an exception.
 
-Numbers that no gauge reads: beyond the range that the rig file states, or beyond any length there is.
-
-A number that was put together wrongly (bytes or registers in the wrong order, a wrong type or address) is most often
-beyond any length. It is GARBLED; one outside the stated range is the gauge's own trouble, DEVICE_ERROR.
+A number beyond the range that the rig file states, or beyond any length there is, is no reading. One that was put
+together wrongly (bytes or registers in the wrong order, a wrong type or address) is most often beyond any length. It is
+GARBLED; one outside the stated range is the gauge's own trouble, DEVICE_ERROR.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 It has what OPC 40010-1 asks of a robot and no more, answers the services that reading takes, and sends a subscription
 everything at each of its intervals, on time.
-
-The address space of an emulated controller: one robot by the browse names of OPC 40010-1.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""What the values of a robot's nodes mean: samples and faults.
-
-Values of single axes, each with a stamp of its own, put together as positions of all six.
+"""What the values of a robot's nodes mean: samples of all axes together, and faults.
 
 A server samples each axis for itself, and what it sends at once may hold several samples of an axis or only some of the
 axes. Samples whose stamps lie together are one position; an axis without one then is where it was.

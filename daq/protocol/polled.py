@@ -18,17 +18,15 @@ An answer later than twice `timeout_s` can still slip through where the protocol
 to distinguish them by (`daq.protocol.modbus`): make `timeout_s` at least half the slowest answer of the instrument.
 After an error answer the line rests for `PAUSE_NS`, for an instrument that refuses does so at once.
 
-Resting now and then, so that an adapter which holds bytes back does not fall into step with the requests.
+Now and then the line rests, so that an adapter which holds bytes back does not fall into step with the requests. FTDI's
+latency timer is 16 ms. Where each request follows the answer before at once, its answers all wait alike; then no answer
+of a run comes as quickly as the instrument gives it, and it is unknown when it was latched. So after `STIR` requests
+the line rests for up to `STIR_NS`, each time for another time: half a second (`STIR_EVERY_NS`) apart at the least,
+since it makes a hole in the readings of a quick instrument.
 
-FTDI's latency timer is 16 ms. Where each request follows the answer before at once, its answers all wait alike; then no
-answer of a run comes as quickly as the instrument gives it, and it is unknown when it was latched. So after `STIR`
-requests the line rests for up to `STIR_NS`, each time for another time: half a second (`STIR_EVERY_NS`) apart at the
-least, since it makes a hole in the readings of a quick instrument.
-
-An instrument that is asked by a modem line: DTR goes off for some time, and it sends a reading.
-
-Cables of which the instrument cannot hear anything are made so. The exchange is that of a request and its answer
-(`Polled`); here its request becomes the line. DTR is on between two requests for as long as it was off.
+An instrument can be asked by a modem line as well: DTR goes off for some time, and it sends a reading. Cables of which
+the instrument cannot hear anything are made so. The exchange is that of a request and its answer (`Polled`); here its
+request becomes the line. DTR is on between two requests for as long as it was off.
 """
 
 from __future__ import annotations

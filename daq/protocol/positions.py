@@ -1,26 +1,20 @@
 """A controller that sends its joint angles by datagrams, each with a number and a stamp of its own clock.
 
-What the interfaces differ in is how a datagram is taken apart, and what makes the controller send.
+What the interfaces differ in is how a datagram is taken apart, and what makes the controller send. What is read at once
+is one message, and nothing ever continues in the next; the other way it is as plain: what a step sends is one datagram.
+`DatagramLines` is for texts: a datagram holds whole lines, the last of which needs no end. Both are framers like those
+of `daq.protocol.framing`, so that a conversation need not know what carried its bytes.
 
-Datagrams in place of a stream: what is read at once is one message, and nothing ever continues in the next.
+Lost, doubled and overtaken datagrams show by their numbers. A sample that comes after a later one, or twice, is ignored
+and reported as LATE: its time has passed, and a clock that runs backwards would look like a controller that was started
+again. What is missing is a SKIPPED fault with the count; so a sample that was overtaken is reported as missing first
+and as late when it comes.
 
-`DatagramLines` is for texts: a datagram holds whole lines, the last of which needs no end.
+A device of constant rate speaks by an absolute schedule, of which no period drifts or is lost (`Pace`).
 
-A framer like those of `daq.protocol.framing`, so that a conversation need not know what carried its bytes. The
-other way it is as plain: what a step sends is one datagram.
-
-Lost, doubled and overtaken datagrams, seen by the number that each carries.
-
-A sample that comes after a later one, or twice, is ignored and reported as LATE: its time has passed, and a
-clock that runs backwards would look like a controller that was started again. What is missing is a SKIPPED fault
-with the count; so a sample that was overtaken is reported as missing first and as late when it comes.
-
-When a device of constant rate speaks: an absolute schedule, of which no period drifts or is lost (`Pace`).
-
-What is missing between the stamps of a controller that was asked for a rate, and may keep to a lower one.
-
-A controller of 125 Hz that is asked for 500 sends all it has, and nothing of it is missing. So a stamp is compared with
-the step that the controller makes itself: the asked one as soon as it was seen once, else the least of the first steps.
+A controller that was asked for a rate may keep to a lower one: one of 125 Hz that is asked for 500 sends all it has,
+and nothing of it is missing. So a stamp is compared with the step that the controller makes itself: the asked one as
+soon as it was seen once, else the least of the first steps.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
-"""A run from its request until it is closed: its label, what was put into it, and what is doubtful about that.
+"""A run from its request until it is closed: whether it can begin, its label, what was put into it, and what is
+doubtful about that.
 
 A slow disk takes seconds to make its directory. What comes meanwhile is kept, and written as soon as there is one.
 
-The label of a recording: its name, its test, and who measures.
-
-Whether a recording can begin: every gauge that its test needs, and the robot, must have been read lately.
+A recording can begin where every gauge that its test needs, and the robot, have been read lately.
 """
 
 from __future__ import annotations

@@ -3,10 +3,9 @@
 The recorder passes on what came on the robot's stream; after each of its rounds the trigger is fed with it here, and
 asks for what it commands as the robot. That people take precedence is a matter of the recorder's states.
 
-The trigger: what the robot does becomes commands to start and end recordings. Samples in, commands out.
-
-It owns no clock, recorder or thread, so an hour of a cell is tested in milliseconds. It knows the rules of a rig file,
-the robot's six angles and its signal, and nothing of arms.
+The trigger makes commands of what the robot does: samples in, commands out. It owns no clock, recorder or thread, so an
+hour of a cell is tested in milliseconds. It knows the rules of a rig file, the robot's six angles and its signal, and
+nothing of arms.
 
 A signal starts a recording by changing to a rule's value: one that is on when it is first received began at an
 unknown time. It must stay for 0.1 s, since outputs that together make a number do not switch together. A motion

@@ -4,7 +4,7 @@ What is to be done is decided by `daq.recording.machine`; here it is done. One l
 thread does the periodic work; the readers never take that lock, and its holder never waits for the disk to sync:
 other threads do (`daq.recording.io_worker`), also to begin a run and to bring one back.
 
-What the recorder reports: its state, and why it rejects a request.
+It reports its state, and why it rejects a request.
 """
 
 from __future__ import annotations

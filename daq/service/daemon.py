@@ -1,12 +1,11 @@
 """The daemon: a reader for each link, one recorder, a control socket, and notifications to the service manager.
 
-systemd's notify protocol: datagrams to $NOTIFY_SOCKET (sd_notify(3)). Does nothing where there is none.
+The service manager is told by systemd's notify protocol, datagrams to $NOTIFY_SOCKET (sd_notify(3)); where there is
+none nobody is.
 
-The latest samples of every stream, for a live view: one bounded answer, whatever the rates.
-
-A view asks some ten times a second and names the last sample that it has of each stream. It gets at most `MOST` newer
-ones, evenly thinned, since encoding takes processor time from the readers: an answer of three streams takes 0.35 ms on
-a busy computer.
+A live view gets the latest samples of every stream in one bounded answer, whatever the rates. It asks some ten times a
+second and names the last sample that it has of each stream. It gets at most `MOST` newer ones, evenly thinned, since
+encoding takes processor time from the readers: an answer of three streams takes 0.35 ms on a busy computer.
 """
 
 from __future__ import annotations

@@ -5,9 +5,8 @@ Where another user can write a directory on the way, that user can put a socket 
 directory from the root on is looked at: who owns it, and who may put entries into it. A directory that the system
 made for a service, as /run/rigd-cell, is trusted with its owner.
 
-One daemon for each rig: a lock beside its socket, in a directory that no other user can write.
-
-Somebody else's directory could hold a symbolic link by the lock's name, and opening it would spoil what it points to.
+Each rig has one daemon, by a lock beside its socket, in a directory that no other user can write: somebody else's
+directory could hold a symbolic link by the lock's name, and opening it would spoil what it points to.
 
 A socket can be given any name, so the rig file itself is locked as well, in a directory of runs each rig, and each
 gauge by its port: two daemons would ask the same instruments, and record the same lap twice. The system gives up every

@@ -8,18 +8,16 @@ a file, and no damage raises: a damaged chunk is an expected thing.
 The schema of each file also holds the run's opening manifest, so that any one surviving chunk says
 which run, rig and clock it belongs to.
 
-What is stored: the columns of a stream, and how samples and faults become a batch of them.
-
-Two shapes only: a sample stream (stamps, then the values in file units) and the one `faults` stream.
-An imported run has a table instead of sample streams, with the columns that its file had.
-No cell is ever null: nan and `NO_TIME` say "not there", so every column is a plain array everywhere.
-`sequence` numbers the rows of a stream through all its chunks; a gap in it is a loss that shows.
+There are two shapes only: a sample stream (stamps, then the values in file units) and the one `faults` stream. An
+imported run has a table instead of sample streams, with the columns that its file had. No cell is ever null: nan and
+`NO_TIME` say "not there", so every column is a plain array everywhere. `sequence` numbers the rows of a stream through
+all its chunks; a gap in it is a loss that shows.
 
 The checksum covers names, types and every bit of every value, and not Arrow's encoding of them: the
 same number must come out of the recording chunk and of the Parquet file made from it.
 
-Columns of Arrow as arrays of numpy, without pandas: pyarrow's own way imports it wherever it is installed, which is
-half of the time that a small run takes.
+Columns become arrays of numpy without pandas, which pyarrow's own way imports wherever it is installed: half of the
+time that a small run takes.
 """
 
 from __future__ import annotations

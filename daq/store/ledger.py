@@ -1,10 +1,9 @@
-"""The ledger of a run, `ledger.jsonl`: what was recorded, one line for each record, only ever appended to.
+"""The ledger of a run, `ledger.jsonl`, and the records that it and the manifest are made of: what was recorded, one
+line for each record, only ever appended to.
 
 Each line holds the SHA-256 over the one of the line before it and its own content, so that no line can change or go
 missing unseen. Whatever follows the last line that verifies is left out: a crash leaves a line half-written. See
 docs/decisions/0017-a-run-proves-that-it-is-whole.md.
-
-The records that a run's manifest and ledger are made of, and the words that they use.
 """
 
 from __future__ import annotations

@@ -1,20 +1,18 @@
 """The directory of a run that is recorded: its name, the writer's lock on it, its manifest, its ledger, and its end.
 
-How much room a recording needs on its disk, so that it ends cleanly while there still is some.
+A recording ends cleanly while there still is room for that on its disk. Closing a run puts the Parquet file of each
+open chunk beside it before the chunk goes, and some lines in the ledger: `RunWriter.room_to_close` adds up the files
+from what is open now. The margin is for the lines, and for what cannot be added up: what others write to the disk
+between two looks half a second apart. To begin takes more than to go on, so that a disk on the edge is not filled with
+runs of a second each.
 
-Closing a run puts the Parquet file of each open chunk beside it before the chunk goes, and some lines in the
-ledger: `RunWriter.room_to_close` adds up the files from what is open now. The margin is for the lines, and for
-what cannot be added up: what others write to the disk between two looks half a second apart. To begin
-takes more than to go on, so that a disk on the edge is not filled with runs of a second each.
+A daemon runs for months, so the memory that closing a chunk took is returned, and nothing is loaded later.
 
-Memory of a daemon that runs for months: what closing a chunk took is returned, and nothing is loaded later.
-
-A directory that is there whole or not at all: it is filled under a hidden name, and gets its own at the end.
-
-A command that was interrupted while it wrote left half a run, which was neither a run nor free for the next try. What
-is hidden is no run to any command. It is removed where the command fails or is interrupted, and also where a signal
-ends it. What SIGKILL or a power cut leaves of it is removed by the next command that writes beside it: a command that
-fills such a directory holds a lock on it, which the system gives up with the process.
+A directory that a command makes is there whole or not at all: it is filled under a hidden name, and gets its own at the
+end. A command that was interrupted while it wrote left half a run, which was neither a run nor free for the next try.
+What is hidden is no run to any command. It is removed where the command fails or is interrupted, and also where a
+signal ends it. What SIGKILL or a power cut leaves of it is removed by the next command that writes beside it: a command
+that fills such a directory holds a lock on it, which the system gives up with the process.
 """
 
 from __future__ import annotations

@@ -11,10 +11,9 @@ read. UDP has no connections at all (`UdpLink`); over TCP one program at a time 
 Reading goes straight to the descriptor, since one `select` and one `read` a piece is what keeps the stamps close to the
 arrival.
 
-Opening what a rig file calls a port: a serial device, or an address of the network, the instrument's or our own.
-
-pyserial opens and configures serial devices, and locks them (`daq.wire.serial_port`). Nothing listens unless the rig
-file says so, and then at the address that it names and nowhere else.
+What a rig file calls a port is a serial device, or an address of the network, the instrument's or our own. pyserial
+opens and configures serial devices, and locks them (`daq.wire.serial_port`). Nothing listens unless the rig file says
+so, and then at the address that it names and nowhere else.
 """
 
 from __future__ import annotations

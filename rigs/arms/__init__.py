@@ -8,6 +8,7 @@ there is the section with its comments, ready to be pasted.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from pydantic import Field, ValidationError, model_validator
@@ -82,12 +83,14 @@ def load_arm(name: str) -> Arm:
     names = arm_names()
     library_name = the_same(name, names)
     if library_name is None:
-        remedy = f"did you mean {' or '.join(near)}?" if (near := nearest(name, names)) else "rig arms lists all"
+        meant = f"did you mean {' or '.join(near)}?" if (near := nearest(name, names)) else "rig arms lists all;"
+        remedy = f"{meant} rig import-urdf ARM.urdf -o ARM.yaml makes a file of any other, to be given by its name"
         raise FileError(name, "no arm of this name is in the library", remedy)
     file = _FOLDER / f"{library_name}.yaml"
     return _parsed(library_name, file.read_text(encoding="utf-8"), str(file))
 
 
+@cache
 def _parsed(name: str, text: str, where: str) -> Arm:
     """The arm of a file's text. Raises RigFileError."""
     root, data = read_yaml(text, where)

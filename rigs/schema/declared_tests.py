@@ -1,9 +1,7 @@
-"""The tests that a rig is set up for (docs/conventions.md): circle for yaw and roll, hemisphere, repeatability,
-touches, and the cube of ISO 9283.
+"""The tests that a rig is set up for (docs/conventions.md), circle for yaw and roll, hemisphere, repeatability,
+touches, and the cube of ISO 9283; and when recordings start and end by themselves, and how long runs are kept.
 
 Bounds keep a slip of the pen from becoming a program of millions of poses.
-
-When recordings start and end by themselves, and how long runs are kept: `automatic` and `retention` of a rig file.
 
 A rule waits either for the robot's signal to take a value, or for a motion: the robot stands at one posture and
 goes from there to another. Postures are joint angles as the controller reports them, which `rig automatic RUN` takes

@@ -1,9 +1,6 @@
-"""Where the robot's position comes from. `interface` is the name of a file in `daq/feedback/`.
-
-The axes that an OPC UA server shows by the Robotics companion specification (OPC 40010-1).
-
-The joint angles that a ROS 2 system publishes.
-"""
+"""Where the robot's position comes from: a maker's interface, the axes that an OPC UA server shows by the Robotics
+companion specification (OPC 40010-1), or the joint angles that a ROS 2 system publishes. `interface` is the name of a
+file in `daq/feedback/`."""
 
 from __future__ import annotations
 

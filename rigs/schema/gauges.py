@@ -3,9 +3,8 @@
 `interface` is the name of the file in `daq/gauges/` that speaks to it.
 Gauges that name the same port share one instrument, and differ in `channel`; or a line, where each is asked by itself.
 
-Gauges on a serial line, one class an interface: what of them is set, and why they are believed to speak so.
-
-A line without a default could not be confirmed: the rig file must give it.
+One class an interface says what is set of it, and why it is believed to speak so. A line without a default could not be
+confirmed: the rig file must give it.
 """
 
 from __future__ import annotations

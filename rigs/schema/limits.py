@@ -201,7 +201,7 @@ def limits_of_tolerance(tolerance_mm: float, radius_mm: float, rp_mm: float | No
     On a circle of this radius such an error turns the link by tolerance / radius. The poses of a tracker get no limit:
     they lie in the whole space, where an arm errs by more than near one place.
     """
-    mm, deg = _shared(tolerance_mm), _shared(math.degrees(tolerance_mm / radius_mm))
+    mm, deg = shared_limit(tolerance_mm), shared_limit(math.degrees(tolerance_mm / radius_mm))
     circle = CircleLimits(band_deg=deg, circular_deviation_mm=mm, hysteresis_max_mm=mm)
     return Limits(
         yaw=circle,
@@ -212,6 +212,6 @@ def limits_of_tolerance(tolerance_mm: float, radius_mm: float, rp_mm: float | No
     )
 
 
-def _shared(fail: float) -> Limit:
+def shared_limit(fail: float) -> Limit:
     """A limit and the share of it that is to be watched, in three digits."""
     return Limit(watch=float(f"{WATCH_SHARE * fail:.3g}"), fail=float(f"{fail:.3g}"))

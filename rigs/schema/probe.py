@@ -1,9 +1,6 @@
-"""What every gauge of a rig file has, whatever it speaks.
-
-How a gauge's reading relates in time to its request and its answer.
-
-What calibration certificates say: of a gauge, of the ball's form, of the link's length; and how warm the cell is.
-"""
+"""What every gauge of a rig file has, whatever it speaks: how its reading relates in time to its request and its
+answer, and what calibration certificates say, of a gauge, of the ball's form and of the link's length; and how warm the
+cell is."""
 
 from __future__ import annotations
 

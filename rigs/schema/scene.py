@@ -11,7 +11,7 @@ Effects replace parts of it, stage by stage; nothing is changed in place. The st
 
 The simulator's own scene, `analysis/model/scene.py`, does what stands here; a rig file is read without it.
 
-The play operator: what follows in a gap, as a link in its gear or a plunger that sticks.
+A play is what follows in a gap, as a link in its gear or a plunger that sticks; its operator stands here as well.
 """
 
 from __future__ import annotations

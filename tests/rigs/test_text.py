@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigs.text import plain, plain_lines, plain_values
+from rigs.text import counted, plain, plain_lines, plain_values
 
 
 @given(st.text())
@@ -29,3 +30,9 @@ def test_the_texts_in_json_are_plain() -> None:
         "n": 1.5,
         "no": None,
     }
+
+
+@pytest.mark.parametrize(("count", "words"), [(0, "0 runs"), (1, "1 run"), (2, "2 runs")])
+def test_what_is_counted_has_its_plural(count: int, words: str) -> None:
+    assert counted(count, "run") == words
+    assert counted(count, "run is", "runs are").split()[:2] == words.split()

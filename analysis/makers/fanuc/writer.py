@@ -6,11 +6,10 @@ motion C turns the tool evenly from where it stands to the end of the arc. Joint
 posture can be mistaken; lines and arcs have Cartesian ones, since an arc's points need micrometres. KAREL has had no
 motion statements since the R-30iB.
 
-The KAREL program that prints the joint angles of a FANUC robot, one line a sample, as `line_feed` reads them.
-
-Source: FANUC, R-30iB KAREL Reference Manual B-83144EN (CURJPOS, CNV_JPOS_REL, MSG_CONNECT, CONNECT TIMER, formats of
-WRITE; lines end with CHR(13) and CHR(10), since what CR sends depends on the port). It needs the option of user socket
-messaging and a server tag S3 in the controller's host communication set-up. It moves nothing.
+The KAREL program prints the joint angles, one line a sample, as `line_feed` reads them. Source: FANUC, R-30iB KAREL
+Reference Manual B-83144EN (CURJPOS, CNV_JPOS_REL, MSG_CONNECT, CONNECT TIMER, formats of WRITE; lines end with CHR(13)
+and CHR(10), since what CR sends depends on the port). It needs the option of user socket messaging and a server tag S3
+in the controller's host communication set-up. It moves nothing.
 """
 
 from __future__ import annotations

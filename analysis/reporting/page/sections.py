@@ -121,7 +121,7 @@ def _section(report: Report, group: Sequence[Result], joints: Sequence[Picture],
     lines += eccentricities_in_words(group)
     return Section(
         test=test,
-        title=texts.test(test) + (f" · {place}" if place else ""),
+        title=texts.test(test) + (f" · {place}" if place and place != test else ""),
         words=texts.words.get(f"about_{test}", "")
         + (f" {texts('first_drawn', count=_MOST_DRAWN)}" if not circle and len(group) > _MOST_DRAWN else ""),
         columns=tuple(columns),

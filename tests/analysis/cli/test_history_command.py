@@ -92,6 +92,8 @@ def test_since_and_figure_choose_and_what_is_not_there_is_refused(runs: Path) ->
     ):
         with pytest.raises(kind, match=words):
             ran("history", "ur10e", "--runs", runs, *options)
+    with pytest.raises(UseError, match="a history is of a robot; give its name"):
+        ran("history", runs)
 
 
 def test_a_page_has_the_name_of_a_page(runs: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from rigs.arms import load_arm
 from rigs.load import load
-from rigs.schema.limits import Limit
+from rigs.schema.limits import Limit, shared_limit
 from tests.support.bench import BIN
 from tests.support.command_line import ran
 from tests.support.live_terminal import Terminal
@@ -83,7 +83,7 @@ def test_from_a_cell_to_a_checked_rig_file(tmp_path: Path, gauges: str, robot: s
     [
         ("sockets", "so-101", ("--tool", "30,0,90"), "socket, q1_deg … q5_deg"),
         ("sockets", "ur10e", ("--tool", "0,0,120", "--robot", "none"), "rig import touches.csv"),
-        ("tracker", "widowx-250", (), "rig import poses.csv"),
+        ("tracker", "widowx-250", ("--tool", "0,0,90", "--tolerance-mm", "0.2"), "rig import poses.csv"),
     ],
 )
 def test_a_tracker_and_sockets_need_an_arm_of_any_number_of_axes_and_no_gauges(
@@ -95,6 +95,8 @@ def test_a_tracker_and_sockets_need_an_arm_of_any_number_of_axes_and_no_gauges(
     assert not rig.gauges.recorded and rig.robot.axes == load_arm(arm).robot.axes
     if measured_by == "sockets":
         assert rig.tests.touch.ball_mm == tuple(map(float, more[1].split(",")))
+    else:
+        assert rig.robot.tool.xyz_mm == (0, 0, 90) and rig.limits.pose.rms_mm == shared_limit(0.2)
     assert ("touch:" in text) == (measured_by == "sockets")
 
 
@@ -248,6 +250,12 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         (["--name", "My Cell", "--robot", "x"], 3, "--name"),
         (["--key", "g1.interface=tesa_tt", "--robot", "x"], 2, "give --g1 PORT"),
         (["--measured-by", "tracker", "--robot", "x"], 2, "--robot: is not read beside a tracker"),
+        (
+            ["--measured-by", "tracker", "--port", "/dev/none"],
+            2,
+            "--measured-by tracker is without",
+        ),
+        (["--measured-by", "sockets", "--key", "g1.range_mm=9"], 2, "--key: is of gauges"),
     ],
 )
 def test_wrong_options_are_one_line(tmp_path: Path, given: Sequence[str], code: int, says: str) -> None:

@@ -229,6 +229,16 @@ def test_tracker_angles_and_joints_in_radians(passes: int, at_once: int) -> None
     check(repeated(plain("pose"), passes, at_once), "pose")
 
 
+def test_joints_in_radians_are_told_beside_places_in_metres() -> None:
+    """Read as degrees they move the arm so little that the metres look like inches."""
+    moved = changed("pose", dict.fromkeys(JOINTS, RAD) | dict.fromkeys(("x_mm", "y_mm", "z_mm"), 1e-3))
+    rows = {name: cells for name, cells in moved.items() if not name.startswith("r")}
+    cell = rig()
+    found = [(finding.columns[0], finding.what) for finding in unit_findings(read(rows, "pose", cell), cell)]
+    assert [column for column, _ in found] == ["q1_deg", "x_mm"] and "are radians" in found[0][1]
+    assert "are in m:" in found[1][1]
+
+
 def test_tracker_angles_about_moving_axes() -> None:
     rows = plain("pose")
     names = ("rx_deg", "ry_deg", "rz_deg")

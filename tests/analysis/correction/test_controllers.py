@@ -178,6 +178,14 @@ def test_what_no_constant_holds_is_listed_with_what_it_does(tmp_path: Path) -> N
     assert entries["corrected_targets_um"] == pytest.approx(entries["after_um"], rel=1e-3)
 
 
+def test_a_value_that_is_no_larger_than_its_uncertainty_is_not_entered(tmp_path: Path) -> None:
+    """Two diagnoses found a zero of axis 4, one after the other: each is sure, and their sum is not."""
+    twice = [JointOffset(axis=4, offset_deg=deg, found=_found(offset_deg=0.02)) for deg in (0.05, -0.03)]
+    entries = _printed(_cell(tmp_path, "ur10e", [ZEROS[0], *twice]), tmp_path / "out")
+    assert [entry["parameter"] for entry in entries["entries"]] == ["delta_theta[2]"]
+    assert all(abs(entry["add"]) > entry["u"] for entry in entries["entries"])
+
+
 def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path: Path) -> None:
     """At a controller without lengths, where a soft joint was `not entered` before."""
     soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))

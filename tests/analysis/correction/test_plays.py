@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 
+from analysis.correction.correct import correct_rig
 from analysis.correction.plays import ahead_of_plays, known_plays
+from analysis.reporting.correction_report import write
 from analysis.robot_programs.compensated import targets_of
 from analysis.robot_programs.planned import plans_of
 from rigs.calibration import TIMES, Parameter, Term, packed_factor
-from rigs.effects import Backlash, Effect
+from rigs.effects import Backlash, Effect, JointOffset, size_field
 from rigs.load import load
 from rigs.rig import Rig
 from tests.support.handmade_calibration import NAMED, calibrated_model
@@ -29,7 +34,7 @@ def calibrated(*plays: Effect) -> Rig:
         *(Term(effect=play, times=1.0) for play in plays),
         Term(effect=SMALL, times=1.0),
     )
-    fields = ["width_deg"] * (len(terms) - 1) + [TIMES]
+    fields = [*(size_field(term.effect) for term in terms[:-1]), TIMES]
     parameters = tuple(Parameter(term=k, field=name) for k, name in enumerate(fields))
     model = calibrated_model(terms=terms, parameters=parameters, factor=packed_factor(U_DEG * np.eye(len(parameters))))
     rig, _ = load("paper-fanuc")
@@ -48,3 +53,15 @@ def test_its_joint_is_commanded_further_by_half_its_width() -> None:
     assert np.abs(ahead_deg[:, 4]).max() == pytest.approx(USUAL.width_deg / 2, rel=1e-6)
     assert not ahead_deg[:, [1, 3]].any(), "the joints of which no play is known stay"
     assert not ahead_of_plays(calibrated(), plan)[:, 4].any()
+
+
+def test_what_only_the_calibration_names_is_among_the_corrections(tmp_path: Path) -> None:
+    """The diagnosis says to re-master this axis: the file has its zero, and a play that stays with its u."""
+    found = correct_rig(calibrated(JointOffset(axis=3, offset_deg=0.05), USUAL), None)
+    (file,) = write(found, tmp_path / "out")
+    head, text = (part for part in file.read_text(encoding="utf-8").split("rig: ", 1))
+    written = yaml.safe_load(f"rig: {text}")
+    assert written["joint_zeros"] == [{"axis": 3, "add_deg": 0.05, "u_deg": pytest.approx(U_DEG, rel=1e-4)}]
+    (play,) = [effect for effect in written["effects"] if effect["name"] == "backlash 5"]
+    assert play["corrected_as"] is None and play["u"] == pytest.approx(U_DEG, rel=1e-4)
+    assert "# joint_zeros: " in head and "dh.csv" not in head

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from analysis.cli import app
 from analysis.paper import pictures, published
+from analysis.paper.pictures import SimulatedFigures, figures_of
 from analysis.paper.rows import Row, as_table, rows_of
-from analysis.paper.simulated_figures import SimulatedFigures, figures_of
 from analysis.paper.simulated_tests import circle, curve_of, repeats, sphere, step, typical_seed
 from analysis.reporting.plain_console import PlainConsole
 from analysis.simulation.simulate import simulate

@@ -9,7 +9,8 @@ from analysis.geometry.programs import circle_laps
 from analysis.robot_programs.plan import Arc
 from analysis.session.plan import BY_HAND, ELSEWHERE, planned, programs_for, separating, stage_rig, stage_text
 from analysis.session.state import Stage
-from rigs.errors import UseError
+from rigs.arms import load_arm
+from rigs.errors import FileError, UseError
 from rigs.load import load, parse
 from rigs.rig import Rig
 
@@ -64,3 +65,14 @@ def test_a_test_that_needs_another_link_is_not_put_next(rig: Rig) -> None:
 def test_too_little_time_is_said_with_what_it_takes(rig: Rig) -> None:
     with pytest.raises(UseError, match=r"the shortest session of this cell takes \d+\.\d minutes"):
         planned(rig, "faults", 10, BY_HAND, lambda _: None)
+
+
+def test_a_rig_without_gauges_is_not_sent_around_the_ball() -> None:
+    with pytest.raises(FileError, match=r"has no gauges, .* measure poses \(rig plan-poses\)"):
+        planned(
+            parse(f"name: cell\nrobot: {load_arm('ur5').robot.model_dump_json()}\n", "cell.yaml"),
+            "faults",
+            50,
+            BY_HAND,
+            print,
+        )

@@ -96,6 +96,7 @@ def test_a_circle_from_one_pose_has_that_pose() -> None:
         ("name: x\n", "lacks the section robot"),
         ("- 1\n", "lacks the section robot"),
         ("robot: [\n", "not YAML"),
+        ("<robot name='x'/>\n", "is a URDF .*rig import-urdf .*arm.yaml"),
     ],
 )
 def test_arm_files_that_are_wrong(tmp_path: Any, text: str, says: str) -> None:
@@ -109,5 +110,5 @@ def test_an_arm_from_a_file_and_one_that_is_not_there(tmp_path: Any) -> None:
     path = tmp_path / "arm.yaml"
     path.write_text(load("ur10e")[1])
     assert chosen_arm(str(path)).robot == load("ur10e")[0].robot
-    with pytest.raises(FileError, match="no arm of this name"):
+    with pytest.raises(FileError, match=r"no arm of this name .*rig import-urdf"):
         chosen_arm("no such arm")

@@ -28,9 +28,9 @@ def test_each_row_carries_its_own_uncertainty(tmp_path: Path) -> None:
         in measured.doubts
     )
     assert [doubt.split(": the computer")[0] for doubt in measured.doubts if "too uncertain" in doubt] == [
-        "g1: 1 rows are left out because their time is too uncertain",
-        "g2: 1 rows are left out because their time is too uncertain",
-        f"robot: {len(WRONG)} rows are left out because their time is too uncertain",
+        "g1: 1 row is left out because the time is too uncertain",
+        "g2: 1 row is left out because the time is too uncertain",
+        f"robot: {len(WRONG)} rows are left out because the time is too uncertain",
     ]
     uncertain = np.flatnonzero(data.u_t_s > 1e-4)
     assert 1 <= len(uncertain) <= 3, "the slower answer, and those beside it"
@@ -42,7 +42,7 @@ def test_a_band_is_not_widened_by_readings_that_a_busy_computer_held_up(tmp_path
     calm, busy = (measured_of(read_run(recorded(tmp_path / name, rows))) for name, rows in STALLS.items())
     bands = [evaluate(of.table, of.rig, of.u_lag_s, "lap").figures["band_deg"] for of in (calm, busy)]
     assert abs(bands[1].value - bands[0].value) < bands[0].u
-    assert f"g1: {len(STALLS['busy']) + 1} rows are left out because their time is too uncertain" in "; ".join(
+    assert f"g1: {len(STALLS['busy']) + 1} rows are left out because the time is too uncertain" in "; ".join(
         busy.doubts
     )
 
@@ -89,7 +89,7 @@ def test_of_messages_that_a_network_bundles_the_newest_counts_and_the_others_are
     late_s = 1e-9 * float(np.mean(track.ns - track.values[:, 0]))
     assert 0.5 * found.u_s < late_s < 2 * found.u_s
     (doubt,) = align.doubts_of({"robot": seen}, 3000)
-    assert doubt.startswith(f"robot: {3000 - len(track.ns)} rows are left out because they arrived together with a")
+    assert doubt.startswith(f"robot: {3000 - len(track.ns)} rows are left out because of arrival together with a")
     assert set(track.values[:, 0]) == {sent_ns[arrived_ns == at].max() for at in np.unique(arrived_ns)}
 
 
@@ -105,7 +105,7 @@ def test_of_rows_that_a_coarse_clock_gives_one_time_the_first_had_it(step_s: flo
     # private: what becomes of rows before gauges and robot are put together
     track, seen = align._track(robot_instants(stream), sent_s[:, None], np.ones(3000, dtype=bool), None)
     assert np.abs(track.ns / 1e9 - track.values[:, 0]).max() < 0.012
-    assert "they have the same time as one before" in align.doubts_of({"robot": seen}, 3000)[0]
+    assert "the same time as that of one before" in align.doubts_of({"robot": seen}, 3000)[0]
 
 
 def test_one_bundle_and_a_pause_change_no_uncertainty() -> None:

@@ -61,7 +61,7 @@ def test_stamps_that_rigd_cannot_have_written_are_refused(
 def test_what_is_no_reading_is_left_out_and_counted(value: float) -> None:
     """200 mm is further than a link between the two sides of the circle can be."""
     measured = measured_of(with_column("g1", "g1_mm", [100, 200, 201], value))
-    assert "g1: 3 rows that hold no valid reading are left out; check it and its connection" in measured.doubts
+    assert "g1: 3 rows are left out for want of a valid reading; check it and its connection" in measured.doubts
     usual = measured_of(lap())
     assert len(usual.table.q) - 3 <= len(measured.table.q) < len(usual.table.q)
     assert not [doubt for doubt in usual.doubts if "no reading" in doubt]
@@ -70,7 +70,7 @@ def test_what_is_no_reading_is_left_out_and_counted(value: float) -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
 def test_joints_that_no_robot_has_are_left_out_and_counted(value: float) -> None:
     measured = measured_of(with_column("robot", "q3_deg", [100], value))
-    assert "robot: 1 rows that hold no valid reading are left out; check it and its connection" in measured.doubts
+    assert "robot: 1 row is left out for want of a valid reading; check it and its connection" in measured.doubts
     assert np.isfinite(measured.table.q).all()
 
 

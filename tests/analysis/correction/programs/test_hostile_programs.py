@@ -207,6 +207,23 @@ def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path
     assert done.returncode == 0 and "a.src (kuka): 1 target corrected" in done.stdout, done.stderr
 
 
+@pytest.mark.parametrize(
+    "effect",
+    [JointOffset(axis=3, offset_deg=0.0008, found=found(offset_deg=0.00079)), Backlash(axis=1, width_deg=0.02)],
+    ids=["a sound arm", "a play alone"],
+)
+def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path: Path, cell: Path) -> None:
+    cell.write_text(extended(load("ur10e")[1], [effect], "cell"))
+    path, out = tmp_path / "a.script", tmp_path / "out"
+    path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
+    done = ran("correct", cell, "--program", path, "-o", out)
+    assert done.returncode == 3 and "take away no error over the work, so none are written" in done.stderr
+    assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
+    assert yaml.safe_load((out / "corrections.yaml").read_text())["verdict"] == "nothing"
+    assert ran("correct", cell, "--program", path, "-o", tmp_path / "anyway", "--anyway").returncode == 0
+    assert "written although rig says" in (tmp_path / "anyway" / "a.script").read_text()
+
+
 def test_beside_a_corrected_program_there_are_no_values_to_enter(tmp_path: Path, cell: Path) -> None:
     """Entered as well, they correct twice; the feedback of this cell names the maker."""
     path, out = tmp_path / "a.script", tmp_path / "out"
