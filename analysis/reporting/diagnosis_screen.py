@@ -106,7 +106,7 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
         times = f"{part.times_usual:.1f}" if part.times_usual is not None else ""
         style = "bold" if part.rank == "unusual" else ""
         table.add_row(name, beside_u(part.um, part.u_um), percent(part.share), times, words.rank_of(part), style=style)
-        for line in part.alone:  # where some cancel others, which that line has together
+        for line in part.together:  # where some cancel others, which that line has together
             table.add_row(f"  {words.short_name(line)}, alone", beside_u(line.um, line.u_um), "", "", "", style="dim")
     if small:
         share = sum(part.share for part in small)
