@@ -187,7 +187,7 @@ class AnswerWords:
         if diagnosis.condition in ("named", "ambiguous"):
             return ""
         single = any(part.index is not None for part in large_parts(diagnosis))
-        which = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
+        which: str = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
         which = "nothing_missing" if is_complete(diagnosis) else which
         # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
