@@ -83,7 +83,7 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
     staircase = Staircase(tuple(steps), curves, maps) if groups else None
     return Disagreement(
         rig,
-        places(linear.blocks, linear.in_mm(linear.without_set_up(ends[-1]))),
+        places(linear.blocks, after),
         curves_of(linear.blocks, before, after),
         maps_of(linear.blocks, before, after),
         staircase,

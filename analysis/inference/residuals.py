@@ -193,8 +193,8 @@ degrees."""
 _UNUSUAL = 5.0
 """Ratio to the median change over the same distance above which a change is a jump. Chosen: the largest change of a
 wave is 1.4 times its median change."""
-_MOST = 10
-"""Number of places that are reported. Chosen: more do not help a reader."""
+_MOST = 50
+"""Number of places that are reported. Chosen: pictures shade all of most cells; lists stop at the worst of them."""
 
 
 def places(blocks: Sequence[Block], left_mm: Sequence[Array]) -> tuple[Place, ...]:
@@ -310,7 +310,7 @@ def _at_targets(block: Block, residual: Array) -> list[Place]:
     over = size > _SIGMA * noise
     if not over.any():
         return []
-    why = f"{over.sum()} of {len(size)} {table.kind.rows_called}, worst {number[int(np.argmax(size))]}"
+    why = f"{over.sum()} of {len(size)} {table.kind.rows_called} differ, most {number[int(np.argmax(size))]}"
     low, high = float(number[over].min()), float(number[over].max())
     rms_um, sigma = 1e3 * float(np.sqrt(np.mean(size[over] ** 2))), float((size / noise).max())
     return [Place(table.test, None, "distance", low, high, None, why, rms_um, sigma)]

@@ -86,13 +86,13 @@ class BudgetPart:
     """The index of the fitted effect among the effects of the diagnosis."""
     members: tuple[Member, ...] = ()
     """What a group that makes more than a third of the gap may be, the likeliest first."""
-    alone: tuple[BudgetPart, ...] = ()
+    together: tuple[BudgetPart, ...] = ()
     """Where something cancels some of it and is counted with it: each of them as it is alone, the part itself first."""
 
     @property
     def cancelled(self) -> tuple[str, ...]:
         """The labels of what cancels some of it."""
-        return tuple(part.label for part in self.alone[1:])
+        return tuple(part.label for part in self.together[1:])
 
     @property
     def label(self) -> str:
@@ -113,7 +113,7 @@ class BudgetPart:
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        parts = {name: [part.to_dict() for part in getattr(self, name)] for name in ("alone", "members")}
+        parts = {name: [part.to_dict() for part in getattr(self, name)] for name in ("together", "members")}
         return {**vars(self), **parts, "class": self.rank, "cancelled": self.cancelled}
 
 
@@ -148,8 +148,6 @@ class Accuracy:
 _DIFFERS, _SURE = 0.5, 3.0
 """Difference of the shares of two set-ups above which they contradict a name, and the standard uncertainties by which
 they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
-_COMPLETE = 0.9
-"""Share of the error from which scatter is all that is left: every other part has less than a tenth, as no act has."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
@@ -427,14 +425,6 @@ class Diagnosis(Tabular):
         return self.condition != "not_testable_here"
 
     @property
-    def is_complete(self) -> bool:
-        """Whether nothing is missing in a model that was calibrated, or holds effects, before: what is left of the runs
-        differs from run to run."""
-        has_model = self.rig.calibrated is not None or bool(self.rig.effects)
-        scatter = sum(part.share for part in self.budget if part.kind == "scatter")
-        return has_model and self.condition in ("uncalibrated", "nothing_unusual") and scatter > _COMPLETE
-
-    @property
     def next_act(self) -> Act | None:
         """What to do next; None where fits of given effects ask for nothing."""
         return self.acts[0] if self.acts else None
@@ -448,11 +438,6 @@ class Diagnosis(Tabular):
     def standing(self) -> tuple[Named, ...]:
         """The effects that the diagnosis stands by: the faults."""
         return tuple(name for name in self.effects if name.stands)
-
-    @property
-    def slight(self) -> tuple[Named, ...]:
-        """Those that it found beside them, too small or too doubtful to matter."""
-        return tuple(name for name in self.effects if not name.stands and not name.contradicted)
 
     @property
     def contradicted(self) -> tuple[Named, ...]:
