@@ -11,8 +11,8 @@ import pyarrow as pa
 
 from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.inference.acts import Act, Doubt, JudgedOn
+from analysis.inference.residuals import Curve, Map, Place, ResidualBand
 from analysis.inference.staircase import Staircase
-from analysis.kinematics.arm import Array
 from analysis.measures.parameters import parameters_of
 from analysis.model.predict import SetUp
 from rigs.calibration import CalibratedModel
@@ -20,7 +20,7 @@ from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import SEATS, PartKind, name_of, size_field
 from rigs.schema.limits import Standing
-from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction, TestName
+from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The answer of a diagnosis as values: the condition of the arm, its accuracy, and the budget of its error.
@@ -162,27 +162,6 @@ be."""
 CERTAIN_SIGMA = 7.0
 """Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
 """
-
-
-@dataclass(frozen=True)
-class Place:
-    """A place where measurement and simulation disagree by more than the noise.
-
-    `part` is `distance` (mean of the gauges) or `angle` (their difference over the baseline). `from_deg` and `to_deg`
-    are circle angles, or the numbers of the first and last target for tests at targets. `joint` is the joint that
-    reverses there, if one does. `rms_um` is the rms of the residual there and `sigma` the ratio of its largest value to
-    the noise.
-    """
-
-    test: TestName
-    direction: Direction | None
-    part: Literal["distance", "angle"]
-    from_deg: float
-    to_deg: float
-    joint: int | None
-    why: str
-    rms_um: float
-    sigma: float
 
 
 @dataclass(frozen=True)
@@ -364,19 +343,6 @@ class Gap:
         }
 
 
-@dataclass(frozen=True)
-class ResidualBand:
-    """The unexplained residual in one band of orders (cycles per lap), or at targets: the ratio of chi-square to its
-    expectation from noise, and a description."""
-
-    test: TestName
-    direction: Direction | None
-    part: Literal["distance", "angle", "targets"]
-    orders: tuple[int, int] | None
-    ratio: float
-    words: str
-
-
 Subject = Literal["posture", "approach", "time", "temperature", "speed"]
 
 
@@ -406,42 +372,6 @@ class NextTest:
     test: str
     why: str
     expected_sigma: float
-
-
-@dataclass(frozen=True)
-class Curve(Tabular):
-    """The residuals (n, 2) µm of the two gauges of a circle at the circle angles phi_deg (n,), averaged over its runs
-    with the set-up fitted. `turns` lists (circle angle in degrees, joint) where joints reverse."""
-
-    test: TestName
-    direction: Direction
-    phi_deg: Array
-    before_um: Array
-    after_um: Array
-    turns: tuple[tuple[float, int], ...]
-
-    def to_table(self) -> pa.Table:
-        """A row for each circle angle: phi_deg, and before and after of each gauge, as g1_before_um."""
-        both = {"before": self.before_um, "after": self.after_um}
-        gauges = {f"g{k + 1}_{when}_um": values[:, k] for when, values in both.items() for k in range(values.shape[1])}
-        return pa.table({"phi_deg": self.phi_deg} | gauges)
-
-
-@dataclass(frozen=True)
-class Map(Tabular):
-    """Residuals (n,) µm at targets, with the number, polar angle and azimuth (n,) in degrees of each. For poses the
-    residual is the remaining distance (n,), and the numbers are those of rows."""
-
-    test: TestName
-    target: Array
-    polar_deg: Array
-    azimuth_deg: Array
-    before_um: Array
-    after_um: Array
-
-    def to_table(self) -> pa.Table:
-        """A row for each reading, one column for each field but the test."""
-        return pa.table({name: values for name, values in vars(self).items() if name != "test"})
 
 
 @dataclass(frozen=True)
@@ -550,7 +480,7 @@ class Diagnosis(Tabular):
                 "runs": self.runs,
                 "effects": [name.to_dict() for name in self.effects],
                 "remainder": asdict(self.remainder),
-                "where": [of_place(place) for place in self.where],
+                "where": [place.to_dict() for place in self.where],
                 "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
                 "left": [asdict(band) for band in self.left],
                 **({"remains": asdict(self.remains)} if self.remains else {}),
@@ -592,8 +522,3 @@ def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """Return whether a part is there for certain, an effect without rivals or many small terms together."""
     is_certain = part.index is None or diagnosis.effects[part.index].posterior >= CERTAIN_ODDS
     return is_certain and is_there(diagnosis, part)
-
-
-def of_place(place: Place) -> dict[str, Any]:
-    """A place in plain types."""
-    return {"channel": place.test, **{key: value for key, value in asdict(place).items() if key != "test"}}

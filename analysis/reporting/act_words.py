@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from analysis.inference.act_list import LEAST_SHARE
-from analysis.inference.acts import Act, Against
+from analysis.inference.acts import FOUND, Act, Against
 from analysis.inference.naming_tests import JOINED
 from analysis.inference.result import Diagnosis
 from analysis.reporting.answer_words import AnswerWords
@@ -49,7 +49,7 @@ class ActWords:
             return self._measure(act)
         if act.effect is None:
             keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early"}
-            if act.command[:1] == ("diagnose",):
+            if act.command[:1] != ("correct",) or any(word.startswith(FOUND) for word in act.command):
                 keys["load"] = "act_load_unwritten"
             return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act))
         key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
@@ -160,5 +160,8 @@ def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:
 
 
 def command(act: Act) -> str:
-    """The command of an act as a person types it; empty where none does it."""
+    """The command of an act as a person types it, of a model that is not written yet that which writes it; empty where
+    none does it."""
+    if any(word.startswith(FOUND) for word in act.command):
+        return "rig diagnose RUN… -o found"
     return " ".join(["rig", *act.command]) if act.command else ""

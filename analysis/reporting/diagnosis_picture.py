@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from analysis.inference.disagreement import Disagreement
-from analysis.inference.result import Diagnosis, Map
+from analysis.inference.residuals import Map
+from analysis.inference.result import Diagnosis
 from analysis.kinematics.arm import Array
 from analysis.noise.readings import rms
 from analysis.reporting.act_words import ActWords

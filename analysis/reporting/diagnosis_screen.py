@@ -11,7 +11,8 @@ from rich.text import Text
 
 from analysis.inference.acts import Doubt
 from analysis.inference.candidates import LARGEST_FAULT
-from analysis.inference.result import Condition, Diagnosis, Place
+from analysis.inference.residuals import Place
+from analysis.inference.result import Condition, Diagnosis
 from analysis.inference.state import FAULT
 from analysis.reporting.act_words import ActWords, acts_in_words
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from analysis.inference.result import ODDS, Curve, Gap, Member, Named, Place, Remains, ResidualBand, Rival
+from analysis.inference.residuals import Curve, Place, ResidualBand
+from analysis.inference.result import ODDS, Gap, Member, Named, Remains, Rival
 from analysis.measures.parameters import parameters_of, quantity_of
 from analysis.measures.quantity import Quantity
 from analysis.reporting.texts import Texts

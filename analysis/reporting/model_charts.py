@@ -11,7 +11,8 @@ import numpy as np
 
 from analysis.inference.compare import Compared, Comparison
 from analysis.inference.disagreement import Disagreement
-from analysis.inference.result import Curve, Diagnosis, Map, Place
+from analysis.inference.residuals import Curve, Map, Place
+from analysis.inference.result import Diagnosis
 from analysis.kinematics.arm import Array
 from analysis.measures.repeatability import SIDES, RepeatabilityResult
 from analysis.measures.results import Result

@@ -16,7 +16,8 @@ from rich.console import Console
 
 from analysis.correction.support import supports
 from analysis.inference.acts import Act
-from analysis.inference.result import BudgetPart, Condition, Diagnosis, Gap, ResidualBand
+from analysis.inference.residuals import ResidualBand
+from analysis.inference.result import BudgetPart, Condition, Diagnosis, Gap
 from analysis.inference.staircase import Left, Staircase, Step
 from analysis.model.predict import model_of
 from analysis.reporting.diagnosis_picture import picture
