@@ -433,7 +433,8 @@ def left_um(runs: Sequence[ObservedRun], used: FittedRuns, effects: Sequence[Eff
 
 
 _SHOW_NOISE = 20
-"""Poses that show their own noise: 60 numbers, of which a set-up and an arm take some 20, know it to 11 %."""
+"""Poses that show their own noise, of which a set-up and an arm take some. Source: 24 poses of an independent generator
+with noise of 21.5 µm show 17.5, 50 with 51 show 44, 47 with 39 show 36; assumed were 71."""
 
 
 def _noise_shown(result: SearchResult) -> Array:

@@ -91,8 +91,8 @@ class ActWords:
             return ""
         words, label = AnswerWords(self.diagnosis, self.texts), label_of(act.effect)
         lines = [line for k in act.parts for line in self.diagnosis.budget[k].together]
-        of_effect = any(line.label == label for line in lines)
-        return "; ".join(words.alone([line for line in lines if line.label != label])) if of_effect else ""
+        others = [line for line in lines if line.label != label]
+        return "; ".join(words.alone(others)) if len(others) < len(lines) else ""
 
     def against(self, act: Act) -> str:
         """What speaks against it, in a few words; empty where nothing does."""

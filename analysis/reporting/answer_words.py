@@ -76,8 +76,7 @@ def is_complete(diagnosis: Diagnosis) -> bool:
     a tenth of what is left, from which a part has an act."""
     has_model = diagnosis.rig.calibrated is not None or bool(diagnosis.rig.effects)
     scatter = sum(part.share for part in diagnosis.budget if part.kind == "scatter")
-    is_usual = diagnosis.condition in ("uncalibrated", "nothing_unusual")
-    return has_model and is_usual and scatter > 1 - LEAST_SHARE
+    return has_model and diagnosis.condition in ("uncalibrated", "nothing_unusual") and scatter > 1 - LEAST_SHARE
 
 
 def fields_of(effect: Effect) -> dict[str, Any]:
