@@ -366,7 +366,9 @@ class JointPortions(_Portions):
     STAGE = "joint"
 
     def plain(self, joint: str) -> str:
-        return f"{len(self.portions)} small errors of joints"
+        axes = {getattr(portion.of, "axis", None) for portion in self.portions} - {None}
+        joint = f"axis {axes.pop()}" if len(axes) == 1 else "axes"
+        return ", ".join(dict.fromkeys(portion.of.plain(joint) for portion in self.portions))
 
 
 class GaugePortions(_Portions):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, RunsElsewhere, location
+from rigs.text import as_argument
 
 
 @command(app, "rig calibrate runs/* -o better.yaml")
@@ -41,7 +43,7 @@ def calibrate(
 ) -> None:
     """Calibrate the model of the robot from runs, judge it where it had no part, and write it as a rig file."""
     import analysis
-    from analysis.cli.diagnose import by_use, say_correct
+    from analysis.cli.diagnose import by_use, say_correct, with_commands_here
     from analysis.cli.progress import progress_of
     from analysis.cli.run_paths import load_runs
     from analysis.cli.several import end_with, worst
@@ -61,7 +63,8 @@ def calibrate(
     if as_json:
         say_json(diagnosis.to_dict())
     else:
-        PlainConsole().print(as_screen(diagnosis))
+        again = (*map(as_argument, sys.argv[1:]), "-o", "calibrated.yaml")
+        PlainConsole().print(as_screen(with_commands_here(diagnosis, output, again)))
     for path in write_model(diagnosis, text, output) if output else ():
         say(f"wrote {path}", err=True)
     if output:

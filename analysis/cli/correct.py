@@ -156,10 +156,8 @@ def correct(
             say(f"{program.path.name}: no target takes its posture from --start-joints", err=True)
     if programs:
         say("next: compare each program with the original line by line; nothing was sent to a robot", err=True)
-        say(
-            "      a person runs it first at reduced speed, hand on the stop, and watches every corrected target",
-            err=True,
-        )
+        first = "      a person runs it first at reduced speed, hand on the stop, and watches every corrected target"
+        say(first, err=True)
     errors = target_errors(*corrections.path) if corrections.path else []
     for error in errors[:_SAID]:
         say_error(error)

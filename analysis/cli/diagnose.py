@@ -19,7 +19,6 @@ from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from analysis import Diagnosis, Measured
-    from analysis.inference.acts import Act
 
 
 @command(app, "rig diagnose runs/* -o found")
@@ -104,22 +103,16 @@ def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path
     return used, held_out_runs, elsewhere
 
 
-def with_commands_here(diagnosis: Diagnosis, output: Path | None) -> Diagnosis:
-    """Return a diagnosis whose acts name the model where it is: in the directory asked for, or else in the one into
-    which this command writes it with -o."""
-    from analysis.inference.acts import FOUND
+def with_commands_here(diagnosis: Diagnosis, output: Path | None, again: tuple[str, ...] = ()) -> Diagnosis:
+    """Return a diagnosis whose acts name the model where it is: the file, or in the directory, asked for, or else in
+    the one into which it is written by the words `again`, by default those of this command with -o."""
+    from analysis.inference.acts import acts_with
 
-    directory = output if output and output.suffix != ".html" else None
-    again = (*map(as_argument, sys.argv[1:]), "-o", "found")
-
-    def named(word: str) -> str:
-        return as_argument(directory / word.removeprefix(FOUND)) if directory and word.startswith(FOUND) else word
-
-    def here(act: Act) -> Act:
-        names_it = any(word.startswith(FOUND) for word in act.command)
-        return replace(act, command=again if names_it and not directory else tuple(map(named, act.command)))
-
-    return replace(diagnosis, acts=tuple(map(here, diagnosis.acts)))
+    model = ""
+    if output and output.suffix != ".html":
+        model = as_argument(output if output.suffix == ".yaml" else output / f"{diagnosis.rig.name}.yaml")
+    again = again or (*map(as_argument, sys.argv[1:]), "-o", "found")
+    return replace(diagnosis, acts=acts_with(diagnosis.acts, model, again))
 
 
 def _show(diagnosis: Diagnosis, *, as_json: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,6 +12,7 @@ from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import Jobs, RobotRunsBelow, Scheduler
+from rigs.text import as_argument
 
 
 @command(app, "rig report runs/* -o report.html")
@@ -41,6 +43,7 @@ def report(
     """Write one page: the verdict against the limits, what is wrong and what to do, then every test with pictures.
 
     The page needs no other file and no network, and prints to A4. A run that cannot be evaluated is named on it."""
+    from analysis.cli.diagnose import with_commands_here
     from analysis.cli.progress import progress_of
     from analysis.cli.run_paths import runs_below, say_doubts
     from analysis.cli.several import end_with, evaluated, worst
@@ -60,6 +63,10 @@ def report(
         say_doubts(result.measured for result in results)
         with progress_of() as progress:
             gathered = gather(results, model, diagnosed=diagnosis, left_out=errors, progress=progress)
+            if gathered.found:
+                model_words = ("--rig", as_argument(rig_file)) if rig_file else ()
+                again = ("diagnose", *map(as_argument, runs), *model_words, "-o", "found")
+                gathered = replace(gathered, found=with_commands_here(gathered.found, None, again))
             progress("drawing the pictures")
             written = write_page(gathered, output, lang, heading)
         say(f"wrote {written}", err=True)

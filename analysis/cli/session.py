@@ -19,7 +19,7 @@ from rigs.schema.vocabulary import MakerName
 from rigs.text import plain
 
 if TYPE_CHECKING:
-    from analysis.session.state import Place, Session
+    from analysis.session.state import Place
 
 _MINUTES, _WAIT_MIN = 50.0, 15.0
 
@@ -119,17 +119,13 @@ def session(
             screen.say(f"interrupted: what was reached is kept in {place.file}, and the same command goes on")
             raise typer.Exit(130) from None
     if as_json:
-        say_json(_plain(done))
+        say_json(done.model_dump(mode="json"))
 
 
 def _located(effects: str) -> str:
     """The effects by a path that holds wherever the cell is started; a shipped name stays."""
     path = Path(effects)
     return str(path.resolve()) if effects and path.is_file() else effects
-
-
-def _plain(kept_session: Session) -> object:
-    return kept_session.model_dump(mode="json")
 
 
 def _show(place: Place, rig_file: Path | str, rig_text: str, *, as_json: bool) -> None:
@@ -142,7 +138,7 @@ def _show(place: Place, rig_file: Path | str, rig_text: str, *, as_json: bool) -
         raise FileError(str(place.file), "no session was begun here", f"begin one: {place.command(rig_file)}")
     place.hold_whole(kept_session, rig_text)
     if as_json:
-        say_json(_plain(kept_session))
+        say_json(kept_session.model_dump(mode="json"))
         return
     for line in status_lines(kept_session, next_of(kept_session), place.directory):
         for piece in _wrapped(line):

@@ -79,8 +79,8 @@ def refuse_impossible(run: Measured, where: str) -> None:
     for findings in (unit_findings(run.table, run.rig), run.table.kind.findings(SOURCE, run.table, run.rig)):
         wrong = [finding for finding in findings if finding.strength == "impossible"]
         if wrong:
-            what, remedies = ([getattr(finding, of) for finding in wrong] for of in ("what", "remedy"))
-            raise FileError(where, "; ".join(what), ", and ".join(dict.fromkeys(remedies)))
+            problems, remedies = ([getattr(finding, of) for finding in wrong] for of in ("what", "remedy"))
+            raise FileError(where, "; ".join(problems), ", and ".join(dict.fromkeys(remedies)))
 
 
 def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:

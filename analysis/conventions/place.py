@@ -90,8 +90,8 @@ def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
     shifted = np.tile(np.eye(3), (len(p), 1, 1))
     placing = (np.concatenate([shifted, turned, T[:, :3, :3]], axis=2) * part[:, None, None]).reshape(-1, 9)
     design = np.concatenate([fitted.design, placing], axis=1)
-    left = fitted.left_mm - design @ np.linalg.lstsq(design, fitted.left_mm, rcond=DETERMINED)[0]
-    return replace(fitted, left_mm=left, spare=fitted.spare - 9).rms_mm
+    left_mm = fitted.left_mm - design @ np.linalg.lstsq(design, fitted.left_mm, rcond=DETERMINED)[0]
+    return replace(fitted, left_mm=left_mm, spare=fitted.spare - 9).rms_mm
 
 
 STAMPS, PLACE = "stamps", "place"

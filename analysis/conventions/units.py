@@ -224,13 +224,13 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     places = forward(arm, table.q)
     # Whether the robot does the test only if q, read as degrees, was in rad.
     degrees = np.degrees(table.q)
-    ways = (places, forward(arm, degrees)) if np.abs(degrees).max() <= _TURN_RAD else ()
+    ways: tuple[Array, ...] = (places, forward(arm, degrees)) if np.abs(degrees).max() <= _TURN_RAD else ()
     wrong, right = [table.kind.off_path(table, rig, T) for T in ways] or (None, None)
     if wrong and right and right.on and wrong.off > _MUCH_MORE * right.off:
         columns = tuple(f"q{axis}_deg" for axis in range(1, arm.axes + 1))
         fact = f"q1_deg … {columns[-1]} are radians: only then does the robot of the rig file follow the program"
         yield Finding(UNITS, "impossible", columns, "radians", fact, "convert them to degrees")
-        yield from table.kind.unit_findings(table, rig, ways[1])
+        yield from table.kind.unit_findings(table, rig, forward(arm, degrees))
         return
     yield from table.kind.unit_findings(table, rig, places)
 

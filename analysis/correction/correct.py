@@ -73,7 +73,7 @@ class InBase:
 class Corrections:
     """What can be corrected: the effects with their use, zeros and constants, and the error over the work; at a
     controller, the entries in its words; and, if a path was given, the path and its corrected targets, which are for a
-    controller that has its entries if `entered`. `beside` are the effects that only the calibration beside the rig file
+    controller that has its entries if `entered`. `calibrated` are the effects that only the calibration of the rig
     names, whose zeros and constants are among those."""
 
     rig: Rig
@@ -85,7 +85,7 @@ class Corrections:
     at_controller: ControllerEntries | None = None
     entered: bool = False
     programs: tuple[CorrectedProgram, ...] = ()
-    beside: tuple[Support, ...] = ()
+    calibrated: tuple[Support, ...] = ()
 
 
 def correct_rig(
@@ -103,27 +103,21 @@ def correct_rig(
     Raises FileError for a rig without effects, for a path that cannot be read or reached, for a file that is no program
     and for a program of another maker's robot; UseError for `entered` without what it needs."""
     if not model_of(rig).effects:
-        raise FileError(
-            RigPlace.of(rig.name),
-            "has no effects to correct",
-            "diagnose or calibrate it, and give the rig file written",
-        )
-    if len(rig.robot.axes) != DRIVEN_AXES and (controller or programs.paths):
-        problem = f"{len(rig.robot.axes)} axes: controllers' entries and programs are known of six"
-        raise UseError("--for, --program", problem, "give joint targets with --path")
-    if rig.robot.rail and (controller or programs.paths):
-        problem = "an arm on a rail: controllers' entries and programs are known of arms that stand"
+        remedy = "diagnose or calibrate it, and give the rig file written"
+        raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy)
+    arm = "an arm on a rail" if rig.robot.rail else f"{len(rig.robot.axes)} axes"
+    if (rig.robot.rail or len(rig.robot.axes) != DRIVEN_AXES) and (controller or programs.paths):
+        problem = f"{arm}: controllers' entries and programs are known of arms of six axes that stand"
         raise UseError("--for, --program", problem, "give joint targets with --path")
     if entered and not (path and controller):
         raise UseError("--entered", "needs --path, and --for or a feedback that names it", "give both")
     if entered and programs.paths:
-        raise UseError(
-            "--entered", "is for --path; --program is for a controller without its entries", "give one of them"
-        )
+        problem = "is for --path; --program is for a controller without its entries"
+        raise UseError("--entered", problem, "give one of them")
     supported = supports(rig)
     entries = controller_entries(rig, supported, controller, scale) if controller and not programs.paths else None
-    beside = supports_beside(rig)
-    zeros, constants = joint_zeros(rig, [*supported, *beside]), link_constants(rig, [*supported, *beside])
+    of_model = tuple(supports_beside(rig))
+    zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
     targets = _targets(rig, supported, path, entries if entered else None) if path else None
     filtered = tuple(
         correct_program(rig, supported, program, programs.frames, scale, whole=programs.whole, start=programs.start)
@@ -132,9 +126,8 @@ def correct_rig(
     for program in filtered:
         _hold_maker(program, controller or rig.maker)
     work = _work(rig, supported)
-    return Corrections(
-        rig, tuple(supported), tuple(zeros), tuple(constants), work, targets, entries, entered, filtered, tuple(beside)
-    )
+    effects, numbers = tuple(supported), (tuple(zeros), tuple(constants))
+    return Corrections(rig, effects, *numbers, work, targets, entries, entered, filtered, of_model)
 
 
 def _hold_maker(program: CorrectedProgram, maker: MakerName | None) -> None:

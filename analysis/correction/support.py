@@ -54,18 +54,18 @@ def supports_beside(rig: Rig) -> list[Support]:
         return []
     terms = [(rig.calibrated.terms[parameter.term], parameter.field) for parameter in rig.calibrated.parameters]
     return [
-        _support(term.effect, float(np.linalg.norm(rig.calibrated.root[row])), beside=True)
+        _support(term.effect, float(np.linalg.norm(rig.calibrated.root[row])), from_calibration=True)
         for row, (term, field) in enumerate(terms)
         if not term.named and field == size_field(term.effect)
     ]
 
 
-def _support(effect: Effect, u: float, *, beside: bool = False) -> Support:
+def _support(effect: Effect, u: float, *, from_calibration: bool = False) -> Support:
     value = float(getattr(effect, size_field(effect)))
     use = effect.compensation().use
     if use == "none":
         return Support(effect, value, u, use, effect.compensation().why_not)
-    if effect.found is None and not beside:
+    if effect.found is None and not from_calibration:
         why = "stands in the rig file without where it came from: diagnose or calibrate it"
         return Support(effect, value, u, "none", why)
     if not u > 0:

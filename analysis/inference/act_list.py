@@ -120,8 +120,8 @@ def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
             done.append(by_hand)
             square_um2 += act.removes_u_um**2
         is_later = by_hand is not None and len(done) > 1
-        left = judged.removed(done).remains_um if is_later else None
-        ordered.append(replace(act, with_before_um=left, with_before_u_um=math.sqrt(square_um2) if is_later else 0.0))
+        um = judged.removed(done).remains_um if is_later else None
+        ordered.append(replace(act, with_before_um=um, with_before_u_um=math.sqrt(square_um2) if is_later else 0.0))
     return ordered
 
 

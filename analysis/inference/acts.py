@@ -6,7 +6,8 @@ act is what a person does next. Acts are ordered by what they remove at a place 
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from rigs.effects import Effect
@@ -117,6 +118,16 @@ class Act:
         """In plain types; the effect by its label."""
         plain = {key: value for key, value in asdict(self).items() if key != "effect"}
         return plain | {"effect": label_of(self.effect) if self.effect else None}
+
+
+def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> tuple[Act, ...]:
+    """Return acts whose commands name the `model` where a person has it, or without one are the words `again` after
+    `rig`, by which it is written."""
+    named = [tuple(model if word.startswith(FOUND) else word for word in act.command) for act in acts]
+    return tuple(
+        replace(act, command=again if not model and words != act.command else words)
+        for act, words in zip(acts, named, strict=True)
+    )
 
 
 def is_done(kind: str, why: str, *, way: str | None, elsewhere: bool) -> bool:

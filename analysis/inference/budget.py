@@ -228,7 +228,7 @@ class Budget:
             both = replace(
                 partner.part, um=float(np.linalg.norm(vector)), u_um=max(partner.part.u_um, least.part.u_um),
                 share=self.share(vector),
-                alone=(*(partner.part.alone or (partner.part,)), *(least.part.alone or (least.part,))),
+                together=(*(partner.part.together or (partner.part,)), *(least.part.together or (least.part,))),
             )  # fmt: skip
             kept = [_Drawn(both, vector) if line is partner else line for line in others]
         return kept

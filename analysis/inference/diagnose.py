@@ -276,8 +276,7 @@ def _diagnosis_of(
     whole, gaps = both
     remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train)
     condition = condition_of(result, named, remainder, whole, is_material=is_material, early=early)
-    linear, before = result.linear, result.linear.in_mm(result.initial_residual)
-    measure = Measure(linear)
+    linear, measure = result.linear, Measure(result.linear)
     drawn = [linear.in_mm(measure.without_set_up(linear.residual(effects))) for effects in ((), result.effects)]
     is_testable = condition != "not_testable_here"
     return Diagnosis(
@@ -287,7 +286,7 @@ def _diagnosis_of(
         runs_to_decide=runs_to_decide(result, named) if condition == "undecided" else None,
         rig=rig,
         runs=gaps.train.runs,
-        where=places(linear.blocks, before),
+        where=places(linear.blocks, drawn[0]),
         effects=tuple(named) if is_testable else (),
         remainder=remainder,
         train=gaps.train,

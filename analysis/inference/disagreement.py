@@ -12,9 +12,8 @@ from analysis.inference.blocks import blocks_of
 from analysis.inference.budget import Measure
 from analysis.inference.compare import Compared
 from analysis.inference.prepared_runs import prepare_runs
-from analysis.inference.residuals import curves_of, maps_of, places
+from analysis.inference.residuals import Curve, Map, Place, curves_of, maps_of, places
 from analysis.inference.responses import linearise, noise_um
-from analysis.inference.result import Curve, Map, Place, of_place
 from analysis.inference.setups import fit_run_setups
 from analysis.inference.staircase import Left, Staircase, Step
 from analysis.inference.stepwise import drawn, left_um_of
@@ -42,7 +41,7 @@ class Disagreement:
         """In plain types, with the keys of a diagnosis."""
         names = [*(f"effect {k}" for k in range(1, len(self.rig.effects) + 1)), "calibration"]
         steps = self.staircase.to_dict(names) if self.staircase else None
-        return {"where": [of_place(place) for place in self.where], "staircase": steps}
+        return {"where": [place.to_dict() for place in self.where], "staircase": steps}
 
 
 def located(compared: Compared, rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] = ()) -> Compared:
@@ -84,7 +83,7 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
     staircase = Staircase(tuple(steps), curves, maps) if groups else None
     return Disagreement(
         rig,
-        places(linear.blocks, linear.in_mm(linear.without_set_up(ends[-1]))),
+        places(linear.blocks, after),
         curves_of(linear.blocks, before, after),
         maps_of(linear.blocks, before, after),
         staircase,

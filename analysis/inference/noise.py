@@ -292,8 +292,8 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
     sd_mm: dict[int, Array] = {}
     scattered = {}
     for setup, members in repeated.items():
-        found, scattered[setup] = _setup_noise([groups[k] for k in members])
-        sd_mm.update(zip(members, found, strict=True))
+        levels, scattered[setup] = _setup_noise([groups[k] for k in members])
+        sd_mm.update(zip(members, levels, strict=True))
     # A run that was not repeated borrows the noise of its set-up, or else of all.
     every = list(sd_mm)
     for k, group in enumerate(groups):
@@ -350,15 +350,15 @@ def _bands() -> list[Integers]:
     return [channel[(ORDER_OF[channel] >= low) & (ORDER_OF[channel] < high)] for channel, low, high in bands]
 
 
-def _shape(own: Sequence[Array], free: Sequence[Array]) -> Array:
+def _shape(unexplained: Sequence[Array], free: Sequence[Array]) -> Array:
     """Return the standard deviation (N,) of runs at level one, by channel and band, of the part that scatter cannot
     explain.
 
     Scatter may hide nearly all of the slowest orders, and few repeats leave every band uncertain. So each band counts
     its finer neighbour as some more readings: slow noise grows towards slow orders.
     """
-    squares = np.asarray(sum((rows**2).sum(axis=0) for rows in own))
-    freedom = np.asarray(sum((len(rows) - 1) * share for rows, share in zip(own, free, strict=True)))
+    squares = np.asarray(sum((rows**2).sum(axis=0) for rows in unexplained))
+    freedom = np.asarray(sum((len(rows) - 1) * share for rows, share in zip(unexplained, free, strict=True)))
     shape, finer = np.empty(len(ORDER_OF)), 0.0
     for band in reversed(_bands()):
         extra = _BORROWED if ORDER_OF[band].max() < ORDER_OF.max() else 0.0
@@ -391,9 +391,9 @@ def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tupl
     determine it. The scatter that moves all targets of a run together, with a response (N, c), is excluded. `alike`
     (N,) has an integer that readings of the same place and approach share."""
     mean = rows_mm.mean(axis=0)
-    own, free = unscattered(rows_mm - mean, response)
+    unexplained, free = unscattered(rows_mm - mean, response)
     # The part that the scatter of a run explains is removed, and the rest is scaled to its original variance.
-    rows = mean + own / np.sqrt(np.maximum(free, _LEAST_FREE))
+    rows = mean + unexplained / np.sqrt(np.maximum(free, _LEAST_FREE))
     squares, freedom = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
     away = []
     for number in np.unique(alike):

@@ -3,19 +3,96 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import pyarrow as pa
 
+from analysis.frames import Tabular
 from analysis.inference.blocks import BAND_EDGES, Block
 from analysis.inference.observation import GRID, ORDER_OF, curve
-from analysis.inference.result import Curve, Map, Place, ResidualBand
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.joint_reversals import turns
 from analysis.traces.laps import laps_of
 from analysis.traces.tables import CircleTable
 from rigs.schema.vocabulary import Direction, TestName
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place where measurement and simulation disagree by more than the noise.
+
+    `part` is `distance` (mean of the gauges) or `angle` (their difference over the baseline). `from_deg` and `to_deg`
+    are circle angles, or the numbers of the first and last target for tests at targets. `joint` is the joint that
+    reverses there, if one does. `rms_um` is the rms of the residual there and `sigma` the ratio of its largest value to
+    the noise.
+    """
+
+    test: TestName
+    direction: Direction | None
+    part: Literal["distance", "angle"]
+    from_deg: float
+    to_deg: float
+    joint: int | None
+    why: str
+    rms_um: float
+    sigma: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types."""
+        return {"channel": self.test, **{key: value for key, value in asdict(self).items() if key != "test"}}
+
+
+@dataclass(frozen=True)
+class ResidualBand:
+    """The unexplained residual in one band of orders (cycles per lap), or at targets: the ratio of chi-square to its
+    expectation from noise, and a description."""
+
+    test: TestName
+    direction: Direction | None
+    part: Literal["distance", "angle", "targets"]
+    orders: tuple[int, int] | None
+    ratio: float
+    words: str
+
+
+@dataclass(frozen=True)
+class Curve(Tabular):
+    """The residuals (n, 2) µm of the two gauges of a circle at the circle angles phi_deg (n,), averaged over its runs
+    with the set-up fitted. `turns` lists (circle angle in degrees, joint) where joints reverse."""
+
+    test: TestName
+    direction: Direction
+    phi_deg: Array
+    before_um: Array
+    after_um: Array
+    turns: tuple[tuple[float, int], ...]
+
+    def to_table(self) -> pa.Table:
+        """A row for each circle angle: phi_deg, and before and after of each gauge, as g1_before_um."""
+        both = {"before": self.before_um, "after": self.after_um}
+        gauges = {f"g{k + 1}_{when}_um": values[:, k] for when, values in both.items() for k in range(values.shape[1])}
+        return pa.table({"phi_deg": self.phi_deg} | gauges)
+
+
+@dataclass(frozen=True)
+class Map(Tabular):
+    """Residuals (n,) µm at targets, with the number, polar angle and azimuth (n,) in degrees of each. For poses the
+    residual is the remaining distance (n,), and the numbers are those of rows."""
+
+    test: TestName
+    target: Array
+    polar_deg: Array
+    azimuth_deg: Array
+    before_um: Array
+    after_um: Array
+
+    def to_table(self) -> pa.Table:
+        """A row for each reading, one column for each field but the test."""
+        return pa.table({name: values for name, values in vars(self).items() if name != "test"})
+
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The unexplained residual: the bands of orders, and the targets, where more remains than noise explains, with a
@@ -116,8 +193,8 @@ degrees."""
 _UNUSUAL = 5.0
 """Ratio to the median change over the same distance above which a change is a jump. Chosen: the largest change of a
 wave is 1.4 times its median change."""
-_MOST = 10
-"""Number of places that are reported. Chosen: more do not help a reader."""
+_MOST = 50
+"""Number of places that are reported. Chosen: pictures shade all of most cells; lists stop at the worst of them."""
 
 
 def places(blocks: Sequence[Block], left_mm: Sequence[Array]) -> tuple[Place, ...]:
@@ -233,7 +310,7 @@ def _at_targets(block: Block, residual: Array) -> list[Place]:
     over = size > _SIGMA * noise
     if not over.any():
         return []
-    why = f"{over.sum()} of {len(size)} {table.kind.rows_called}, worst {number[int(np.argmax(size))]}"
+    why = f"{over.sum()} of {len(size)} {table.kind.rows_called} differ, most {number[int(np.argmax(size))]}"
     low, high = float(number[over].min()), float(number[over].max())
     rms_um, sigma = 1e3 * float(np.sqrt(np.mean(size[over] ** 2))), float((size / noise).max())
     return [Place(table.test, None, "distance", low, high, None, why, rms_um, sigma)]

@@ -11,8 +11,8 @@ import pyarrow as pa
 
 from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.inference.acts import Act, Doubt, JudgedOn
+from analysis.inference.residuals import Curve, Map, Place, ResidualBand
 from analysis.inference.staircase import Staircase
-from analysis.kinematics.arm import Array
 from analysis.measures.parameters import parameters_of
 from analysis.model.predict import SetUp
 from rigs.calibration import CalibratedModel
@@ -20,7 +20,7 @@ from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import SEATS, PartKind, name_of, size_field
 from rigs.schema.limits import Standing
-from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction, TestName
+from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The answer of a diagnosis as values: the condition of the arm, its accuracy, and the budget of its error.
@@ -86,13 +86,13 @@ class BudgetPart:
     """The index of the fitted effect among the effects of the diagnosis."""
     members: tuple[Member, ...] = ()
     """What a group that makes more than a third of the gap may be, the likeliest first."""
-    alone: tuple[BudgetPart, ...] = ()
+    together: tuple[BudgetPart, ...] = ()
     """Where something cancels some of it and is counted with it: each of them as it is alone, the part itself first."""
 
     @property
     def cancelled(self) -> tuple[str, ...]:
         """The labels of what cancels some of it."""
-        return tuple(part.label for part in self.alone[1:])
+        return tuple(part.label for part in self.together[1:])
 
     @property
     def label(self) -> str:
@@ -113,7 +113,7 @@ class BudgetPart:
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types."""
-        parts = {name: [part.to_dict() for part in getattr(self, name)] for name in ("alone", "members")}
+        parts = {name: [part.to_dict() for part in getattr(self, name)] for name in ("together", "members")}
         return {**vars(self), **parts, "class": self.rank, "cancelled": self.cancelled}
 
 
@@ -148,8 +148,6 @@ class Accuracy:
 _DIFFERS, _SURE = 0.5, 3.0
 """Difference of the shares of two set-ups above which they contradict a name, and the standard uncertainties by which
 they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
-_COMPLETE = 0.9
-"""Share of the error from which scatter is all that is left: every other part has less than a tenth, as no act has."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
@@ -164,27 +162,6 @@ be."""
 CERTAIN_SIGMA = 7.0
 """Standard uncertainties from which what an effect does is certain, whatever its size: the detection limit of the plan.
 """
-
-
-@dataclass(frozen=True)
-class Place:
-    """A place where measurement and simulation disagree by more than the noise.
-
-    `part` is `distance` (mean of the gauges) or `angle` (their difference over the baseline). `from_deg` and `to_deg`
-    are circle angles, or the numbers of the first and last target for tests at targets. `joint` is the joint that
-    reverses there, if one does. `rms_um` is the rms of the residual there and `sigma` the ratio of its largest value to
-    the noise.
-    """
-
-    test: TestName
-    direction: Direction | None
-    part: Literal["distance", "angle"]
-    from_deg: float
-    to_deg: float
-    joint: int | None
-    why: str
-    rms_um: float
-    sigma: float
 
 
 @dataclass(frozen=True)
@@ -366,19 +343,6 @@ class Gap:
         }
 
 
-@dataclass(frozen=True)
-class ResidualBand:
-    """The unexplained residual in one band of orders (cycles per lap), or at targets: the ratio of chi-square to its
-    expectation from noise, and a description."""
-
-    test: TestName
-    direction: Direction | None
-    part: Literal["distance", "angle", "targets"]
-    orders: tuple[int, int] | None
-    ratio: float
-    words: str
-
-
 Subject = Literal["posture", "approach", "time", "temperature", "speed"]
 
 
@@ -408,42 +372,6 @@ class NextTest:
     test: str
     why: str
     expected_sigma: float
-
-
-@dataclass(frozen=True)
-class Curve(Tabular):
-    """The residuals (n, 2) µm of the two gauges of a circle at the circle angles phi_deg (n,), averaged over its runs
-    with the set-up fitted. `turns` lists (circle angle in degrees, joint) where joints reverse."""
-
-    test: TestName
-    direction: Direction
-    phi_deg: Array
-    before_um: Array
-    after_um: Array
-    turns: tuple[tuple[float, int], ...]
-
-    def to_table(self) -> pa.Table:
-        """A row for each circle angle: phi_deg, and before and after of each gauge, as g1_before_um."""
-        both = {"before": self.before_um, "after": self.after_um}
-        gauges = {f"g{k + 1}_{when}_um": values[:, k] for when, values in both.items() for k in range(values.shape[1])}
-        return pa.table({"phi_deg": self.phi_deg} | gauges)
-
-
-@dataclass(frozen=True)
-class Map(Tabular):
-    """Residuals (n,) µm at targets, with the number, polar angle and azimuth (n,) in degrees of each. For poses the
-    residual is the remaining distance (n,), and the numbers are those of rows."""
-
-    test: TestName
-    target: Array
-    polar_deg: Array
-    azimuth_deg: Array
-    before_um: Array
-    after_um: Array
-
-    def to_table(self) -> pa.Table:
-        """A row for each reading, one column for each field but the test."""
-        return pa.table({name: values for name, values in vars(self).items() if name != "test"})
 
 
 @dataclass(frozen=True)
@@ -497,14 +425,6 @@ class Diagnosis(Tabular):
         return self.condition != "not_testable_here"
 
     @property
-    def is_complete(self) -> bool:
-        """Whether nothing is missing in a model that was calibrated, or holds effects, before: what is left of the runs
-        differs from run to run."""
-        has_model = self.rig.calibrated is not None or bool(self.rig.effects)
-        scatter = sum(part.share for part in self.budget if part.kind == "scatter")
-        return has_model and self.condition in ("uncalibrated", "nothing_unusual") and scatter > _COMPLETE
-
-    @property
     def next_act(self) -> Act | None:
         """What to do next; None where fits of given effects ask for nothing."""
         return self.acts[0] if self.acts else None
@@ -518,11 +438,6 @@ class Diagnosis(Tabular):
     def standing(self) -> tuple[Named, ...]:
         """The effects that the diagnosis stands by: the faults."""
         return tuple(name for name in self.effects if name.stands)
-
-    @property
-    def slight(self) -> tuple[Named, ...]:
-        """Those that it found beside them, too small or too doubtful to matter."""
-        return tuple(name for name in self.effects if not name.stands and not name.contradicted)
 
     @property
     def contradicted(self) -> tuple[Named, ...]:
@@ -565,7 +480,7 @@ class Diagnosis(Tabular):
                 "runs": self.runs,
                 "effects": [name.to_dict() for name in self.effects],
                 "remainder": asdict(self.remainder),
-                "where": [of_place(place) for place in self.where],
+                "where": [place.to_dict() for place in self.where],
                 "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
                 "left": [asdict(band) for band in self.left],
                 **({"remains": asdict(self.remains)} if self.remains else {}),
@@ -607,8 +522,3 @@ def is_sure(diagnosis: Diagnosis, part: BudgetPart) -> bool:
     """Return whether a part is there for certain, an effect without rivals or many small terms together."""
     is_certain = part.index is None or diagnosis.effects[part.index].posterior >= CERTAIN_ODDS
     return is_certain and is_there(diagnosis, part)
-
-
-def of_place(place: Place) -> dict[str, Any]:
-    """A place in plain types."""
-    return {"channel": place.test, **{key: value for key, value in asdict(place).items() if key != "test"}}

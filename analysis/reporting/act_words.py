@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from analysis.inference.act_list import LEAST_SHARE
-from analysis.inference.acts import Act, Against
+from analysis.inference.acts import FOUND, Act, Against
 from analysis.inference.naming_tests import JOINED
 from analysis.inference.result import Diagnosis
 from analysis.reporting.answer_words import AnswerWords
@@ -49,7 +49,7 @@ class ActWords:
             return self._measure(act)
         if act.effect is None:
             keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early"}
-            if act.command[:1] == ("diagnose",):
+            if act.command[:1] != ("correct",) or any(word.startswith(FOUND) for word in act.command):
                 keys["load"] = "act_load_unwritten"
             return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act))
         key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
@@ -90,9 +90,9 @@ class ActWords:
         if act.effect is None or act.with_before_um is not None:
             return ""
         words, label = AnswerWords(self.diagnosis, self.texts), label_of(act.effect)
-        lines = [line for k in act.parts for line in self.diagnosis.budget[k].alone]
-        of_effect = any(line.label == label for line in lines)
-        return "; ".join(words.alone([line for line in lines if line.label != label])) if of_effect else ""
+        lines = [line for k in act.parts for line in self.diagnosis.budget[k].together]
+        others = [line for line in lines if line.label != label]
+        return "; ".join(words.alone(others)) if len(others) < len(lines) else ""
 
     def against(self, act: Act) -> str:
         """What speaks against it, in a few words; empty where nothing does."""
@@ -160,5 +160,8 @@ def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:
 
 
 def command(act: Act) -> str:
-    """The command of an act as a person types it; empty where none does it."""
+    """The command of an act as a person types it, of a model that is not written yet that which writes it; empty where
+    none does it."""
+    if any(word.startswith(FOUND) for word in act.command):
+        return "rig diagnose RUN… -o found"
     return " ".join(["rig", *act.command]) if act.command else ""

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from analysis.inference.act_list import LEAST_SHARE
 from analysis.inference.acts import Doubt
 from analysis.inference.result import CERTAIN_ODDS, LARGE_SHARE, BudgetPart, Diagnosis, Named, is_sure, is_there
 from analysis.reporting.diagnosis_words import (
@@ -70,6 +71,14 @@ def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart
     return [part for part in diagnosis.budget if part not in small], small
 
 
+def is_complete(diagnosis: Diagnosis) -> bool:
+    """Whether nothing is missing in a model that was calibrated, or holds effects, before: scatter is all but less than
+    a tenth of what is left, from which a part has an act."""
+    has_model = diagnosis.rig.calibrated is not None or bool(diagnosis.rig.effects)
+    scatter = sum(part.share for part in diagnosis.budget if part.kind == "scatter")
+    return has_model and diagnosis.condition in ("uncalibrated", "nothing_unusual") and scatter > 1 - LEAST_SHARE
+
+
 def fields_of(effect: Effect) -> dict[str, Any]:
     """The parameters of an effect as a sentence says them, each in its own unit: the order of a gear as its teeth."""
     fields = effect.model_dump()
@@ -107,7 +116,7 @@ class AnswerWords:
         model = "error_corrected" if self.diagnosis.rig.calibrated else "error_now"
         now = self.texts(model, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
         values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
-        if self.diagnosis.is_complete and accuracy.place == "used":
+        if is_complete(self.diagnosis) and accuracy.place == "used":
             return now
         which = f"calibrated_{accuracy.place}" if self.diagnosis.is_testable else "calibrated_unknown"
         return f"{now} {self.texts(which, **values)}"
@@ -133,7 +142,7 @@ class AnswerWords:
         return [self.texts("alone", part=self.short_name(part), um=within(part.um, part.u_um)) for part in parts]
 
     def _with_cancelled(self, part: BudgetPart, words: str) -> str:
-        others = self._listed([*map(self.short_name, part.alone[1:])])
+        others = self._listed([*map(self.short_name, part.together[1:])])
         return self.texts("with_cancelled", part=words, others=others) if others else words
 
     def short_name(self, part: BudgetPart) -> str:
@@ -177,8 +186,8 @@ class AnswerWords:
         if diagnosis.condition in ("named", "ambiguous"):
             return ""
         single = any(part.index is not None for part in large_parts(diagnosis))
-        which = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
-        which = "nothing_missing" if diagnosis.is_complete else which
+        which: str = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
+        which = "nothing_missing" if is_complete(diagnosis) else which
         # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""

@@ -10,13 +10,13 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from analysis.correction.controller_entries import ControllerEntries
+from analysis.reporting.diagnosis_words import plain
 from analysis.reporting.plain_console import right, whole
+from rigs.rig import Rig
 from rigs.schema.effect import label_of
 
 _REPORTED_UM = 1.0
 """An effect that stays is listed where it moves the tool by at least this."""
-_NONE_UM = 0.5
-"""An entry that moves the place of the tool by less only turns it."""
 _THIRD = 1 / 3
 """Part of a squared error from which its cause is said in the first sentence."""
 
@@ -54,7 +54,7 @@ def base_note(base_u_um: float, after_um: float) -> str:
     )
 
 
-def as_table(entries: ControllerEntries) -> RenderableType:
+def as_table(entries: ControllerEntries, rig: Rig) -> RenderableType:
     """What to enter, in which order, what it is worth, and what stays."""
     parts: list[RenderableType] = []
     if entries.entries:
@@ -65,7 +65,9 @@ def as_table(entries: ControllerEntries) -> RenderableType:
     if bool(entries.controller.scale) and any(entry.unit == "deg" for entry in entries.entries):
         parts.append(Text(f"with --scale, six {entries.controller.scale}: the same as {entries.controller.unit}"))
     parts += [Text(f"known only together, so divided by usual sizes: {', '.join(group)}") for group in entries.twins]
-    kept_um = [(label_of(kept.effect), kept.worth_um) for kept in entries.not_entered if kept.worth_um >= _REPORTED_UM]
+    kept_um = [
+        (plain(rig, kept.effect), kept.worth_um) for kept in entries.not_entered if kept.worth_um >= _REPORTED_UM
+    ]
     parts += [Text(f"not entered: {name}, {um:.0f} µm rms: no constant and no target holds it") for name, um in kept_um]
     before, after = entries.elsewhere_um
     if entries.entries:
@@ -105,7 +107,7 @@ def _entries(entries: ControllerEntries) -> Table:
         digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
         numbers = (f"{entry.add:+.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading)
         now = ["" if entry.now is None else f"±{entry.now:g}"] * lengths
-        sizes = (entry.worth_um, entry.leaves_um) if entry.worth_um >= _NONE_UM else ()
+        sizes = (entry.worth_um, entry.leaves_um) if round(entry.worth_um) else ()
         table.add_row(entry.parameter, *now, *numbers, *([f"{um:.0f} µm" for um in sizes] or ["turns only"]))
     return whole(table)
 

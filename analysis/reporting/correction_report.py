@@ -23,8 +23,10 @@ from analysis.kinematics.arm import Array
 from analysis.makers import maker_by
 from analysis.makers.reading import with_remark
 from analysis.measures.parameters import quantity_of
+from analysis.model.predict import model_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note, rounded_um, short
+from analysis.reporting.diagnosis_words import plain
 from analysis.reporting.plain_console import right, whole
 from analysis.reporting.texts import texts_of
 from rigs.effects import size_field
@@ -33,6 +35,7 @@ from rigs.schema.effect import label_of
 
 _REPORTED_MM = 1e-3
 """An effect that is not corrected is reported if it moves a target by at least this."""
+_count = program_report.targets_in_words
 _ERRORS = ("before_um", "after_um", "u_um")
 _HEAD = "Corrections for the cell {name} by the effects of its rig file and the calibration beside it, {date}."
 _WAYS = {
@@ -53,35 +56,31 @@ def as_table(corrections: Corrections) -> RenderableType:
     path."""
     columns = ("effect", right("value"), "corrected as", Column("why", ratio=1))
     effects = Table(*columns, title="value ± standard uncertainty", title_style="dim", header_style="bold")
-    for support in (*corrections.effects, *corrections.beside):
+    for support in (*corrections.effects, *corrections.calibrated):
         field = size_field(support.effect)
         quantity = quantity_of(support.effect, field, {field: support.u})
         value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
         use = Text("not corrected", "yellow") if support.use == "none" else Text(support.use, "green")
-        effects.add_row(label_of(support.effect), value, use, support.reason)
-    parts: list[RenderableType] = [
-        Text(_first(corrections) + texts_of("en").not_known(corrections.work.unknown), style="bold")
-    ]
+        effects.add_row(plain(corrections.rig, support.effect), value, use, support.reason)
+    first = _first(corrections) + texts_of("en").not_known(corrections.work.unknown)
+    parts: list[RenderableType] = [Text(first, style="bold")]
     if effects.row_count:
         parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):
         parts.insert(0, Text(f"Against the verdict: {why}.", style="bold red"))
     parts += [Text(line) for line in _lines(corrections)]
     if corrections.at_controller:
-        parts += [Text(), controller_report.as_table(corrections.at_controller)]
+        parts += [Text(), controller_report.as_table(corrections.at_controller, corrections.rig)]
     parts += [Text(line) for program in corrections.programs for line in ("", *program_report.lines(program))]
     return Group(*parts)
 
 
 def _first(corrections: Corrections) -> str:
-    if all(support.use == "none" for support in corrections.effects) and corrections.work.model_um < GAIN_UM:
-        return (
-            f"Nothing of the tool's {corrections.work.before_um:.0f} µm over the work can be corrected; "
-            "the table says why."
-        )
+    work = corrections.work
+    if all(support.use == "none" for support in corrections.effects) and work.model_um < GAIN_UM:
+        return f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected; the table says why."
     if corrections.at_controller:
         return controller_report.first_sentence(corrections.at_controller) + _never_both(corrections)
-    work = corrections.work
     targets = f"the targets of corrected-{corrections.path[0].name}" if corrections.path else ""
     targets = targets or ("the corrected targets of --program" if corrections.programs else "")
     targets = targets or "corrected targets (--program FILE, or --path TARGETS.csv)"
@@ -156,7 +155,8 @@ def _path_lines(corrections: Corrections) -> list[str]:
             f"before; {program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])}; "
             f"effects that are not corrected leave {_small(np.nanmax(_left_out(targets)))}"
         )
-        each = [(name, mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
+        words = {label_of(effect): plain(corrections.rig, effect) for effect in model_of(corrections.rig).effects}
+        each = [(words[name], mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
         if each:
             parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
             lines.append(f"not corrected, at its worst target, rms of both sides, cold and warm: {parts}")
@@ -175,10 +175,6 @@ def _budget(targets: Corrected) -> dict[str, float]:
     """What each effect that is not corrected does to the target that it moves most, mm, the largest first."""
     worst = dict(zip(targets.left_out, np.nanmax(targets.left_out_mm, axis=0).tolist(), strict=True))
     return dict(sorted(worst.items(), key=lambda item: -item[1]))
-
-
-def _count(targets: int) -> str:
-    return "1 target" if targets == 1 else f"{targets} targets"
 
 
 def _small(mm: float) -> str:
@@ -233,7 +229,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
                 "corrected_as": None if support.use == "none" else support.use,
                 "reason": support.reason,
             }
-            for support in (*corrections.effects, *corrections.beside)
+            for support in (*corrections.effects, *corrections.calibrated)
         ],
         "work": {
             **{name: rounded_um(getattr(corrections.work, name)) for name in _ERRORS},

@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from analysis.inference.disagreement import Disagreement
-from analysis.inference.result import Diagnosis, Map
+from analysis.inference.residuals import Map
+from analysis.inference.result import Diagnosis
 from analysis.kinematics.arm import Array
 from analysis.noise.readings import rms
 from analysis.reporting.act_words import ActWords
@@ -121,12 +122,16 @@ def _draw_stairs(stairs: Stairs, floor_um: float, sheet: SubFigure) -> None:
         axes.errorbar(um, place, xerr=u_um, fmt="none", ecolor="black", elinewidth=0.7)
     for y, step in zip(place, stairs.steps, strict=True):
         at = (max(residue.um + residue.u_um for residue in step.left), y)
-        axes.annotate(left_words(step.left[0]), at, (5, 0), textcoords="offset points", va="center", fontsize=8)
+        axes.annotate(
+            " · ".join(map(left_words, step.left)), at, (5, 0), textcoords="offset points", va="center", fontsize=8
+        )
     axes.set_yticks(place, [step.name for step in stairs.steps], fontsize=8)
     if np.isfinite(floor_um):
         axes.axvline(floor_um, color=_GREY, ls="--", lw=1, label=f"noise floor {floor_um:.1f}")
     axes.set_ylim(-0.6, len(stairs.steps) - 0.4)
-    axes.set_xlim(0, 1.16 * max(stairs.largest_um, floor_um if np.isfinite(floor_um) else 0.0))
+    axes.set_xlim(
+        0, (1.04 + 0.12 * len(stairs.places)) * max(stairs.largest_um, floor_um if np.isfinite(floor_um) else 0.0)
+    )
     axes.set_xlabel("left of the error, rms / µm", fontsize=8)
     axes.tick_params(axis="x", labelsize=7.5)
     axes.spines[["top", "right"]].set_visible(False)

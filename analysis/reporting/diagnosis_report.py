@@ -9,11 +9,13 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from analysis.files.write import Writer, holding, refuse_existing, write_all_new
+from analysis.inference.acts import acts_with
 from analysis.inference.result import Diagnosis
 from analysis.reporting.diagnosis_words import rival_names
 from rigs.calibration import CalibratedModel, CalibrationFile
@@ -21,6 +23,7 @@ from rigs.edit import extended
 from rigs.effects import Effect, Found
 from rigs.errors import FileError
 from rigs.schema.effect import name_of
+from rigs.text import as_argument
 
 
 def with_origin(effect: Effect, runs: Sequence[str], sd: Mapping[str, float], gap_um: tuple[float, float]) -> Effect:
@@ -106,12 +109,13 @@ def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool 
     from analysis.files.write import holding, write_all_new  # noqa: PLC0415 - slow to import
     from analysis.reporting.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only
 
+    rig_file = directory / f"{diagnosis.rig.name}.yaml"
+    pictured = replace(diagnosis, acts=acts_with(diagnosis.acts, as_argument(rig_file)))
     files = {
         "diagnosis.json": holding((json.dumps(diagnosis.to_dict(), indent=2) + "\n").encode()),
-        "diagnosis.png": lambda file: picture(diagnosis, in_session=in_session).savefig(file, format="png", dpi=130),
+        "diagnosis.png": lambda file: picture(pictured, in_session=in_session).savefig(file, format="png", dpi=130),
     }
     if diagnosis.is_testable:
-        rig_file = directory / f"{diagnosis.rig.name}.yaml"
         files |= extended_files(text, _origins(diagnosis), rig_file, diagnosis.calibrated)
     return write_all_new(directory, files)
 

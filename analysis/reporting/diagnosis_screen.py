@@ -11,7 +11,8 @@ from rich.text import Text
 
 from analysis.inference.acts import Doubt
 from analysis.inference.candidates import LARGEST_FAULT
-from analysis.inference.result import Condition, Diagnosis, Place
+from analysis.inference.residuals import Place
+from analysis.inference.result import Condition, Diagnosis
 from analysis.inference.state import FAULT
 from analysis.reporting.act_words import ActWords, acts_in_words
 from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
@@ -32,6 +33,7 @@ from analysis.reporting.plain_console import bare_table, right
 from analysis.reporting.stairs import stairs_of, stairs_table
 from analysis.reporting.texts import texts_of
 from rigs.schema.effect import label_of, name_of
+from rigs.schema.vocabulary import CIRCLES
 from rigs.text import counted
 
 _MOST_PLACES = 6
@@ -41,12 +43,15 @@ def places_table(where: Sequence[Place]) -> list[RenderableType]:
     """The worst places, each with the axis that turns back there."""
     if not where:
         return [Text("nowhere by more than the noise")]
-    table = bare_table("test", "part", "where", right("axis"), "why", right("µm"), right("sigma"))
+    table = bare_table("test", "part", "where", right("axis"), "how it differs", right("µm rms"), right("sigma"))
     for place in sorted(where, key=lambda place_of_error: -place_of_error.sigma)[:_MOST_PLACES]:
         row = (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why)
         table.add_row(*row, f"{place.rms_um:.1f}", f"{place.sigma:.0f}")
     unlisted = len(where) - _MOST_PLACES
-    return [table, *([Text(f"and {unlisted} more (all with --json)", style="dim")] if unlisted > 0 else [])]
+    circles = any(place.test in CIRCLES for place in where)
+    notes = [f"and {unlisted} more (all with --json)"] * (unlisted > 0)
+    notes += ["distance: mean of both gauges, angle: their difference; a jump is from one side to the other"] * circles
+    return [table, *(Text(note, style="dim") for note in notes)]
 
 
 _COLOUR: dict[Condition, str] = {
@@ -102,7 +107,7 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
         times = f"{part.times_usual:.1f}" if part.times_usual is not None else ""
         style = "bold" if part.rank == "unusual" else ""
         table.add_row(name, beside_u(part.um, part.u_um), percent(part.share), times, words.rank_of(part), style=style)
-        for line in part.alone:  # where some cancel others, which that line has together
+        for line in part.together:  # where some cancel others, which that line has together
             table.add_row(f"  {words.short_name(line)}, alone", beside_u(line.um, line.u_um), "", "", "", style="dim")
     if small:
         share = sum(part.share for part in small)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from analysis.inference.result import ODDS, Curve, Gap, Member, Named, Place, Remains, ResidualBand, Rival
+from analysis.inference.residuals import Curve, Place, ResidualBand
+from analysis.inference.result import ODDS, Gap, Member, Named, Remains, Rival
 from analysis.measures.parameters import parameters_of, quantity_of
 from analysis.measures.quantity import Quantity
 from analysis.reporting.texts import Texts
@@ -117,13 +118,8 @@ def stretch(place: Place) -> str:
     if place.test not in CIRCLES:
         row = "row" if place.test in WITHOUT_GAUGES else "target"
         return f"{row} {low:.0f}" if low == high else f"{row}s {low:.0f}–{high:.0f}"
-    return "whole lap" if whole_lap(place) else f"{low:.0f}–{high:.0f}°"
-
-
-def whole_lap(place: Place) -> bool:
-    """Whether a place is the circle from end to end."""
-    turn = place.to_deg - place.from_deg
-    return turn >= 360 or turn % 360 >= _WHOLE_LAP_DEG
+    is_whole = high - low >= 360 or (high - low) % 360 >= _WHOLE_LAP_DEG
+    return "whole lap" if is_whole else f"{low:.0f}–{high:.0f}°"
 
 
 def closed(gap: Gap) -> float:

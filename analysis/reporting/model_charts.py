@@ -11,13 +11,14 @@ import numpy as np
 
 from analysis.inference.compare import Compared, Comparison
 from analysis.inference.disagreement import Disagreement
-from analysis.inference.result import Curve, Diagnosis, Map, Place
+from analysis.inference.residuals import Curve, Map, Place
+from analysis.inference.result import Diagnosis
 from analysis.kinematics.arm import Array
 from analysis.measures.repeatability import SIDES, RepeatabilityResult
 from analysis.measures.results import Result
 from analysis.noise.readings import rms
 from analysis.reporting.chart import Chart, Line, Role, marks_of, stretches
-from analysis.reporting.diagnosis_words import runs_of, whole_lap
+from analysis.reporting.diagnosis_words import runs_of
 from analysis.reporting.stairs import stairs_of
 from analysis.reporting.texts import Texts
 
@@ -173,7 +174,7 @@ def _of_circle(strand: Strand, title: str, texts: Texts) -> Chart:
         lines.append(Line(texts("so_far"), "model", x, so_far[-1], steps=so_far))
         lines.append(Line(texts("still_left"), "after", x, steps[-1], steps=steps))
     marks = marks_of(strand.curve.turns, texts)
-    shaded = stretches([(place.from_deg, place.to_deg) for place in strand.places if not whole_lap(place)])
+    shaded = stretches([(place.from_deg, place.to_deg) for place in strand.places])
     return Chart(
         texts("chart_simulated" if len(steps) > 1 else "chart_gap", what=title), texts("caption_step"),
         "straight", texts("circle_angle"), f"{texts('gap')} / µm", "µm", tuple(lines), marks, shaded,

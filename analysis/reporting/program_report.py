@@ -58,16 +58,14 @@ def lines(program: CorrectedProgram) -> list[str]:
     if outside := sum(program.outside):
         beyond = [_place(program, *place) for place, out in zip(program.places, program.outside, strict=True) if out]
         where = list(dict.fromkeys(beyond))
-        text_lines.append(
-            f"  {_targets(outside)} where no run says how well they are reached: "
-            + ", ".join(where[:_LISTED])
-            + (" …" if len(where) > _LISTED else "")
-        )
+        listed, they_are = ", ".join(where[:_LISTED]), "it is" if outside == 1 else "they are"
+        head = f"  {targets_in_words(outside)} where no run says how well {they_are} reached"
+        text_lines.append(f"{head}: {listed}{' …' if len(where) > _LISTED else ''}")
     for reason, number in Counter(left_target.reason for left_target in program.left).most_common():
         limit = f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)" if reason == "too_large" else ""
         text_lines.append(f"  left, {number} ×: {WHY[reason]}{limit}")
     text_lines += [
-        f"    {_where(program, left_target)}: {left_target.name} {_why(program, left_target)}"
+        f"    {_place(program, left_target.file, left_target.line)}: {left_target.name} {_why(program, left_target)}"
         for left_target in program.left[:_LISTED]
     ]
     if len(program.left) > _LISTED:
@@ -95,9 +93,10 @@ def _degrees(angles: tuple[float, ...]) -> str:
 def _head(program: CorrectedProgram) -> str:
     """How many targets were corrected, how many left, and how many steps lie between one of each."""
     count, steps = len(program.names), len(program.beside_left_mm)
-    head = f"{program.path.name} ({program.maker}): {_targets(count)} corrected"
+    head = f"{program.path.name} ({program.maker}): {targets_in_words(count)} corrected"
     between = f", {_steps(steps)} from one to the other" if steps else ""
-    return f"{head}, {len(program.left)} places left as they were{between}"
+    places = len(program.left)
+    return f"{head}, {'1 place left as it was' if places == 1 else f'{places} places left as they were'}{between}"
 
 
 def _why(program: CorrectedProgram, left_target: Left) -> str:
@@ -171,16 +170,13 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
     }
 
 
-def _targets(count: int) -> str:
+def targets_in_words(count: int) -> str:
+    """Return how many targets, as in a sentence."""
     return "1 target" if count == 1 else f"{count} targets"
 
 
 def _steps(count: int) -> str:
     return "1 step" if count == 1 else f"{count} steps"
-
-
-def _where(program: CorrectedProgram, left_target: Left) -> str:
-    return _place(program, left_target.file, left_target.line)
 
 
 def _place(program: CorrectedProgram, file: int, line: int) -> str:

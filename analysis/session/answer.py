@@ -15,6 +15,7 @@ from analysis.correction.deviation import Deviation
 from analysis.files.write import holding, write_new
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_laps, circle_of
+from analysis.inference.acts import acts_with
 from analysis.noise.readings import rms
 from analysis.session.processes import Child
 from analysis.session.state import Answer, Deed, PartOfError
@@ -22,6 +23,7 @@ from analysis.traces.loading import Measured, load_measured
 from analysis.traces.tables import CircleTable
 from rigs.calibration import ground_of
 from rigs.rig import Rig
+from rigs.text import as_argument
 
 if TYPE_CHECKING:
     from analysis.inference.result import Diagnosis
@@ -46,7 +48,9 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     runs, elsewhere = ([load_measured(path) for path in paths] for paths in (used, judges))
     diagnosis = analysis.diagnose(runs, rig=rig, unseen=elsewhere)
     written = write(diagnosis, text, directory, in_session=True)
-    words, acts = AnswerWords(diagnosis), ActWords(diagnosis)
+    model = next((path for path in written if path.suffix == ".yaml"), None)
+    named = acts_with(diagnosis.acts, as_argument(model or directory))
+    words, acts = AnswerWords(diagnosis), ActWords(replace(diagnosis, acts=named))
     faults = [part_of(diagnosis, entry) for entry in diagnosis.standing]
     parts = [
         PartOfError(
@@ -59,7 +63,6 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         )
         for entry in diagnosis.budget[:_SHOWN]
     ]
-    model = next((path for path in written if path.suffix == ".yaml"), None)
     return Answer(
         runs=len(used),
         judges=len(judges),
@@ -69,8 +72,8 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         accuracy=f"{words.accuracy} {words.judged}",
         next_step=acts.next,
         parts=tuple(parts),
-        remedies=tuple(acts.sentence(act) for act in diagnosis.acts[1:]),
-        acts=tuple(Deed(kind=act.kind, why=act.why, words=acts.sentence(act)) for act in diagnosis.acts),
+        remedies=tuple(acts.sentence(act) for act in named[1:]),
+        acts=tuple(Deed(kind=act.kind, why=act.why, words=acts.sentence(act)) for act in named),
         next_test=_next_test(diagnosis),
         ground=ground_of(diagnosis.calibrated) if diagnosis.calibrated else "",
         runs_to_decide=diagnosis.runs_to_decide,

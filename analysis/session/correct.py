@@ -114,14 +114,13 @@ def corrected(
         if way == "entries"
         else (targets, between_um, work.after_um, remaining.by_targets_um)
     )
-    at_circle = expected_left(model, pose_u, on_circle, left_um)
+    at_circle, elsewhere = expected_left(model, pose_u, on_circle, left_um), None
+    if other_place:
+        there_um = float(np.hypot(_left_um(other_place, other_place[0].rig, by), beside_um))
+        elsewhere = expected_left(model, pose_u, other_place, there_um)
     expected = {
         "same": at_circle,
-        "elsewhere": expected_left(
-            model, pose_u, other_place, float(np.hypot(_left_um(other_place, other_place[0].rig, by), beside_um))
-        )
-        if other_place
-        else None,
+        "elsewhere": elsewhere,
         "work": Work(
             before_um=round(work.before_um, 1),
             after_um=round(after_um, 1),

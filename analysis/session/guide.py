@@ -56,22 +56,13 @@ class State:
         return replace(self, session=self.session.with_step(number, step.model_copy(update={"tries": tries})))
 
     def skipping(self, purpose: Purpose, why: str) -> State:
-        """Return the state without the open steps of a purpose, but for one that is driven."""
+        """Return the state without the steps of a purpose that were not driven, but for one that is being driven; an
+        empty `why` opens them again."""
         steps = [
             step.model_copy(update={"skipped": why})
-            if step.purpose == purpose and step.is_open and number != self.driving
+            if step.purpose == purpose and step.run is None and number != self.driving
             else step
             for number, step in enumerate(self.session.steps)
-        ]
-        return self.keeping(steps=tuple(steps))
-
-    def reopened(self) -> State:
-        """Return the state with the steps open again that an answer left out, until the place that judges is set up."""
-        if self.session.runs_for("judge") or (self.stage and self.stage != self.session.stages[0].name):
-            return self
-        steps = [
-            step.model_copy(update={"skipped": ""}) if step.skipped == _ANSWERED else step
-            for step in self.session.steps
         ]
         return self.keeping(steps=tuple(steps))
 
@@ -360,22 +351,21 @@ def _answered(state: State, answer: Answer) -> Outcome:
         answer = answer.model_copy(update={"joined": judges})
     changed = state.keeping(answer=answer, judged=answer if answer.judges else session.judged)
     actions: tuple[Action, ...] = (Say(tuple(words.answer_lines(answer, session.answer))),)
-    if session.aim != "faults" or session.answered:
+    is_known = is_answered(changed.session, answer)
+    # More runs may show less for sure: as long as the ball stands where it stood, they go on.
+    is_there = not judges and state.stage in ("", session.stages[0].name)
+    if session.aim != "faults" or session.answered or not (is_known or is_there):
         return changed, actions
-    if is_answered(changed.session, answer):
-        early = changed.skipping("find", _ANSWERED)
-        sentence = "{0}: {1} to find errors {2} left out"
-    else:  # more runs may show less for sure
-        early = changed.reopened()
-        sentence = "the question is open again: {1} to find errors {2} driven after all"
+    early = changed.skipping("find", _ANSWERED if is_known else "")
     if count := abs(len(session.open_steps) - len(early.session.open_steps)):
-        programs, are = counted(count, "further program"), "is" if count == 1 else "are"
-        return early, (*actions, Say((f"  {sentence.format(_ANSWERED, programs, are)}",)))
+        programs = counted(count, "further program is", "further programs are")
+        sentence = f"{_ANSWERED}: {programs} left out" if is_known else f"{_OPEN}: {programs} driven after all"
+        return early, (*actions, Say((f"  {sentence}",)))
     return changed, actions
 
 
-_ANSWERED = "the question is answered"
-"""Why steps are left out."""
+_ANSWERED, _OPEN = "the question is answered", "the question is open again"
+"""Why steps are left out, and why they are driven after all."""
 
 
 def _corrected(state: State, correction: Correction, programs: Mapping[str, str]) -> Outcome:

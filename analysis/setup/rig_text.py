@@ -9,7 +9,7 @@ import datetime as dt
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -25,7 +25,7 @@ from rigs.schema.gauges import Gauge
 from rigs.schema.limits import limits_of_tolerance, shared_limit
 from rigs.schema.part import Part
 from rigs.schema.robot import Pose, Robot
-from rigs.schema.vocabulary import DRIVEN_AXES, MeasuredBy
+from rigs.schema.vocabulary import DRIVEN_AXES, TEST_WITHOUT_GAUGES, MeasuredBy
 from rigs.text import as_argument, plain, the_same
 from rigs.yaml_text import flow, read_yaml
 
@@ -140,7 +140,7 @@ def _of_gauges(answers: Answers, arm: ChosenArm) -> Iterator[str]:
 def _of_tracker(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"# Nominal arm, from {plain(arm.source)}. Where tracker and target are is found from the poses."
     yield robot_text(arm.robot.model_copy(update={"tool": answers.tool or arm.robot.tool})).rstrip()
-    yield from _limits_of("pose", answers.tolerance_mm, arm.repeatability_mm)
+    yield from _limits(answers, arm.repeatability_mm, "tracker")
 
 
 def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
@@ -156,7 +156,7 @@ def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"    touches: {Touch.model_fields['touches'].default}"
     yield "    # One known distance says how large the arm is; measure over both balls (rig parts --over-balls-mm):"
     yield f"    # distances: [{{between: [{', '.join(_SOCKETS)}], distance_mm: 100, u_mm: 0.05}}]"
-    yield from _limits_of("touch", answers.tolerance_mm, arm.repeatability_mm)
+    yield from _limits(answers, arm.repeatability_mm, "sockets")
 
 
 _ARM_LINES: dict[MeasuredBy, Callable[[Answers, ChosenArm], Iterator[str]]] = {
@@ -175,37 +175,25 @@ def _feedback(answers: Answers) -> Iterator[str]:
     yield ""
 
 
-def _limits_of(test: Literal["pose", "touch"], tolerance_mm: float | None, rp_mm: float | None) -> Iterator[str]:
-    """The section `limits` of a test without gauges: the error, rms, that the work allows, and the data sheet's."""
-    if tolerance_mm or rp_mm is not None:
-        yield from ("", "limits:")
-    if tolerance_mm:
-        yield f"  {test}: {flow({'rms_mm': shared_limit(tolerance_mm).model_dump()})} # the error that the work allows"
-    if rp_mm is not None:
-        yield _rp_line(rp_mm)
-
-
-def _rp_line(rp_mm: float) -> str:
-    return f"  data_sheet_rp_mm: {flow(rp_mm)} # pose repeatability by ISO 9283, data sheet"
-
-
-def _limits(answers: Answers, rp_mm: float | None) -> Iterator[str]:
-    """The limits that follow from what the work allows, and the data sheet's; no lines where there are none."""
-    if not answers.tolerance_mm and rp_mm is None:
+def _limits(answers: Answers, rp_mm: float | None, measured_by: MeasuredBy = "gauges") -> Iterator[str]:
+    """The limits that follow from what the work allows, of gauges or of the test without, and the data sheet's; no
+    lines where there are none."""
+    tolerance_mm, test = answers.tolerance_mm, TEST_WITHOUT_GAUGES.get(measured_by)
+    if not tolerance_mm and rp_mm is None:
         return
-    yield ""
-    if answers.tolerance_mm:
+    comment, figures_by_test = "", dict[str, Any]()
+    if tolerance_mm and test:
+        comment = f" # {tolerance_mm:g} mm allowed, rms"
+        figures_by_test = {test: {"rms_mm": shared_limit(tolerance_mm).model_dump()}}
+    elif tolerance_mm:
         radius_mm = answers.circle.radius_mm if answers.circle else Circle.model_fields["radius_mm"].default
-        limits = limits_of_tolerance(answers.tolerance_mm, radius_mm, rp_mm)
-        allowed = f"{answers.tolerance_mm:g}"
-        yield f"limits: # {allowed} mm allowed at the ball; angles are that over the radius, {radius_mm:g} mm"
-        for test, figures in limits.model_dump(exclude_none=True, exclude={"data_sheet_rp_mm"}).items():
-            if figures:
-                yield f"  {test}: {flow(figures)}"
-    else:
-        yield "limits:"
+        comment = f" # {tolerance_mm:g} mm allowed at the ball; angles are that over the radius, {radius_mm:g} mm"
+        limits = limits_of_tolerance(tolerance_mm, radius_mm, rp_mm)
+        figures_by_test = limits.model_dump(exclude_none=True, exclude={"data_sheet_rp_mm"})
+    yield from ("", f"limits:{comment}")
+    yield from (f"  {name}: {flow(figures)}" for name, figures in figures_by_test.items() if figures)
     if rp_mm is not None:
-        yield _rp_line(rp_mm)
+        yield f"  data_sheet_rp_mm: {flow(rp_mm)} # pose repeatability by ISO 9283, data sheet"
 
 
 def _part(part: Gauge | Feedback | Circle, first: tuple[str, ...]) -> Iterator[str]:

@@ -40,6 +40,8 @@ _WAYS: dict[str, Direction] = {
 }  # fmt: skip
 MeasuredBy = Literal["gauges", "tracker", "sockets"]
 """What measures the arm: two gauges and a ball link, a tracker, or a ball that is seated in sockets."""
+TEST_WITHOUT_GAUGES: dict[MeasuredBy, TestName] = {"tracker": "pose", "sockets": "touch"}
+"""The test by which an arm is measured that has no gauges."""
 FEWEST_AXES, DRIVEN_AXES, MOST_AXES = 4, 6, 7
 """The fewest and the most axes that an arm may have, and those of an arm that drives the ball link: a tool takes any
 pose with six, so that circles, their programs and entries of controllers are of so many."""

@@ -9,21 +9,8 @@ from typing import Any
 import numpy as np
 
 from analysis.inference.acts import Act, Against, Cost, NamingTest
-from analysis.inference.result import (
-    Accuracy,
-    BudgetPart,
-    Condition,
-    Curve,
-    Diagnosis,
-    Gap,
-    Map,
-    Named,
-    NextTest,
-    Place,
-    Remainder,
-    ResidualBand,
-    Rival,
-)
+from analysis.inference.residuals import Curve, Map, Place, ResidualBand
+from analysis.inference.result import Accuracy, BudgetPart, Condition, Diagnosis, Gap, Named, NextTest, Remainder, Rival
 from analysis.model.predict import SetUp
 from rigs.effects import Backlash, JointOffset, LinkGeometry
 from rigs.load import load

@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib.figure import Figure
 from typer.testing import CliRunner, Result
 
 from analysis.cli import app
 from analysis.cli.diagnose import say_correct, with_commands_here
 from analysis.inference.result import Diagnosis
 from analysis.reporting.act_words import ActWords
+from analysis.reporting.diagnosis_report import write
 from analysis.traces.loading import Measured
 from rigs.errors import FileError, RigError
 from rigs.load import load
@@ -179,7 +181,8 @@ def test_a_copy_is_no_repeat_and_judges_nothing(cell: Cell, tmp_path: Path) -> N
     [
         (None, "rig diagnose 'my runs/a' -o found"),
         (Path("page.html"), "rig diagnose 'my runs/a' -o found"),
-        (Path("my found"), "rig correct 'my found/cell.yaml' -o D"),
+        (Path("my found"), "rig correct 'my found/paper-fanuc.yaml' -o D"),
+        (Path("cal.yaml"), "rig correct cal.yaml -o D"),
     ],
 )
 def test_the_commands_of_acts_name_the_model_where_the_person_has_it(
@@ -189,6 +192,21 @@ def test_the_commands_of_acts_name_the_model_where_the_person_has_it(
     monkeypatch.setattr("sys.argv", ["rig", "diagnose", "my runs/a"])
     shown = with_commands_here(replace(diagnosis("named"), acts=(LOAD,)), output)
     assert command in ActWords(shown).next and "FOUND" not in ActWords(shown).next
+
+
+def test_no_picture_and_no_page_names_a_directory_that_nobody_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found, pictured = replace(diagnosis("named"), acts=(LOAD,)), list[str]()
+
+    def picture(shown: Diagnosis, **_: bool) -> Figure:
+        pictured.append(ActWords(shown).next)
+        return Figure()
+
+    monkeypatch.setattr("analysis.reporting.diagnosis_picture.picture", picture)
+    write(found, load("paper-fanuc")[1], tmp_path / "found")
+    assert f"rig correct {tmp_path / 'found' / 'paper-fanuc.yaml'} -o D" in pictured[0]
+    assert "rig diagnose RUN… -o found writes the model" in ActWords(found).next
 
 
 @pytest.mark.parametrize("effects", [(), (PLAY,)])

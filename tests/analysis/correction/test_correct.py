@@ -233,7 +233,7 @@ def test_the_command_reports_what_a_play_that_it_leaves_out_does_to_each_target(
     stands = [np.linalg.norm(_stands_mm(q + off) - _stands_mm(sent)) for q, sent in zip(told, TARGETS, strict=True)]
     assert max(stands) < 1e-4
     assert f"effects that are not corrected leave {left_out_mm.max():.3f} mm" in done.stdout
-    assert f"backlash 2 {left_out_mm.max():.3f} mm" in done.stdout
+    assert f"play of axis 2 (W) {left_out_mm.max():.3f} mm" in done.stdout
     found = json.loads(
         CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", f"{out}2", "--json"]).stdout
     )

@@ -89,7 +89,7 @@ def test_targets_that_are_off_are_counted_and_the_worst_is_named() -> None:
     numbers = getattr(table, "target", np.empty(0))[[4, 9]]
     assert (place.test, place.direction, place.joint) == ("radial", None, None)
     assert (place.from_deg, place.to_deg) == (min(numbers), max(numbers))
-    assert place.why.startswith(f"2 of {len(left)} targets") and place.why.endswith(f"worst {numbers[1]}")
+    assert place.why.startswith(f"2 of {len(left)} targets") and place.why.endswith(f"differ, most {numbers[1]}")
 
 
 def test_the_worst_comes_first() -> None:

@@ -11,11 +11,14 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 from rich.console import Console
 
 from analysis.correction.support import supports
 from analysis.inference.acts import Act
-from analysis.inference.result import Condition, Diagnosis, Gap, ResidualBand
+from analysis.inference.residuals import ResidualBand
+from analysis.inference.result import BudgetPart, Condition, Diagnosis, Gap
+from analysis.inference.staircase import Left, Staircase, Step
 from analysis.model.predict import model_of
 from analysis.reporting.diagnosis_picture import picture
 from analysis.reporting.diagnosis_report import hold_empty, write
@@ -77,8 +80,25 @@ def test_the_screen_tells_fault_size_gap_and_remedy() -> None:
         "1. Inspect and repair what causes the play of axis 1 (Theta), 0.0521 ± 0.0011 °. The error then falls from",
         "joint_offset 1 6, link_geometry 6.a, time_lag",
         "joint_offset 5 or link_geometry 5.a",
+        "angle: their difference; a jump is from one side to the other",  # 637 µm stood beside "at most 219 µm"
     ):
         assert words in text, words
+
+
+def test_what_cancels_a_part_has_a_line_of_its_own_below_it() -> None:
+    large, *_ = diagnosis().budget
+    curve_of_2 = BudgetPart("curve", 3.96, 0.26, -0.1, axis=2)
+    both = replace(large, together=(replace(large, um=7.2, u_um=0.2), curve_of_2))
+    text = " ".join(_printed(diagnosis(budget=(both,)), width=160).split())
+    assert "play of axis 1 (Theta), alone 7.2 ± 0.2" in text and "error of axis 2 (W), alone 4.0 ± 0.3" in text
+    assert both.to_dict()["cancelled"] == ("curve 2",) and len(both.to_dict()["together"]) == 2
+
+
+def test_a_bar_has_the_figures_of_all_places_in_their_order() -> None:
+    """That of the runs used stood to the right of the mark of the runs held out, and seemed to be theirs."""
+    steps = (Step((), Left(116.2, 1.0), Left(126.0, 2.0)), Step((0,), Left(2.8, 1.0), Left(3.1, 2.0)))
+    drawn = picture(diagnosis(staircase=Staircase(steps), **NO_PICTURE)).findobj(Text)
+    assert {"116.2 ± 1.0 · 126.0 ± 2.0", "2.8 ± 1.0 · 3.1 ± 2.0"} <= {text.get_text() for text in drawn}
 
 
 def test_an_open_name_shows_its_rivals_with_twice_their_uncertainty() -> None:
@@ -206,6 +226,16 @@ def test_a_circle_is_shown_in_the_part_that_disagrees_most() -> None:
     assert strand.part == "angle" and left_out == 0  # g1 and g2 of the curve have opposite signs
     (strand, *_), _ = strands_of(diagnosis())
     assert strand.part == "distance" and [place.from_deg for place in strand.places] == [352.0]
+
+
+def test_every_place_of_what_is_drawn_is_shaded_a_whole_lap_too() -> None:
+    """The caption says so, and a picture of a gap of sixty times the noise had nothing shaded."""
+    shaded = {chart.title: chart.shaded for chart in diagnosis_charts(diagnosis(), texts_of("en"))}
+    (roll,) = (stretches for title, stretches in shaded.items() if "roll acw" in title)
+    assert roll == ((0.0, 360.0),)
+    found = diagnosis(where=PLACES[:2])
+    (both,) = (chart.shaded for chart in diagnosis_charts(found, texts_of("en")) if "yaw cw" in chart.title)
+    assert both == ((231.4, 243.0),)
 
 
 def test_circles_of_two_places_are_told_apart_by_their_titles() -> None:

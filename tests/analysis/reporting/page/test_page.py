@@ -135,7 +135,11 @@ def test_runs_that_show_nothing_are_not_called_faultless(report: Report) -> None
 def test_what_stays_has_a_row_for_each_thing_that_it_was_held_against(report: Report) -> None:
     looked = (Looked("posture", 0.004), Looked("approach", 0.31), Looked("temperature", None))
     found = diagnosis("named", curves=(), maps=(), remains=Remains(108.0, 25.0, looked))
-    text = _text(rendered(replace(report, results=report.results[-1:], found=found), texts_of("en")))
+    last = report.results[-1]
+    manifest = last.measured.run.manifest.model_copy(update={"placement": last.test})
+    last = replace(last, measured=replace(last.measured, run=replace(last.measured.run, manifest=manifest)))
+    text = _text(rendered(replace(report, results=(last,), found=found), texts_of("en")))
+    assert f"· {last.test} " not in text, "a place that is named as its test is said once"
     assert "108 µm stay beside all that the model knows; the readings scatter by 25" in text
     assert "it goes with: the side from which joints came 31 %. Looked for and not found: the posture." in text
     rows = "the posture nothing the side from which joints came 31 % temperature not known of these runs"
