@@ -22,6 +22,7 @@ from rigs.schema.effect import AT_AXIS, is_play, size_field
 from rigs.schema.scene import Stage
 
 _MOST_LISTED = 4
+"""Effects that one line lists; of more it gives the number."""
 _OPTION = "--nm-per-a"
 _SPRING = "deg_per_Nm"
 """The size of an effect that turns a joint in proportion to its torque, as a spring does."""

@@ -421,7 +421,7 @@ class Diagnosis(Tabular):
 
     @property
     def is_testable(self) -> bool:
-        """Whether the runs can show effects; where they cannot, nobody knows what a calibration by them leaves."""
+        """Whether the runs can show effects; where they cannot, what a calibration by them leaves is unknown."""
         return self.condition != "not_testable_here"
 
     @property

@@ -187,7 +187,7 @@ def ask_tolerance(answers: Answers, options: Options, dialogue: Dialogue) -> Ans
 
 
 def take_options(answers: Answers, options: Options, _: Dialogue) -> Answers:
-    """Take tool and tolerance as far as they are given, which nobody is asked for where no gauges measure."""
+    """Take tool and tolerance as far as they are given; where no gauges measure, neither is asked for."""
     tool = _pose(options.tool) if options.tool else answers.tool
     tolerance_mm = answers.tolerance_mm if options.tolerance_mm is None else options.tolerance_mm
     return answers.model_copy(update={"tool": tool, "tolerance_mm": tolerance_mm})

@@ -1,7 +1,7 @@
 """The daemon: a reader for each link, one recorder, a control socket, and notifications to the service manager.
 
-The service manager is told by systemd's notify protocol, datagrams to $NOTIFY_SOCKET (sd_notify(3)); where there is
-none nobody is.
+Notifications follow systemd's protocol, datagrams to $NOTIFY_SOCKET (sd_notify(3)); where there is no socket, none is
+sent.
 
 A live view gets the latest samples of every stream in one bounded answer, whatever the rates. It asks some ten times a
 second and names the last sample that it has of each stream. It gets at most `MOST` newer ones, evenly thinned, since

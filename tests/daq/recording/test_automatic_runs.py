@@ -118,6 +118,7 @@ def test_a_silent_gauge_is_why_nothing_started(cell: Bench) -> None:
     cell.motion.mm["g2"] = OFF
     cell.start()
     cell.until(lambda state: state["automatic"]["signal"] == 0)
+    cell.until(lambda state: state["streams"]["g1_g2"]["age_s"].get("g1_mm", 9) < 1)
     cell.motion.program = 1
     state = cell.until(lambda state: state["automatic"]["refused"] == 1)
     assert state["recording"] is None and "yaw cw" in state["automatic"]["why_not"]
