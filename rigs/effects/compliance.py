@@ -50,7 +50,7 @@ class Compliance(Effect):
     DEED = "enter"
     PART = "gravity"
     PLACE = AT_AXIS
-    FREE = (FreeShape("payload_kg", _HANGS_KG, 7.0, tried=(_HEAVY_KG,)),)
+    FREE = (FreeShape("payload_kg", _HANGS_KG, 7.0, tried=(_HEAVY_KG,), low=0.0),)
     MOST = 1000.0
     """Chosen: as soft as a rig file may state an axis (0.05 °/Nm, a spring of 1.1 kNm/rad). Joints of light arms are
     softer by far than those of machines, whose sizes are the healthy ones: fits of FR3 arms ended at 0.006 of 0.018."""
