@@ -265,7 +265,7 @@ class Budget:
         result = self.result
         gain = result.posterior.gains(forms, result.state.level)[0]
         best: dict[str, int] = {}
-        for k in np.argsort(-gain).tolist():
+        for k in np.argsort(-gain.round(6), kind="stable").tolist():  # of equals the first, whatever the last digit
             if np.isfinite(gain[k]):
                 best.setdefault(forms[k].name, k)
         if not best:
