@@ -21,9 +21,9 @@ WEIGHT = np.where(BAND == 0, 1.0, 0.4)
 WEIGHT[40:] *= RNG.uniform(0.3, 1.0, 20)
 GEAR = tuple(TransmissionError(axis=1, order=3, amplitude_deg=0.002, phase_deg=phase) for phase in (0.0, 90.0))
 FORMS = (
-    Form("joint_offset 2", (JointOffset(axis=2, offset_deg=0.01),), 1.0, columns=(0,), among=1),
-    Form("joint_offset 3", (JointOffset(axis=3, offset_deg=0.01),), 1.0, columns=(1,), among=1),
-    Form("transmission_error 1", GEAR, 1.0, columns=(2, 3), among=1),
+    Form("joint_offset 2", (JointOffset(axis=2, offset_deg=0.01),), 1.0, columns=(0,)),
+    Form("joint_offset 3", (JointOffset(axis=3, offset_deg=0.01),), 1.0, columns=(1,)),
+    Form("transmission_error 1", GEAR, 1.0, columns=(2, 3)),
 )
 VARIANCE = np.array([1.0, 0.0, 0.5, 0.5, 100.0, 100.0, 1.0, 1.0, 2.0])
 EXPECTED = np.array([0.8, 0.0, -0.3, 0.4, 0.0, 0.0, 0.0, 0.2, 0.0])
@@ -161,7 +161,7 @@ def test_sigma_is_what_the_readings_say_without_a_healthy_prior() -> None:
 
 
 def test_a_size_that_cannot_be_negative_is_no_fault_the_wrong_way() -> None:
-    play = Form("backlash 2", (Backlash(axis=2, width_deg=0.01),), 1.0, columns=(0,), among=1)
+    play = Form("backlash 2", (Backlash(axis=2, width_deg=0.01),), 1.0, columns=(0,))
     background = background_of(columns_of(X, BAND, (play,)), WEIGHT, VARIANCE)
     for sign, is_seen in ((1.0, True), (-1.0, False)):
         posterior = background.posterior(
