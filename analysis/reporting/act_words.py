@@ -37,8 +37,17 @@ class ActWords:
     def sentence(self, act: Act) -> str:
         """An act in full: what to do, what that removes, and what speaks against it."""
         against = self.against(act)
-        sentence = " ".join(filter(None, [self.what(act), self.removes(act)]))
+        instead = self.texts("act_instead") if self._is_instead(act) else ""
+        sentence = " ".join(filter(None, [self.what(act), self.removes(act), instead]))
         return f"{sentence.removesuffix('.')} ({against})." if against else sentence
+
+    def _is_instead(self, act: Act) -> bool:
+        """Whether it changes the arm that a correction before it in the list is made for."""
+        acts = self.diagnosis.acts
+        before = acts[: acts.index(act)] if act in acts else acts
+        return act.kind in ("remaster", "enter", "repair", "mount") and any(
+            earlier.kind == "load" for earlier in before
+        )
 
     def what(self, act: Act) -> str:
         """What to do, as a sentence."""
@@ -71,12 +80,13 @@ class ActWords:
             return ""
         before = act.removes_um + act.remains_um
         change = act.removes_um / before if before > 0 else 0.0
+        falls = "act_load_changes" if act.kind == "load" else "act_changes"
         key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
         uncovered = self._uncovered(act)
         sentences = [self.texts("act_uncovers", others=uncovered)] if uncovered else []
         sentences += [
             self.texts(
-                "act_changes" if act.removes else f"act_{key}", before=micrometres(before),
+                falls if act.removes else f"act_{key}", before=micrometres(before),
                 after=within(act.remains_um, act.remains_u_um), place=self.texts(f"place_{act.place}"),
             )
         ]  # fmt: skip

@@ -118,11 +118,11 @@ def _mm(um: float) -> str:
 def _never_both(corrections: Corrections) -> str:
     """Which controller corrected targets are for, since entries and targets together correct twice."""
     if not corrections.at_controller:
-        return " A controller gets corrected programs or values that are entered, never both, which corrects twice."
+        return " Corrected programs, entered values or a re-mastered axis: only one of them, as two correct twice."
     if not corrections.at_controller.entries:
         return ""
     if not corrections.path:
-        return " Programs and targets then stay as they are: never correct both, which corrects twice."
+        return " Programs, targets and mastering then stay as they are, as two corrections correct twice."
     state = (
         "that has these values already: it holds the rest"
         if corrections.entered

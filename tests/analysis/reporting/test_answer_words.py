@@ -174,6 +174,14 @@ def test_an_axis_is_called_by_its_number_and_by_its_name_where_that_says_more(la
         assert ("(" in texts.axis(robot.model_copy(update={"axes": axes}), 4)) == says_more, name
 
 
+def test_what_changes_the_arm_is_done_instead_of_a_correction_and_not_after_it() -> None:
+    load = Act("load", "correction", (0,), 9.0, 1.0, remains_um=1.0, remains_u_um=0.5)
+    repair = Act("repair", "fault", (0,), 8.0, 1.0, remains_um=2.0, remains_u_um=0.5, effect=PLAY.effect)
+    words = [ActWords(diagnosis(acts=acts)).sentence(repair) for acts in ((load, repair), (repair, load))]
+    assert ["instead of the correction" in sentence for sentence in words] == [True, False]
+    assert "With corrected programs the error" in ActWords(diagnosis(acts=(load,))).next
+
+
 def test_who_entered_the_zeros_is_not_sent_to_master_again() -> None:
     assert is_done("remaster", "fault", way="entries", elsewhere=True)
     assert not is_done("remaster", "fault", way="programs", elsewhere=True)

@@ -75,7 +75,7 @@ def test_the_page_says_the_hidden_play_before_anything_else(page: str) -> None:
     first = text[text.index("Verdict") :][:1500]
     play = r"play of axis 1 \(base\) \(0\.00(79|80)\d* ± 0\.000[01]\d* °"
     assert re.search(rf"Condition: .*?% of the error comes from {play}", first)
-    assert "Then, in this order" in first and "how the joint came" not in first
+    assert "What else there is to do, in this order" in first and "how the joint came" not in first
     headings = ("Condition:", "Accuracy:", "Next:", "What makes the error", "Figures against their limits", "Trace")
     places = [text.index(heading) for heading in headings]
     assert places == sorted(places)
@@ -112,7 +112,8 @@ def test_the_trace_has_the_hash_of_each_file(page: str, runs: list[Path]) -> Non
 
 
 @pytest.mark.parametrize(
-    ("language", "words"), [("de", "Danach, in dieser Reihenfolge"), ("ko", "그다음, 이 순서대로")]
+    ("language", "words"),
+    [("de", "Was es sonst zu tun gibt, in dieser Reihenfolge"), ("ko", "그 밖에 할 일, 이 순서대로")],
 )
 def test_fixed_texts_are_in_the_language_asked_for(report: Report, language: str, words: str) -> None:
     text = rendered(replace(report, results=report.results[-1:]), texts_of(language))  # type: ignore[arg-type]
