@@ -50,6 +50,7 @@ from analysis.inference.verdict import (
     runs_to_decide,
     shows_time,
     standing_of,
+    standing_within,
     without_useless,
 )
 from analysis.kinematics.arm import Array, rail_mm
@@ -192,7 +193,9 @@ def diagnose(
     named = [replace(name, alone_um=fitted.left_um([name.effect])) if name.stands or given else name for name in named]
     named.sort(key=lambda name: (not name.stands, -name.worth_um))
     early = early_readings(result)
-    judged = accuracy_of(gaps, *(standing_of(rig, used) if tolerance_um is None else (None, None)), tolerance_um)
+    judged = accuracy_of(
+        gaps, *(standing_of(rig, used) if tolerance_um is None else standing_within(tolerance_um, fitted))
+    )
     diagnosis = _diagnosis_of(rig, result, (whole, gaps), named, changes, judged, early=bool(early))
     diagnosis = replace(diagnosis, given=given is not None)
     written = [name.effect for name in diagnosis.written]

@@ -405,15 +405,18 @@ def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: flo
     )  # fmt: skip
 
 
+def standing_within(tolerance_um: float, used: FittedRuns) -> tuple[Standing, Literal["tolerance"]]:
+    """Return how the arm as it drives, without the model of its rig file, stands against a tolerance of the residuals
+    (m, k), rms."""
+    bare = [replace(run, model=replace(run.model, effects=())) for run in used.runs]
+    return "pass" if FittedRuns(bare).left_um(()) <= tolerance_um else "fail", "tolerance"
+
+
 def accuracy_of(
-    gaps: Gaps, standing: Standing | None, limit: Literal["rig_file", "data_sheet"] | None, tolerance_um: float | None
+    gaps: Gaps, standing: Standing | None, limit: Literal["tolerance", "rig_file", "data_sheet"] | None
 ) -> Accuracy:
-    """Return the error now and after the calibration, where it had no part if runs of such a place were given; judged
-    by the tolerance, or else by the limits of the rig file, as they stand."""
+    """Return the error now and after the calibration, where it had no part if runs of such a place were given."""
     place: JudgedOn = "unseen" if gaps.unseen else "held_out" if gaps.held_out else "used"
     judged = gaps.unseen or gaps.held_out or gaps.train
     largest = max((tested.before_largest_um for tested in gaps.train.tests), default=gaps.train.before_um)
-    judged_by: Literal["tolerance", "rig_file", "data_sheet"] | None = limit
-    if tolerance_um is not None:
-        standing, judged_by = "pass" if gaps.train.before_um <= tolerance_um else "fail", "tolerance"
-    return Accuracy(standing, judged_by, gaps.train.before_um, largest, judged.calibrated_um, judged.before_um, place)
+    return Accuracy(standing, limit, gaps.train.before_um, largest, judged.calibrated_um, judged.before_um, place)

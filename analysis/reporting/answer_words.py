@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 from analysis.inference.act_list import LEAST_SHARE
-from analysis.inference.acts import Doubt
 from analysis.inference.result import CERTAIN_ODDS, LARGE_SHARE, BudgetPart, Diagnosis, Named, is_sure, is_there
 from analysis.reporting.diagnosis_words import (
     LEAST_ODDS,
@@ -71,12 +70,17 @@ def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart
     return [part for part in diagnosis.budget if part not in small], small
 
 
+def _has_model(diagnosis: Diagnosis) -> bool:
+    """Whether the rig file holds effects or a calibration, which the robot drives without."""
+    return diagnosis.rig.calibrated is not None or bool(diagnosis.rig.effects)
+
+
 def is_complete(diagnosis: Diagnosis) -> bool:
     """Whether nothing is missing in a model that was calibrated, or holds effects, before: scatter is all but less than
     a tenth of what is left, from which a part has an act."""
-    has_model = diagnosis.rig.calibrated is not None or bool(diagnosis.rig.effects)
     scatter = sum(part.share for part in diagnosis.budget if part.kind == "scatter")
-    return has_model and diagnosis.condition in ("uncalibrated", "nothing_unusual") and scatter > 1 - LEAST_SHARE
+    no_fault = diagnosis.condition in ("uncalibrated", "nothing_unusual")
+    return _has_model(diagnosis) and no_fault and scatter > 1 - LEAST_SHARE
 
 
 def fields_of(effect: Effect) -> dict[str, Any]:
@@ -113,7 +117,7 @@ class AnswerWords:
     def accuracy(self) -> str:
         """The error now, and what the calibration leaves of it where it had no part, or on the runs used."""
         accuracy = self.diagnosis.accuracy
-        model = "error_corrected" if self.diagnosis.rig.calibrated else "error_now"
+        model = "error_corrected" if _has_model(self.diagnosis) else "error_now"
         now = self.texts(model, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
         values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
         if is_complete(self.diagnosis) and accuracy.place == "used":
@@ -123,14 +127,12 @@ class AnswerWords:
 
     @property
     def judged(self) -> str:
-        """How the error now stands against its limits. Those of a rig file or a data sheet are of the arm as it drives:
-        a calibration corrects targets, and no measured run was driven with them."""
+        """How the error stands against limits: of the arm as it drives, since no run was driven with corrections."""
         accuracy = self.diagnosis.accuracy
         if accuracy.standing is None or accuracy.limit is None:
             return self.texts("accuracy_not_judged")
         by = self.texts(f"limit_{accuracy.limit}")
-        corrected = self.diagnosis.rig.calibrated and accuracy.limit != "tolerance"
-        which = "accuracy_uncorrected" if corrected else "accuracy_judged"
+        which = "accuracy_uncorrected" if _has_model(self.diagnosis) else "accuracy_judged"
         return self.texts(which, standing=self.texts(f"standing_{accuracy.standing}"), by=by)
 
     def part_name(self, part: BudgetPart) -> str:
@@ -187,7 +189,11 @@ class AnswerWords:
             return ""
         single = any(part.index is not None for part in large_parts(diagnosis))
         which: str = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
-        which = "nothing_missing" if is_complete(diagnosis) else which
+        if is_complete(diagnosis):
+            where = diagnosis.where
+            values |= {"count": len(where), "largest": micrometres(max((place.rms_um for place in where), default=0.0))}
+            beside = "nearly_complete" if where else "nothing_missing"
+            which = beside if diagnosis.repeated and len(diagnosis.runs) > 1 else "nothing_shows"
         # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
@@ -260,8 +266,3 @@ def part_of(diagnosis: Diagnosis, named: Named) -> BudgetPart | None:
     return next(
         (part for part in diagnosis.budget if part.index is not None and diagnosis.effects[part.index] is named), None
     )
-
-
-def doubt_words(doubt: Doubt, texts: Texts) -> str:
-    """Why the diagnosis does not stand by an effect."""
-    return texts(f"doubt_{doubt}")

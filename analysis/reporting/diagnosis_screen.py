@@ -15,7 +15,7 @@ from analysis.inference.residuals import Place
 from analysis.inference.result import Condition, Diagnosis
 from analysis.inference.state import FAULT
 from analysis.reporting.act_words import ActWords, acts_in_words
-from analysis.reporting.answer_words import AnswerWords, doubt_words, shown_parts
+from analysis.reporting.answer_words import AnswerWords, shown_parts
 from analysis.reporting.diagnosis_words import (
     beside_size,
     beside_u,
@@ -123,7 +123,7 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
         if named.doubt is not None and named.doubt != "usual":
             by_reason.setdefault(named.doubt, []).append(f"{label_of(named.effect)} ({named.worth_um:.1f} µm)")
     doubted = [
-        Text(f"no fault, {doubt_words(why, texts_of('en'))}: {', '.join(names)}", style="dim")
+        Text(f"no fault, {texts_of('en')(f'doubt_{why}')}: {', '.join(names)}", style="dim")
         for why, names in by_reason.items()
     ]
     if not diagnosis.written:

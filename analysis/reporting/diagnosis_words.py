@@ -51,12 +51,6 @@ def beside_size(named: Named) -> list[str]:
     ]
 
 
-def remedy(named: Named) -> str:
-    """What to do about a name, and which others it may be instead."""
-    others = " or ".join(rival_names(named))
-    return f"only if it is not {others}: {named.remedy}" if others else named.remedy
-
-
 def rival_names(named: Named) -> list[str]:
     """The names of the rivals of a name that cannot be dismissed."""
     return [name_of(rival.effect) for rival in likely_rivals(named)]

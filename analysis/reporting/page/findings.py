@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from analysis.inference.result import BudgetPart, Diagnosis, Named, Rival
-from analysis.reporting.answer_words import AnswerWords, doubt_words, fields_of, part_of, shown_parts
+from analysis.reporting.answer_words import AnswerWords, fields_of, part_of, shown_parts
 from analysis.reporting.diagnosis_words import beside_u, likely_rivals, micrometres, percent, size, sure
 from analysis.reporting.stairs import left_words, stairs_of
 from analysis.reporting.texts import Texts
@@ -130,7 +130,7 @@ def budget_rows(diagnosis: Diagnosis, texts: Texts) -> list[BudgetRow]:
 
 def _budget_row(part: BudgetPart, words: AnswerWords, share: str, width: float) -> BudgetRow:
     texts = words.texts
-    doubt = [doubt_words(part.doubt, texts)] if part.doubt and part.doubt != "usual" else []
+    doubt = [texts(f"doubt_{part.doubt}")] if part.doubt and part.doubt != "usual" else []
     return BudgetRow(
         part=words.part_name(part),
         beside=tuple(filter(None, [words.size_of(part), *doubt, *words.alone(part.together)])),

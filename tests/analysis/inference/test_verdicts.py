@@ -21,7 +21,8 @@ from analysis.inference.refine import size_limits
 from analysis.inference.responses import Linearisation
 from analysis.inference.result import Diagnosis, Named
 from analysis.inference.search import SearchResult
-from analysis.inference.verdict import without_useless
+from analysis.inference.setups import FittedRuns
+from analysis.inference.verdict import standing_within, without_useless
 from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.diagnosis_screen import as_screen
 from analysis.simulation.simulate import simulate
@@ -232,6 +233,14 @@ def test_a_tolerance_judges_the_accuracy_and_a_zero_that_is_off_stays_named(tole
     assert found.condition == "named"
     one = next(one for one in found.effects if name_of(one.effect) == "joint_offset 3")
     assert one.stands and 60 < one.worth_um < 600
+
+
+def test_a_tolerance_judges_the_arm_as_it_drives_without_the_model_of_its_rig_file() -> None:
+    holds = RIG.model_copy(update={"effects": HIDDEN["joint_offset 3"]})
+    (runs,), _ = prepare_runs(holds, circles(HIDDEN["joint_offset 3"], seed=14)[:1])
+    used = FittedRuns(runs)
+    assert used.left_um(()) < 30 and standing_within(30.0, used) == ("fail", "tolerance")
+    assert standing_within(1000.0, used) == ("pass", "tolerance")
 
 
 @pytest.mark.usefixtures("searched_once")

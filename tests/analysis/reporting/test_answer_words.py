@@ -10,7 +10,8 @@ import pytest
 from analysis.inference.acts import Act, Against, Cost, Doubt, JudgedOn, NamingTest, Objection, is_done
 from analysis.inference.result import BudgetPart, Condition, Member
 from analysis.reporting.act_words import ActWords, acts_in_words
-from analysis.reporting.answer_words import AnswerWords, doubt_words
+from analysis.reporting.answer_words import AnswerWords
+from analysis.reporting.diagnosis_words import micrometres
 from analysis.reporting.texts import LANGUAGES, Language, texts_of
 from rigs.effects import VOCABULARY
 from rigs.schema.effect import PartKind
@@ -32,7 +33,7 @@ def test_every_condition_has_its_sentences_in_every_language(condition: Conditio
     for sentence in (words.headline, words.accuracy, words.judged, *acts, words.texts(f"badge_{condition}")):
         assert len(sentence) > 2 and not {"{", "}"} & set(sentence) and "None" not in sentence
     for doubt in get_args(Doubt):
-        assert doubt_words(doubt, words.texts)
+        assert words.texts(f"doubt_{doubt}")
 
 
 def test_a_fault_is_in_the_first_sentence_with_its_size_and_what_it_makes_of_the_error() -> None:
@@ -44,6 +45,31 @@ def test_a_fault_is_in_the_first_sentence_with_its_size_and_what_it_makes_of_the
     )
     many = AnswerWords(diagnosis("named", effects=(PLAY, PLAY, PLAY, PLAY, PLAY)))
     assert many.headline.startswith("5 faults were found: ") and many.headline.endswith("; and 2 more.")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_what_a_rig_file_corrects_is_not_in_the_arm_until_it_is_loaded(language: Language) -> None:
+    held, texts = diagnosis("nothing_unusual"), texts_of(language)
+    judged = replace(held.accuracy, standing="fail", limit="tolerance")
+    held = replace(held, accuracy=judged, rig=held.rig.model_copy(update={"effects": (PLAY.effect,)}))
+    words = AnswerWords(held, texts)
+    assert words.judged == texts("accuracy_uncorrected", standing=texts("standing_fail"), by="--tolerance-um")
+    left = {"now": micrometres(judged.now_um), "largest": micrometres(judged.now_largest_um)}
+    assert words.accuracy.startswith(texts("error_corrected", **left))
+
+
+def test_nothing_is_missing_only_where_runs_repeat_and_no_place_differs() -> None:
+    """Of one run that is read once, what is left may repeat in every run; of more, places may differ still."""
+    scatter = BudgetPart("scatter", 28.0, 0.0, 0.98)
+    found = diagnosis("nothing_unusual", effects=(), budget=(scatter,), runs=("a", "b"), repeated=True)
+    found = replace(found, rig=found.rig.model_copy(update={"effects": (PLAY.effect,)}))
+    for change, begins in (
+        ({"where": ()}, "Nothing is missing in the model"),
+        ({}, f"Little is missing in the model: most of what is left differs from run to run, and {len(found.where)} "),
+        ({"where": (), "runs": ("a",)}, "Nothing more that is missing in the model shows here"),
+        ({"where": (), "repeated": False}, "Nothing more that is missing in the model shows here"),
+    ):
+        assert AnswerWords(replace(found, **change)).headline.startswith(begins)
 
 
 def test_a_usual_part_that_makes_most_of_the_error_is_said_whatever_the_condition() -> None:
