@@ -50,8 +50,6 @@ _Scale = Annotated[
         "the controller reckons with; default: changes are given in degrees of the reading.",
     ),
 ]
-
-
 _Programs = Annotated[
     list[Path] | None,
     typer.Option(
@@ -79,7 +77,6 @@ _Frames = Annotated[
         "form; can be repeated; default: none.",
     ),
 ]
-
 _Start = Annotated[
     str | None,
     typer.Option(

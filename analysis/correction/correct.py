@@ -124,17 +124,18 @@ def correct_rig(
         for program in programs.paths
     )
     for program in filtered:
-        _hold_maker(program, controller or rig.maker)
+        _hold_maker(program, rig, controller or rig.maker)
     work = _work(rig, supported)
     effects, numbers = tuple(supported), (tuple(zeros), tuple(constants))
     return Corrections(rig, effects, *numbers, work, targets, entries, entered, filtered, of_model)
 
 
-def _hold_maker(program: CorrectedProgram, maker: MakerName | None) -> None:
+def _hold_maker(program: CorrectedProgram, rig: Rig, maker: MakerName | None) -> None:
     """Raise FileError for a program of another maker's robot."""
     if maker and program.maker != maker:
         of, robot = (maker_by(name).controller.maker for name in (program.maker, maker))
-        problem = f"is a program for {of}, and the robot of the rig file is one of {robot}"
+        whose = "the robot of the rig file is one of" if maker == rig.maker else "--for says"
+        problem = f"is a program for {of}, and {whose} {robot}"
         remedy = f"give a program of this robot, or --for {program.maker} where such a controller drives it"
         raise FileError(str(program.path), problem, remedy)
 
