@@ -109,11 +109,11 @@ def correct_rig(
     if (rig.robot.rail or len(rig.robot.axes) != DRIVEN_AXES) and (controller or programs.paths):
         problem = f"{arm}: controllers' entries and programs are known of arms of six axes that stand"
         raise UseError("--for, --program", problem, "give joint targets with --path")
-    if entered and not (path and controller):
-        raise UseError("--entered", "needs --path, and --for or a feedback that names it", "give both")
     if entered and programs.paths:
         problem = "is for --path; --program is for a controller without its entries"
         raise UseError("--entered", problem, "give one of them")
+    if entered and not (path and controller):
+        raise UseError("--entered", "needs --path, and --for or a feedback that names it", "give both")
     supported = supports(rig)
     entries = controller_entries(rig, supported, controller, scale) if controller and not programs.paths else None
     of_model = tuple(supports_beside(rig))

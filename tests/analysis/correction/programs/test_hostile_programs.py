@@ -146,7 +146,9 @@ def test_the_command_writes_the_program_beside_what_it_says(tmp_path: Path, cell
     assert again.returncode == 3 and "exists already" in again.stderr
     beside = ran("correct", cell, "--program", path, "-o", tmp_path)
     assert beside.returncode == 3 and "exists already" in beside.stderr and path.read_bytes() == given
-    found_json = json.loads(ran("correct", cell, "--program", path, "-o", f"{out}2", "--json").stdout)
+    whole = ran("correct", cell, "--program", path, "-o", f"{out}2", "--json", "--all-or-nothing")
+    assert whole.returncode == 3 and "a.script: is not written: places" in whole.stderr and "next:" not in whole.stderr
+    found_json = json.loads(whole.stdout)
     assert found_json["programs"][0]["targets"][0]["line"] == 1
 
 
@@ -224,6 +226,7 @@ def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path:
     assert yaml.safe_load((out / "corrections.yaml").read_text())["verdict"] == "nothing"
     assert ran("correct", cell, "--program", path, "-o", tmp_path / "anyway", "--anyway").returncode == 0
     assert "written although rig says" in (tmp_path / "anyway" / "a.script").read_text()
+    assert "next:" not in ran("correct", cell, "-o", tmp_path / "bare", "--anyway").stderr
 
 
 def test_beside_a_corrected_program_there_are_no_values_to_enter(tmp_path: Path, cell: Path) -> None:
