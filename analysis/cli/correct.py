@@ -128,10 +128,9 @@ def correct(
     rig, _ = load(rig_file)
     hold_verdict(rig, rig_file, anyway=anyway)
     maker = maker or maker_of(rig.feedback.interface)
-    factors = scale_of(scale)
     with named_by(rig_file, rig), progress_of("correcting"):
         asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole, start_of(start))
-        corrections = correct_rig(rig, path, maker, factors, entered=entered, programs=asked)
+        corrections = correct_rig(rig, path, maker, scale_of(scale), entered=entered, programs=asked)
         refused = bool(path or programs) and not corrections.work.gains and not anyway
         if refused:
             corrections = replace(corrections, path=None, programs=())
