@@ -28,8 +28,8 @@ def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
         better = entries.carried_by_targets_um >= _REPORTED_UM
         instead = f"corrected targets (--path) leave {targets}" if better else "leave the targets as they are, too"
         return (
-            f"Nothing is to be entered at this {maker} controller: with frame and tool taught with the robot its "
-            f"parameters take away nothing of the tool's {entries.before_um:.0f} µm over the work for certain; "
+            f"Nothing is to be entered at this {maker} controller: with frame and tool taught with the robot "
+            f"nothing shows that its parameters take away any of the tool's {entries.before_um:.0f} µm over the work; "
             f"{instead}.{base_note(entries.base_u_um, entries.by_targets_um)}"
         )
     count = "the value" if len(entries.entries) == 1 else f"the {len(entries.entries)} values"

@@ -277,7 +277,7 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     head = "".join(f"# {line}\n" for line in lines)
     has_targets = bool(corrections.path or corrections.programs)
     if why := why_not(corrections) if has_targets else why_nothing(corrections.rig):
-        head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why}.\n"
+        head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why.removeprefix('correct nothing by this model: ')}.\n"
     text = head + yaml.safe_dump(contents, sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}
     if corrections.constants:
