@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +11,6 @@ from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, RunsElsewhere, location
-from rigs.text import as_argument
 
 
 @command(app, "rig calibrate runs/* -o better.yaml")
@@ -63,8 +61,7 @@ def calibrate(
     if as_json:
         say_json(diagnosis.to_dict())
     else:
-        again = (*map(as_argument, sys.argv[1:]), "-o", "calibrated.yaml")
-        PlainConsole().print(as_screen(with_commands_here(diagnosis, output, again)))
+        PlainConsole().print(as_screen(with_commands_here(diagnosis, output, to="calibrated.yaml")))
     for path in write_model(diagnosis, text, output) if output else ():
         say(f"wrote {path}", err=True)
     if output:

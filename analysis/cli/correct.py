@@ -50,8 +50,6 @@ _Scale = Annotated[
         "the controller reckons with; default: changes are given in degrees of the reading.",
     ),
 ]
-
-
 _Programs = Annotated[
     list[Path] | None,
     typer.Option(
@@ -79,7 +77,6 @@ _Frames = Annotated[
         "form; can be repeated; default: none.",
     ),
 ]
-
 _Start = Annotated[
     str | None,
     typer.Option(
@@ -131,10 +128,9 @@ def correct(
     rig, _ = load(rig_file)
     hold_verdict(rig, rig_file, anyway=anyway)
     maker = maker or maker_of(rig.feedback.interface)
-    factors = scale_of(scale)
     with named_by(rig_file, rig), progress_of("correcting"):
         asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole, start_of(start))
-        corrections = correct_rig(rig, path, maker, factors, entered=entered, programs=asked)
+        corrections = correct_rig(rig, path, maker, scale_of(scale), entered=entered, programs=asked)
         refused = bool(path or programs) and not corrections.work.gains and not anyway
         if refused:
             corrections = replace(corrections, path=None, programs=())
@@ -150,15 +146,18 @@ def correct(
         problem = "corrected targets take away no error over the work, so none are written"
         raise FileError(rig_file, problem, "leave targets and programs as they are; --anyway writes them")
     if corrections.work.gains or anyway:
-        _say_next(rig_file, rig, maker, directory, corrected, has_targets=bool(path or programs))
+        settled = bool(path or programs or correction_report.why_not(corrections))
+        both = bool(corrections.at_controller and corrections.at_controller.entries) and not entered
+        _say_next(rig_file, rig, maker, directory, corrected, settled=settled, both=both)
     for program in corrections.programs:
         if start and program.start is None:
             say(f"{program.path.name}: no target takes its posture from --start-joints", err=True)
-    if programs:
+    if not all(program.held for program in corrections.programs):
         say("next: compare each program with the original line by line; nothing was sent to a robot", err=True)
-        first = "      a person runs it first at reduced speed, hand on the stop, and watches every corrected target"
-        say(first, err=True)
+        say("      a person runs it first at reduced speed, hand on the stop, and watches each target", err=True)
     errors = target_errors(*corrections.path) if corrections.path else []
+    problem, remedy = "is not written: places were left", "mend them, or leave out --all-or-nothing"
+    errors += [FileError(str(program.path), problem, remedy) for program in corrections.programs if program.held]
     for error in errors[:_SAID]:
         say_error(error)
     if len(errors) > _SAID:
@@ -167,20 +166,22 @@ def correct(
 
 
 def _say_next(
-    rig_file: str, rig: Rig, maker: MakerName | None, directory: Path, corrected: Path | None, *, has_targets: bool
+    rig_file: str, rig: Rig, maker: MakerName | None, directory: Path, table: Path | None, *, settled: bool, both: bool
 ) -> None:
-    """Say what a person can do with the corrections of a rig; `corrected` is the table of corrected targets."""
+    """Say what a person can do with the corrections of a rig; `table` has the corrected targets. `settled` is whether
+    no other way is to be proposed, `both` whether values stand beside the targets, of which one is used."""
     axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
     programmed, file = axes == DRIVEN_AXES and not rail, as_argument(rig_file)
-    if maker is None and programmed and not has_targets:
+    if maker is None and programmed and not settled:
         likeliest, *others = rig.makers
         directory_for = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))
         alternatives = "; or ".join(filter(None, ["the controller's own parameters", ", ".join(others)]))
         say(f"next: rig correct {file} --for {likeliest} -o {directory_for}  # {alternatives}", err=True)
         say("      or with --program FILE your own programs; never both, which corrects twice", err=True)
-    if corrected:
-        say(f"next: send the controller to q1_deg … q{axes}_deg{rail} of {corrected}", err=True)
-        test = corrected.name.removeprefix("corrected-").removesuffix("-path.csv")
+    if table:
+        either = "either enter the values, or " if both else ""
+        say(f"next: {either}send the controller to q1_deg … q{axes}_deg{rail} of {table}", err=True)
+        test = table.name.removeprefix("corrected-").removesuffix("-path.csv")
         if programmed and test in get_args(DrivenTest):
-            options = f"--for {maker or rig.makers[0]} --test {test} --path {as_argument(corrected)} -o {test}-programs"
+            options = f"--for {maker or rig.makers[0]} --test {test} --path {as_argument(table)} -o {test}-programs"
             say(f"next: rig program {file} {options}", err=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -94,24 +95,25 @@ def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path
     """The runs that names are looked for in, those held out, and those unseen. Raises UseError without the first."""
     from analysis.cli.run_paths import runs_below
 
-    every, held_out_runs, elsewhere = (
-        [run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen)
-    )
-    used = [path for path in every if path not in {*held_out_runs, *elsewhere}]
+    every, judges, elsewhere = ([run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen))
+    used = [path for path in every if path not in {*judges, *elsewhere}]
     if not used:
         raise UseError("--hold-out and --unseen", "leave no run to diagnose", "name fewer runs there")
-    return used, held_out_runs, elsewhere
+    return used, judges, elsewhere
 
 
-def with_commands_here(diagnosis: Diagnosis, output: Path | None, again: tuple[str, ...] = ()) -> Diagnosis:
+def with_commands_here(
+    diagnosis: Diagnosis, output: Path | None, again: tuple[str, ...] = (), to: str = "found"
+) -> Diagnosis:
     """Return a diagnosis whose acts name the model where it is: the file, or in the directory, asked for, or else in
-    the one into which it is written by the words `again`, by default those of this command with -o."""
+    the one into which it is written by the words `again`, or those of this command, as `to` or the next such name."""
     from analysis.inference.acts import acts_with
 
     model = ""
     if output and output.suffix != ".html":
         model = as_argument(output if output.suffix == ".yaml" else output / f"{diagnosis.rig.name}.yaml")
-    again = again or (*map(as_argument, sys.argv[1:]), "-o", "found")
+    new = next(name for k in count(1) if not (name := Path(to).with_stem(Path(to).stem + f"-{k}" * (k > 1))).exists())
+    again = (*(again or map(as_argument, sys.argv[1:])), "-o", str(new))
     return replace(diagnosis, acts=acts_with(diagnosis.acts, model, again))
 
 
@@ -173,6 +175,7 @@ def say_correct(diagnosis: Diagnosis, model: Path) -> None:
     from rigs.calibration import verdict_of
 
     calibrated = diagnosis.calibrated
-    holds_some = bool(diagnosis.written or (calibrated and calibrated.effects))
+    kinds = {act.kind for act in diagnosis.acts} & {"load", "none"}
+    holds_some = kinds != {"none"} and bool(diagnosis.written or (calibrated and calibrated.effects))
     if holds_some and (calibrated is None or verdict_of(calibrated) == "correct"):
         say(f"next: rig correct {as_argument(model)} -o corrections", err=True)

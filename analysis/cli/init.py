@@ -78,7 +78,7 @@ def init(
         bool | None,
         typer.Option("--circle-here/--circle-later", help="Whether the robot stands at the start of its circle."),
     ] = None,
-    radius_mm: Annotated[float, typer.Option(min=1, max=2000, help="Radius of the circle in mm.")] = 70.0,
+    radius_mm: Annotated[float | None, typer.Option(min=1, max=2000, help="Circle radius, mm; default: 70.")] = None,
     listen_s: Annotated[
         float, typer.Option(min=0.2, max=60, help="Seconds to listen to a port before anything is asked.")
     ] = 1.0,

@@ -65,7 +65,7 @@ def report(
             gathered = gather(results, model, diagnosed=diagnosis, left_out=errors, progress=progress)
             if gathered.found:
                 model_words = ("--rig", as_argument(rig_file)) if rig_file else ()
-                again = ("diagnose", *map(as_argument, runs), *model_words, "-o", "found")
+                again = ("diagnose", *map(as_argument, runs), *model_words)
                 gathered = replace(gathered, found=with_commands_here(gathered.found, None, again))
             progress("drawing the pictures")
             written = write_page(gathered, output, lang, heading)

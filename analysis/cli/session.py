@@ -105,7 +105,7 @@ def session(
         aim=aim,
         minutes=minutes,
         maker=controller,
-        emulated=Emulated(effects=_located(effects), seed=seed) if emulated else None,
+        emulated=Emulated(effects=_located(effects), seed=seed, fast=fast) if emulated else None,
         operator=operator_or_user(operator),
         wait_min=wait_min,
         correct=correct,

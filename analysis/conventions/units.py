@@ -101,7 +101,7 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
     for unit, factor in {**FACTORS, **_OF_TRACKERS}.items():
         if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
             fact = f"x_mm, y_mm, z_mm are in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
-            yield fact, "convert them to mm"
+            yield fact, "convert the places to mm"
     for unit, factor in _TAKEN_FOR.items():
         if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
             fact = f"x_mm, y_mm, z_mm were not in {unit}: they move {seen / robot_step:.3g} times as far as the robot"

@@ -109,11 +109,11 @@ def correct_rig(
     if (rig.robot.rail or len(rig.robot.axes) != DRIVEN_AXES) and (controller or programs.paths):
         problem = f"{arm}: controllers' entries and programs are known of arms of six axes that stand"
         raise UseError("--for, --program", problem, "give joint targets with --path")
-    if entered and not (path and controller):
-        raise UseError("--entered", "needs --path, and --for or a feedback that names it", "give both")
     if entered and programs.paths:
         problem = "is for --path; --program is for a controller without its entries"
         raise UseError("--entered", problem, "give one of them")
+    if entered and not (path and controller):
+        raise UseError("--entered", "needs --path, and --for or a feedback that names it", "give both")
     supported = supports(rig)
     entries = controller_entries(rig, supported, controller, scale) if controller and not programs.paths else None
     of_model = tuple(supports_beside(rig))
@@ -124,17 +124,18 @@ def correct_rig(
         for program in programs.paths
     )
     for program in filtered:
-        _hold_maker(program, controller or rig.maker)
+        _hold_maker(program, rig, controller or rig.maker)
     work = _work(rig, supported)
     effects, numbers = tuple(supported), (tuple(zeros), tuple(constants))
     return Corrections(rig, effects, *numbers, work, targets, entries, entered, filtered, of_model)
 
 
-def _hold_maker(program: CorrectedProgram, maker: MakerName | None) -> None:
+def _hold_maker(program: CorrectedProgram, rig: Rig, maker: MakerName | None) -> None:
     """Raise FileError for a program of another maker's robot."""
     if maker and program.maker != maker:
         of, robot = (maker_by(name).controller.maker for name in (program.maker, maker))
-        problem = f"is a program for {of}, and the robot of the rig file is one of {robot}"
+        whose = "the robot of the rig file is one of" if maker == rig.maker else "--for says"
+        problem = f"is a program for {of}, and {whose} {robot}"
         remedy = f"give a program of this robot, or --for {program.maker} where such a controller drives it"
         raise FileError(str(program.path), problem, remedy)
 

@@ -232,4 +232,4 @@ def no_run_of(robot: str, directory: Path, names: Collection[str]) -> FileError:
     remedy = (
         f"give one of {', '.join(sorted(names))}" if names else "give the directory that holds the runs: --runs DIR"
     )
-    return FileError(str(directory), f"holds no run of {robot}", remedy)
+    return FileError(str(directory), f"holds no run of a robot named {robot}", remedy)

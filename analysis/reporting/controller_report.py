@@ -21,22 +21,23 @@ _THIRD = 1 / 3
 """Part of a squared error from which its cause is said in the first sentence."""
 
 
-def first_sentence(entries: ControllerEntries) -> str:
-    """What to enter where, what it gains, and what to check before motion."""
+def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
+    """What to enter where, what it gains, and what to check before motion; where it is `entered`, that it is."""
     maker, targets = entries.controller.maker, f"{entries.by_targets_um:.0f} µm"
     if not entries.entries:
         better = entries.carried_by_targets_um >= _REPORTED_UM
         instead = f"corrected targets (--path) leave {targets}" if better else "leave the targets as they are, too"
         return (
-            f"Nothing is to be entered at this {maker} controller: with frame and tool taught with the robot its "
-            f"parameters take away nothing of the tool's {entries.before_um:.0f} µm over the work for certain; "
+            f"Nothing is to be entered at this {maker} controller: with frame and tool taught with the robot "
+            f"nothing shows that its parameters take away any of the tool's {entries.before_um:.0f} µm over the work; "
             f"{instead}.{base_note(entries.base_u_um, entries.by_targets_um)}"
         )
     count = "the value" if len(entries.entries) == 1 else f"the {len(entries.entries)} values"
     reads = entries.controller.changes_reading
     check = "each axis reads as much more as said below" if reads else "the joint angles are those of before"
+    does = f"With {count} below, as entered" if entered else f"Enter {count} below"
     return (
-        f"Enter {count} below in {entries.controller.place} of the {maker} controller: the tool's error over the work "
+        f"{does} in {entries.controller.place} of the {maker} controller: the tool's error over the work "
         f"falls from {entries.before_um:.0f} to {entries.after_um:.0f} µm rms with frame and tool taught with the "
         f"robot (corrected targets: {targets}); before any motion check that {check}."
         f"{base_note(entries.base_u_um, entries.by_targets_um)}"
@@ -54,21 +55,21 @@ def base_note(base_u_um: float, after_um: float) -> str:
     )
 
 
-def as_table(entries: ControllerEntries, rig: Rig) -> RenderableType:
-    """What to enter, in which order, what it is worth, and what stays."""
+def as_table(entries: ControllerEntries, rig: Rig, entered: bool = False) -> RenderableType:
+    """What to enter, in which order, or what is `entered`, what it is worth, and what stays."""
     parts: list[RenderableType] = []
     if entries.entries:
-        parts.append(_entries(entries))
-        parts += [Text(f"{number}. {step}") for number, step in enumerate(entries.steps, start=1)]
+        parts.append(_entries(entries, entered))
+        steps = () if entered else entries.steps
+        parts += [Text(f"{number}. {step}") for number, step in enumerate(steps, start=1)]
         parts.append(Text(f"from {entries.controller.source}", style="dim"))
     parts.append(Text(entries.controller.missing, style="dim"))
     if bool(entries.controller.scale) and any(entry.unit == "deg" for entry in entries.entries):
         parts.append(Text(f"with --scale, six {entries.controller.scale}: the same as {entries.controller.unit}"))
     parts += [Text(f"known only together, so divided by usual sizes: {', '.join(group)}") for group in entries.twins]
-    kept_um = [
-        (plain(rig, kept.effect), kept.worth_um) for kept in entries.not_entered if kept.worth_um >= _REPORTED_UM
-    ]
-    parts += [Text(f"not entered: {name}, {um:.0f} µm rms: no constant and no target holds it") for name, um in kept_um]
+    kept = [each for each in entries.not_entered if each.worth_um >= _REPORTED_UM]
+    stays = "µm rms: no constant and no target holds it"
+    parts += [Text(f"not entered: {plain(rig, each.effect)}, {each.worth_um:.0f} {stays}") for each in kept]
     before, after = entries.elsewhere_um
     if entries.entries:
         parts.append(Text(carried(entries), style="bold"))
@@ -87,19 +88,14 @@ def carried(entries: ControllerEntries) -> str:
     )
 
 
-def _entries(entries: ControllerEntries) -> Table:
-    title = (
-        f"to be entered together, once, at the controller ({entries.controller.maker}); "
-        "worth and leaves: rms of the tool over the tests"
-    )
+def _entries(entries: ControllerEntries, entered: bool) -> Table:
+    state = "entered already" if entered else "to be entered together, once,"
+    where = f"{state} at the controller ({entries.controller.maker})"
+    title = f"{where}; worth and leaves: rms of the tool over the tests"
     lengths = any(entry.now is not None for entry in entries.entries)
     numbers = (*["now"] * lengths, "value", "± u")
-    columns: tuple[str | Column, ...] = (
-        "add to",
-        *map(right, numbers),
-        "unit",
-        *map(right, ("reading", "worth", "leaves")),
-    )
+    sizes = map(right, ("reading", "worth", "leaves"))
+    columns: tuple[str | Column, ...] = ("add to", *map(right, numbers), "unit", *sizes)
     table = Table(*columns, title=title, title_style="bold", title_justify="left", header_style="bold")
     for entry in entries.entries:
         reading = f"{entry.reading_deg:+.4f}°" if entry.reading_deg else "same"
@@ -107,8 +103,8 @@ def _entries(entries: ControllerEntries) -> Table:
         digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
         numbers = (f"{entry.add:+.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading)
         now = ["" if entry.now is None else f"±{entry.now:g}"] * lengths
-        sizes = (entry.worth_um, entry.leaves_um) if round(entry.worth_um) else ()
-        table.add_row(entry.parameter, *now, *numbers, *([f"{um:.0f} µm" for um in sizes] or ["turns only"]))
+        worths = (entry.worth_um, entry.leaves_um) if round(entry.worth_um) else ()
+        table.add_row(entry.parameter, *now, *numbers, *([f"{um:.0f} µm" for um in worths] or ["turns only"]))
     return whole(table)
 
 

@@ -70,7 +70,7 @@ def as_table(corrections: Corrections) -> RenderableType:
         parts.insert(0, Text(f"Against the verdict: {why}.", style="bold red"))
     parts += [Text(line) for line in _lines(corrections)]
     if corrections.at_controller:
-        parts += [Text(), controller_report.as_table(corrections.at_controller, corrections.rig)]
+        parts += [Text(), controller_report.as_table(corrections.at_controller, corrections.rig, corrections.entered)]
     parts += [Text(line) for program in corrections.programs for line in ("", *program_report.lines(program))]
     return Group(*parts)
 
@@ -80,7 +80,10 @@ def _first(corrections: Corrections) -> str:
     if all(support.use == "none" for support in corrections.effects) and work.model_um < GAIN_UM:
         return f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected; the table says why."
     if corrections.at_controller:
-        return controller_report.first_sentence(corrections.at_controller) + _never_both(corrections)
+        first = controller_report.first_sentence(corrections.at_controller, entered=corrections.entered)
+        return first + _never_both(corrections)
+    if corrections.programs and all(program.held for program in corrections.programs) and not corrections.path:
+        return "No program is written: places were left, and --all-or-nothing writes only whole programs."
     targets = f"the targets of corrected-{corrections.path[0].name}" if corrections.path else ""
     targets = targets or ("the corrected targets of --program" if corrections.programs else "")
     targets = targets or "corrected targets (--program FILE, or --path TARGETS.csv)"
@@ -123,11 +126,8 @@ def _never_both(corrections: Corrections) -> str:
         return ""
     if not corrections.path:
         return " Programs, targets and mastering then stay as they are, as two corrections correct twice."
-    state = (
-        "that has these values already: it holds the rest"
-        if corrections.entered
-        else "without these values: use one of both"
-    )
+    has, lacks = "that has these values already: it holds the rest", "without these values: use one of both"
+    state = has if corrections.entered else lacks
     return f" corrected-{corrections.path[0].name} is for a controller {state}."
 
 
@@ -277,7 +277,7 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     head = "".join(f"# {line}\n" for line in lines)
     has_targets = bool(corrections.path or corrections.programs)
     if why := why_not(corrections) if has_targets else why_nothing(corrections.rig):
-        head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why}.\n"
+        head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why.removeprefix('correct nothing by this model: ')}.\n"
     text = head + yaml.safe_dump(contents, sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}
     if corrections.constants:

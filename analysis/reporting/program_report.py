@@ -96,7 +96,8 @@ def _head(program: CorrectedProgram) -> str:
     head = f"{program.path.name} ({program.maker}): {targets_in_words(count)} corrected"
     between = f", {_steps(steps)} from one to the other" if steps else ""
     places = len(program.left)
-    return f"{head}, {'1 place left as it was' if places == 1 else f'{places} places left as they were'}{between}"
+    stay = f"{places or 'no'} place left as it was" if places < 2 else f"{places} places left as they were"
+    return f"{head}, {stay}{between}"
 
 
 def _why(program: CorrectedProgram, left_target: Left) -> str:

@@ -97,7 +97,7 @@ def planned(
     if rig.tests.circle is None:
         if not rig.gauges.recorded:
             problem = "has no gauges, beside which a session drives circles"
-            remedy = "measure poses (rig plan-poses) or touches (rig record touch), then rig import and rig diagnose"
+            remedy = "measure poses (rig plan RIG --poses 60) or touches (rig record touch), then rig diagnose"
             raise FileError(RigPlace.of(rig.name), problem, remedy)
         remedy = "start rigd with it, and lead the robot around the ball: rig circle fit --live --rig FILE --write"
         raise FileError(RigPlace.of(rig.name), "has no tests.circle to drive", remedy)

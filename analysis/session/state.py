@@ -183,10 +183,11 @@ class Verified(Part):
 
 
 class Emulated(Part):
-    """The emulated cell of a session: its hidden effects and the seed of its noise."""
+    """The emulated cell of a session: its hidden effects, the seed of its noise, and whether in simulated time."""
 
     effects: str = ""
     seed: int = 1
+    fast: bool = False
 
 
 class Session(Part):
@@ -329,7 +330,8 @@ class Place:
         command = f"rig session {as_argument(rig_file)} -o {as_argument(self.directory)}"
         if kept is None:
             return command
-        return f"{command} --for {kept.maker}{' --emulated' if kept.emulated else ''}"
+        emulated = " --emulated" + " --fast" * kept.emulated.fast if kept.emulated else ""
+        return f"{command} --for {kept.maker}{emulated}"
 
     @property
     def runs(self) -> Path:

@@ -110,7 +110,7 @@ class Options:
     tool: str | None
     tolerance_mm: float | None
     circle_here: bool | None
-    radius_mm: float
+    radius_mm: float | None
     listen_s: float
     modbus_units: tuple[int, ...]
 

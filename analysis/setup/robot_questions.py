@@ -219,20 +219,18 @@ def ask_circle(answers: Answers, options: Options, dialogue: Dialogue, rig: Rig)
     """Take the circle from where the robot stands, if it stands at its start. rig: what is known so far."""
     if options.circle_here is None and (answers.circle is not None or answers.circle_later):
         return answers
+    radius_mm = options.radius_mm or float(Circle.model_fields["radius_mm"].default)
 
     def read(answer: str) -> Answers:
         if answer.lower() in ("n", "no"):
             return answers.model_copy(update={"circle": None, "circle_later": True})
         if answer.lower() not in ("y", "yes"):
             raise FileError(repr(answer), "is not y or n", "type y or n")
-        joints_deg = joints_of(rig.feedback)
-        circle = circle_from_start(rig.robot, joints_deg, options.radius_mm)
+        circle = circle_from_start(rig.robot, joints_of(rig.feedback), radius_mm)
         return answers.model_copy(update={"circle": circle, "circle_later": False})
 
     if options.circle_here is not None:
         return read("y" if options.circle_here else "n")
-    question = (
-        f"The circle has a radius of {options.radius_mm:g} mm; --radius-mm gives another.\n"
-        "Does the robot stand at the start of its circle, ball link on? y or n"
-    )
+    question = f"The circle has a radius of {radius_mm:g} mm; --radius-mm gives another.\n"
+    question += "Does the robot stand at the start of its circle, ball link on? y or n"
     return dialogue.ask(question, "--circle-here", read, "n")

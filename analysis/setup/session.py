@@ -53,6 +53,7 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
         raise UseError("--robot", "is not read beside a tracker, whose table has the joints", "leave it out")
     gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": options.baseline_mm}
     gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
+    gauges |= {"--radius-mm": options.radius_mm}
     for option in (name for name, value in gauges.items() if value and options.measured_by != "gauges"):
         raise UseError(option, f"is of gauges, and --measured-by {options.measured_by} is without", "leave it out")
     if options.baseline_mm is not None:

@@ -194,6 +194,13 @@ def test_the_commands_of_acts_name_the_model_where_the_person_has_it(
     assert command in ActWords(shown).next and "FOUND" not in ActWords(shown).next
 
 
+def test_a_model_is_written_beside_what_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "found").mkdir()
+    shown = with_commands_here(replace(diagnosis("named"), acts=(LOAD,)), None, ("diagnose", "a"))
+    assert "rig diagnose a -o found-2" in ActWords(shown).next
+
+
 def test_no_picture_and_no_page_names_a_directory_that_nobody_has(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -216,3 +223,6 @@ def test_a_model_without_effects_is_not_corrected_by(
     """A sound arm's model led to `has no effects to correct`."""
     say_correct(replace(diagnosis("named"), effects=effects, calibrated=None), Path("found/cell.yaml"))
     assert capsys.readouterr().err == ("next: rig correct found/cell.yaml -o corrections\n" if effects else "")
+    nothing = (replace(LOAD, kind="none"),)
+    say_correct(replace(diagnosis("named"), acts=nothing, effects=effects, calibrated=None), Path("found/cell.yaml"))
+    assert not capsys.readouterr().err

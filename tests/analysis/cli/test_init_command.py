@@ -256,6 +256,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
             "--measured-by tracker is without",
         ),
         (["--measured-by", "sockets", "--key", "g1.range_mm=9"], 2, "--key: is of gauges"),
+        (["--measured-by", "tracker", "--radius-mm", "300"], 2, "--radius-mm: is of gauges"),
     ],
 )
 def test_wrong_options_are_one_line(tmp_path: Path, given: Sequence[str], code: int, says: str) -> None:

@@ -192,7 +192,9 @@ def test_a_path_and_entries_are_said_to_be_for_one_controller_each(tmp_path: Pat
     for k, (option, told) in enumerate({"": "without these values", "--entered": "that has these values"}.items()):
         options = [str(cell), "--path", str(path), "-o", f"{tmp_path}/{k}", *([option] if option else [])]
         done = CliRunner().invoke(app, ["correct", *options])
-        assert f"corrected-path.csv is for a controller {told}" in " ".join(done.stdout.split())
+        assert f"corrected-path.csv is for a controller {told}" in (said := " ".join(done.stdout.split()))
+        assert ("Enter the value below" in said) == ("to be entered" in said) == (not option)
+        assert ("either enter the values, or send the controller to" in done.stderr) == (not option)
 
 
 def test_an_error_after_correction_is_within_what_is_stated() -> None:

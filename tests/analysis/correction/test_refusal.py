@@ -66,7 +66,7 @@ def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Against the verdict: correct nothing by this model: where it had no part")
     text = (out / "corrections.yaml").read_text()
-    assert f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: correct nothing" in text
+    assert f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: where it had no part" in text
     assert yaml.safe_load(text)["verdict"] == "nothing"
     assert (out / "own.script").read_text().endswith(f"\n# {ANYWAY}\n")
     table = out / "corrected-radial-path.csv"

@@ -11,7 +11,7 @@ import yaml
 from analysis.makers.writing import programs_of
 from analysis.robot_programs.examine import demand_of
 from analysis.session.plan import BY_HAND, FIXED, minutes_of, planned, programs_of_steps
-from analysis.session.state import Aim, Place, Try
+from analysis.session.state import Aim, Emulated, Place, Try
 from daq.store import durable
 from rigs.errors import CellError
 from rigs.load import load
@@ -38,6 +38,8 @@ def test_status_shows_every_step_and_json_the_whole_state(cell: Path, tmp_path: 
     assert shown.returncode == 0 and shown.stdout.count("to be driven") == len(session.steps)
     assert f"next: start program p01-yaw-acw; go on with: rig session {cell}" in shown.stdout
     assert f" -o {tmp_path / 'own'} --for {session.maker}" in shown.stdout
+    fast = session.model_copy(update={"emulated": Emulated(fast=True)})
+    assert Place(tmp_path).command(cell, fast).endswith(f" --for {session.maker} --emulated --fast")
     plain = json.loads(ran("session", cell, "-o", tmp_path / "own", "--status", "--json").stdout)
     assert plain["steps"][0]["program"] == "p01-yaw-acw" and plain["rig"] == session.rig
 

@@ -146,7 +146,9 @@ def test_the_command_writes_the_program_beside_what_it_says(tmp_path: Path, cell
     assert again.returncode == 3 and "exists already" in again.stderr
     beside = ran("correct", cell, "--program", path, "-o", tmp_path)
     assert beside.returncode == 3 and "exists already" in beside.stderr and path.read_bytes() == given
-    found_json = json.loads(ran("correct", cell, "--program", path, "-o", f"{out}2", "--json").stdout)
+    whole = ran("correct", cell, "--program", path, "-o", f"{out}2", "--json", "--all-or-nothing")
+    assert whole.returncode == 3 and "a.script: is not written: places" in whole.stderr and "next:" not in whole.stderr
+    found_json = json.loads(whole.stdout)
     assert found_json["programs"][0]["targets"][0]["line"] == 1
 
 
@@ -202,6 +204,8 @@ def test_a_program_of_another_makers_robot_is_refused_unless_it_is_said(tmp_path
     path.write_text("DEF a()\nPTP {A1 0, A2 -80, A3 100, A4 -20, A5 80, A6 0}\nEND\n")
     refused = ran("correct", cell, "--program", path, "-o", tmp_path / "out")
     assert refused.returncode == 3 and "is a program for KUKA, and the robot of the rig file" in refused.stderr
+    other = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--for", "fanuc")
+    assert other.returncode == 3 and "is a program for KUKA, and --for says FANUC" in other.stderr
     assert not (tmp_path / "out").exists()
     done = ran("correct", cell, "--program", path, "-o", tmp_path / "out", "--for", "kuka")
     assert done.returncode == 0 and "a.src (kuka): 1 target corrected" in done.stdout, done.stderr
@@ -222,6 +226,7 @@ def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path:
     assert yaml.safe_load((out / "corrections.yaml").read_text())["verdict"] == "nothing"
     assert ran("correct", cell, "--program", path, "-o", tmp_path / "anyway", "--anyway").returncode == 0
     assert "written although rig says" in (tmp_path / "anyway" / "a.script").read_text()
+    assert "next:" not in ran("correct", cell, "-o", tmp_path / "bare", "--anyway").stderr
 
 
 def test_beside_a_corrected_program_there_are_no_values_to_enter(tmp_path: Path, cell: Path) -> None:
