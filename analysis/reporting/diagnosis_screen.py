@@ -139,8 +139,8 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
         for field in beside_size(named):
             table.add_row(f"  {field}", with_uncertainty(named.effect, field, named.sd, times), "", "", "")
         for rival in named.rivals:
-            row = (f"  or {name_of(rival.effect)}", size(rival, times), "", sure(rival.posterior), "")
-            table.add_row(*row, style="dim")
+            cells = f"  or {name_of(rival.effect)}", size(rival, times), "", sure(rival.posterior), ""
+            table.add_row(*cells, style="dim")
     likeliest = Text("the first of each is the likeliest, and the one that -o adds to the rig file", style="dim")
     return [table, *([likeliest] if diagnosis.condition == "ambiguous" else []), *doubted]
 
