@@ -35,6 +35,7 @@ from analysis.inference.validation import (
     gap,
     held_out_gains,
     places_left_out,
+    shows_noise,
     stages_of,
     widening,
 )
@@ -76,16 +77,14 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     if circles and not circles[0].measured:
         slow = "" if shows_time(blocks) else ", and one lap shows nothing that changes slowly, as warming"
         doubts.append(f"no circle was repeated: the noise of real cells is assumed{slow}; repeat each circle")
-    driven_once = [block.name for block in circles if block.measured and block.count < 2]
-    if driven_once:
-        doubts.append(
-            f"{', '.join(driven_once)} was driven once: its noise is assumed equal to that of the other circles"
-        )
+    if driven_once := ", ".join(block.name for block in circles if block.measured and block.count < 2):
+        doubts.append(f"{driven_once} was driven once: its noise is assumed equal to that of the other circles")
     unrepeated = [block for block in blocks if not block.sampling and not block.measured]
-    once = dict.fromkeys(block.name for block in unrepeated if not block.table.kind.never_twice)
+    once = {block.name: shows_noise(block) for block in unrepeated if not block.table.kind.never_twice}
     doubts += [words for block in unrepeated if (words := block.table.kind.never_twice)]
-    if once:
-        doubts.append(f"no target of {', '.join(once)} was visited twice: its scatter is assumed; visit targets again")
+    for name, shows in once.items():
+        scatter = "is what the model leaves" if shows else "is assumed"
+        doubts.append(f"no target of {name} was visited twice: its scatter {scatter}; visit targets again")
     ways: dict[str, set[str]] = {}
     for block in blocks:
         table = block.table
@@ -95,11 +94,8 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     rails = [rail_mm(block.model.arm, block.table.q) for block in blocks if block.model.arm.rail is not None]
     if rails and np.ptp(stands := np.concatenate(rails)) == 0:
         doubts.append(f"the rail stood at {stands[0]:g} mm all along: nothing of it shows; measure along it")
-    for test, seen in ways.items():
-        if len(seen) == 1:
-            doubts.append(
-                f"{test} was driven {next(iter(seen))} only: effects that change with the direction cannot be detected"
-            )
+    for test, way in [(test, next(iter(seen))) for test, seen in ways.items() if len(seen) == 1]:
+        doubts.append(f"{test} was driven {way} only: effects that change with the direction cannot be detected")
     if not circles:
         sides = any(block.table.kind.sides(block.table) is not None for block in blocks)
         back = "" if sides else ", or on how a joint turns back,"
@@ -305,6 +301,7 @@ def _diagnosis_of(
         not_testable=result.selection.not_testable(result.state, result.posterior),
         next_test=None,
         repeated=all(block.measured for block in linear.blocks),
+        shows_noise=all(block.measured or shows_noise(block) for block in linear.blocks),
         level=result.state.level,
         doubts=(),
         curves=curves_of(linear.blocks, *drawn),

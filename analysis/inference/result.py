@@ -95,6 +95,12 @@ class BudgetPart:
         return tuple(part.label for part in self.together[1:])
 
     @property
+    def shown_together(self) -> tuple[BudgetPart, ...]:
+        """The part itself and what cancels more of it than 2 u and a twentieth; empty where nothing does."""
+        large = [part for part in self.together[1:] if part.um > max(2 * part.u_um, self.together[0].um / 20)]
+        return (self.together[0], *large) if large else ()
+
+    @property
     def label(self) -> str:
         """What it is, for a machine: the name of an effect, or its kind with the axis."""
         return self.name or (f"{self.kind} {self.axis}" if self.axis else self.kind)
@@ -381,11 +387,11 @@ class Diagnosis(Tabular):
     `rig` is the initial model and `runs` names the runs used. `effects` lists the effects that are supported by
     evidence, the faults first, ordered by worth. `budget` has every part of the gap, the largest first, and
     `runs_to_decide` how many runs of each kind would decide an undecided condition. `calibrated` is the calibrated
-    model, and `given` states whether the effects were given to be fitted. `groups` lists named effects that these
-    tests cannot distinguish, and `not_testable` the names that no size makes visible here. `repeated` states whether
-    the noise comes from repeats. `level` is that of the healthy background, 1 in a typical healthy arm. `doubts` lists
-    what limits the trust in the result. `staircase` is the gap as parts of the budget are added to the model, None
-    where nothing is.
+    model, and `given` states whether the effects were given to be fitted. `groups` lists named effects that these tests
+    cannot distinguish, and `not_testable` the names that no size makes visible here. `repeated` states whether the
+    noise comes from repeats, `shows_noise` whether from those or from residuals, else it is assumed. `level` is that of
+    the healthy background, 1 in a typical healthy arm. `doubts` lists what limits the trust in the result. `staircase`
+    is the gap as parts of the budget are added to the model, None where nothing is.
     """
 
     condition: Condition
@@ -413,6 +419,7 @@ class Diagnosis(Tabular):
     seconds: float
     calibrated: CalibratedModel | None = None
     given: bool = False
+    shows_noise: bool = False
     staircase: Staircase | None = None
     remains: Remains | None = None
     """What stays of places after the calibrated model, and what it was held against; None without places."""

@@ -437,16 +437,16 @@ _SHOW_NOISE = 20
 with noise of 21.5 µm show 17.5, 50 with 51 show 44, 47 with 39 show 36; assumed were 71."""
 
 
+def shows_noise(block: Block) -> bool:
+    """Return whether readings (m, k) show their own noise without repeats: touches, or enough poses."""
+    return block.table.kind.of_places and (block.table.kind.constants_apart or len(block.rows) >= _SHOW_NOISE)
+
+
 def _noise_shown(result: SearchResult) -> Array:
-    """Return which share of the variance of its noise the readings of each block (b,) show, at the most all; readings
-    that were not repeated show their own if they are touches, or enough poses."""
+    """Return which share of the variance of its noise the readings of each block (b,) show, at the most all."""
     linear, strength = result.linear, result.strength
-    shares = np.ones(len(linear.blocks))
-    for k, (block, rows) in enumerate(zip(linear.blocks, linear.rows, strict=True)):
-        kind = block.table.kind
-        if kind.of_places and (kind.constants_apart or len(block.rows) >= _SHOW_NOISE):
-            shares[k] = min(float(strength[rows].mean()), 1.0)
-    return shares
+    blocks = zip(linear.blocks, linear.rows, strict=True)
+    return np.array([min(float(strength[rows].mean()), 1.0) if shows_noise(block) else 1.0 for block, rows in blocks])
 
 
 # ----------------------------------------------------------------------------------------------------------------------

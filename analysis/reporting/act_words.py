@@ -100,7 +100,7 @@ class ActWords:
         if act.effect is None or act.with_before_um is not None:
             return ""
         words, label = AnswerWords(self.diagnosis, self.texts), label_of(act.effect)
-        lines = [line for k in act.parts for line in self.diagnosis.budget[k].together]
+        lines = [line for k in act.parts for line in self.diagnosis.budget[k].shown_together]
         others = [line for line in lines if line.label != label]
         return "; ".join(words.alone(others)) if len(others) < len(lines) else ""
 

@@ -144,7 +144,7 @@ class AnswerWords:
         return [self.texts("alone", part=self.short_name(part), um=within(part.um, part.u_um)) for part in parts]
 
     def _with_cancelled(self, part: BudgetPart, words: str) -> str:
-        others = self._listed([*map(self.short_name, part.together[1:])])
+        others = ", ".join(map(self.short_name, part.shown_together[1:]))
         return self.texts("with_cancelled", part=words, others=others) if others else words
 
     def short_name(self, part: BudgetPart) -> str:
@@ -153,7 +153,8 @@ class AnswerWords:
             return self.noun(self.diagnosis.effects[part.index].effect)
         if part.kind == "effect":
             return part.name
-        return self.texts(f"part_{part.kind}", joint=self._joint(part.axis) if part.axis else "")
+        joint = self.texts.axis(self.diagnosis.rig.robot, part.axis) if part.axis else ""
+        return self.texts(f"part_{part.kind}", joint=joint)
 
     def size_of(self, part: BudgetPart) -> str:
         """The size of a part that is an effect, ± its standard uncertainty; empty for others."""
@@ -176,10 +177,8 @@ class AnswerWords:
         if words is None:
             return plain(self.diagnosis.rig, effect)
         axis = getattr(effect, "axis", None)
-        return words.format(**fields_of(effect) | {"joint": self._joint(axis) if axis else ""})
-
-    def _joint(self, axis: int) -> str:
-        return self.texts.axis(self.diagnosis.rig.robot, axis)
+        joint = self.texts.axis(self.diagnosis.rig.robot, axis) if axis else ""
+        return words.format(**fields_of(effect) | {"joint": joint})
 
     def _condition(self) -> str:
         """What these runs do not show, or that nothing was found; empty where faults say it all."""
@@ -190,9 +189,9 @@ class AnswerWords:
         single = any(part.index is not None for part in large_parts(diagnosis))
         which: str = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
         if is_complete(diagnosis):
-            where = diagnosis.where
-            values |= {"count": len(where), "largest": micrometres(max((place.rms_um for place in where), default=0.0))}
-            beside = "nearly_complete" if where else "nothing_missing"
+            largest = max((place.rms_um for place in diagnosis.where), default=0.0)
+            values |= {"count": str(len(diagnosis.where)), "largest": micrometres(largest)}
+            beside = "nearly_complete" if diagnosis.where else "nothing_missing"
             which = beside if diagnosis.repeated and len(diagnosis.runs) > 1 else "nothing_shows"
         # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))

@@ -91,8 +91,8 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
         if body:
             shown += [Text(f"\n{heading}", style="bold"), *(Padding(part, (0, 0, 0, 2)) for part in body)]
     runs = counted(len(diagnosis.runs), "run")
-    noise = "noise from repeats" if diagnosis.repeated else "noise assumed, not from repeats"
-    footer = f"{diagnosis.rig.name} · {runs} · {noise} · {diagnosis.seconds:.1f} s"
+    noise = "from repeats" if diagnosis.repeated else "from residuals" if diagnosis.shows_noise else "assumed"
+    footer = f"{diagnosis.rig.name} · {runs} · noise {noise} · {diagnosis.seconds:.1f} s"
     return Group(*shown, Text(f"\n{footer}", style="dim"))
 
 
@@ -107,7 +107,7 @@ def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
         times = f"{part.times_usual:.1f}" if part.times_usual is not None else ""
         style = "bold" if part.rank == "unusual" else ""
         table.add_row(name, beside_u(part.um, part.u_um), percent(part.share), times, words.rank_of(part), style=style)
-        for line in part.together:  # where some cancel others, which that line has together
+        for line in part.shown_together:  # where some cancel others, which that line has together
             table.add_row(f"  {words.short_name(line)}, alone", beside_u(line.um, line.u_um), "", "", "", style="dim")
     if small:
         share = sum(part.share for part in small)
@@ -139,9 +139,8 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
         for field in beside_size(named):
             table.add_row(f"  {field}", with_uncertainty(named.effect, field, named.sd, times), "", "", "")
         for rival in named.rivals:
-            table.add_row(
-                f"  or {name_of(rival.effect)}", size(rival, times), "", sure(rival.posterior), "", style="dim"
-            )
+            cells = f"  or {name_of(rival.effect)}", size(rival, times), "", sure(rival.posterior), ""
+            table.add_row(*cells, style="dim")
     likeliest = Text("the first of each is the likeliest, and the one that -o adds to the rig file", style="dim")
     return [table, *([likeliest] if diagnosis.condition == "ambiguous" else []), *doubted]
 
@@ -180,13 +179,9 @@ def _cannot(diagnosis: Diagnosis) -> list[RenderableType]:
     lines = [Text(f"{' or '.join(group)}: alike here") for group in diagnosis.groups[:_MOST_GROUPS]]
     others = len(diagnosis.groups) - _MOST_GROUPS
     lines += [Text(f"and {others} more groups (all with --json)", style="dim")] if others > 0 else []
-    names = diagnosis.not_testable
-    if names:
+    if names := diagnosis.not_testable:
         unnamed = len(names) - _MOST_NAMES
         told_all = shortened(names[:_MOST_NAMES]) + (f", and {unnamed} more" if unnamed > 0 else "")
-        lines.append(
-            Text(
-                f"not detectable by these tests, even at {LARGEST_FAULT:g} times healthy sizes: {told_all}", style="dim"
-            )
-        )
+        unseen = f"not detectable by these tests, even at {LARGEST_FAULT:g} times healthy sizes: {told_all}"
+        lines.append(Text(unseen, style="dim"))
     return list(lines)

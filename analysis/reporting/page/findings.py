@@ -133,7 +133,7 @@ def _budget_row(part: BudgetPart, words: AnswerWords, share: str, width: float) 
     doubt = [texts(f"doubt_{part.doubt}")] if part.doubt and part.doubt != "usual" else []
     return BudgetRow(
         part=words.part_name(part),
-        beside=tuple(filter(None, [words.size_of(part), *doubt, *words.alone(part.together)])),
+        beside=tuple(filter(None, [words.size_of(part), *doubt, *words.alone(part.shown_together)])),
         um=beside_u(part.um, part.u_um),
         share=share,
         width=width,

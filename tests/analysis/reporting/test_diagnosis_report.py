@@ -91,7 +91,14 @@ def test_what_cancels_a_part_has_a_line_of_its_own_below_it() -> None:
     both = replace(large, together=(replace(large, um=7.2, u_um=0.2), curve_of_2))
     text = " ".join(_printed(diagnosis(budget=(both,)), width=160).split())
     assert "play of axis 1 (Theta), alone 7.2 ± 0.2" in text and "error of axis 2 (W), alone 4.0 ± 0.3" in text
+    doubted = replace(both, together=(both.together[0], replace(curve_of_2, u_um=2.0)))
+    assert ", alone" not in _printed(diagnosis(budget=(doubted,))) and doubted.cancelled == ("curve 2",)
     assert both.to_dict()["cancelled"] == ("curve 2",) and len(both.to_dict()["together"]) == 2
+
+
+@pytest.mark.parametrize(("shows", "words"), [(True, "noise from residuals"), (False, "noise assumed")])
+def test_the_last_line_says_where_the_noise_comes_from(shows: bool, words: str) -> None:
+    assert words in _printed(diagnosis(repeated=False, shows_noise=shows))
 
 
 def test_a_bar_has_the_figures_of_all_places_in_their_order() -> None:
