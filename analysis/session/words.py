@@ -125,7 +125,7 @@ def correction_lines(correction: Correction, sides: Sequence[Side]) -> Iterator[
         work = correction.work
         yield (
             f"over the whole work: {work.before_um:.0f} µm rms before, {work.after_um:.0f} expected after"
-            f" (± {work.u_um:.0f} by the model){texts_of('en').not_known(work.unknown)}"
+            f" (± {work.u_um:.0f} by the model).{texts_of('en').not_known(work.unknown)}"
         )
 
 
