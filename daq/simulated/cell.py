@@ -195,27 +195,30 @@ def _serving(line: SimulatedLine, make: Callable[[], Device], made: list[Device]
                 clock.sleep(_ROUND_S)
             else:
                 made.append(make())
-                end = line.ends[1]
-                device = made[-1]
-                with contextlib.suppress(LinkLost):
-                    step = device.connected(clock.now_ns())
-                    while True:
-                        if step.send:
-                            end.write(step.send)
-                        if step.hang_up:
-                            break
-                        data = end.read(math.inf if step.wake_ns is None else (step.wake_ns - clock.now_ns()) / 1e9)
-                        now_ns = clock.now_ns()
-                        if data:
-                            step = device.received(data, now_ns)
-                        elif step.wake_ns is not None and now_ns >= step.wake_ns:
-                            step = device.tick(now_ns)
-                        else:
-                            step = Step(wake_ns=step.wake_ns)
-                if line.ends and line.ends[1] is end:
-                    line.reset()
+                _converse(line, line.ends[1], made[-1])
 
     return serve
+
+
+def _converse(line: SimulatedLine, end: _End, device: Device) -> None:
+    """As `run_conversation`, but an instrument that has nothing to do does not wake: quiet hours are cheap."""
+    with contextlib.suppress(LinkLost):
+        step = device.connected(clock.now_ns())
+        while True:
+            if step.send:
+                end.write(step.send)
+            if step.hang_up:
+                break
+            data = end.read(math.inf if step.wake_ns is None else (step.wake_ns - clock.now_ns()) / 1e9)
+            now_ns = clock.now_ns()
+            if data:
+                step = device.received(data, now_ns)
+            elif step.wake_ns is not None and now_ns >= step.wake_ns:
+                step = device.tick(now_ns)
+            else:
+                step = Step(wake_ns=step.wake_ns)
+    if line.ends and line.ends[1] is end:
+        line.reset()
 
 
 def _nothing() -> None:
