@@ -87,7 +87,7 @@ def _check_rig(rig_file: str) -> None:
     import datetime as dt
 
     from analysis.cli.several import end_with, worst
-    from analysis.geometry.feasible import feasible_tests
+    from analysis.geometry.programs import feasible_tests
     from analysis.noise.certificate import doubts_of
     from analysis.reporting.origins import begins_with, in_calibration
     from rigs.load import find, load

@@ -80,7 +80,7 @@ def export_urdf(
     model = model_of(rig)
     arm, carried = geometric_arm(model), geometric_share(model).words
     if reader == "ur-driver":
-        from analysis.arms.ur_driver import ur_driver_text
+        from analysis.arms.driver_kinematics import ur_driver_text
 
         text = ur_driver_text(arm, rig_file, calibration_hash, [carried])
     elif reader == "mjcf":

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.conventions.finding import Finding
-from analysis.geometry.ball_link import angle
-from analysis.geometry.circle import frame_of
+from analysis.geometry.circle import frame_of, link_angle
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.traces.laps import is_on_circle
 from analysis.traces.tables import CircleTable
@@ -104,7 +103,7 @@ class _Eccentricities:
     @classmethod
     def of(cls, phi: Array, g_mm: Array, radius_mm: float, baseline_mm: float) -> _Eccentricities:
         """From circle angles phi (n,) rad and readings g_mm (n, 2); angles times the radius, so that both are in mm."""
-        by_gauges = angle(g_mm[:, 0], g_mm[:, 1], baseline_mm)
+        by_gauges = link_angle(g_mm[:, 0], g_mm[:, 1], baseline_mm)
         seen = np.stack([g_mm.mean(axis=1), radius_mm * by_gauges], axis=1)
         waves = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
         fit = np.linalg.lstsq(waves, seen, rcond=None)[0]

@@ -20,8 +20,7 @@ import numpy as np
 
 from analysis.conventions.finding import Finding, Misfit, Strength
 from analysis.conventions.gauge_order import EXCHANGED, ORDER, SIGN, negated
-from analysis.geometry.ball_link import readings
-from analysis.geometry.circle import frame_of
+from analysis.geometry.circle import frame_of, link_readings
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.model.predict import Model, model_of, moved, nominal_setup, path_of, read
@@ -365,7 +364,7 @@ def _slopes(rig: Rig, test: TestName, acw: _Way, cw: _Way) -> Array:
     offsets = np.array([gauge.offset_mm for _, gauge in rig.gauges])[:2]
 
     def seen(angles: Array) -> Array:
-        return readings(forward(arm, angles), centre, offsets, test, circle.radius_mm)  # type: ignore[arg-type]
+        return link_readings(forward(arm, angles), centre, offsets, test, circle.radius_mm)  # type: ignore[arg-type]
 
     steps = _STEP * np.eye(6)
     return np.stack([(seen(q + step) - seen(q - step)) / (2 * _STEP) for step in steps], axis=2)

@@ -33,7 +33,7 @@ from analysis.inference.search import SearchResult
 from analysis.inference.setups import FittedRuns
 from analysis.inference.state import DRIVEN_WAVES, FAULT, series_among
 from analysis.kinematics.arm import Array
-from analysis.measures.columns import FigureColumn, figure_columns
+from analysis.measures.pooled import FigureColumn, figure_columns
 from analysis.measures.pose import SAME_RAD, groups
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, borrowers, by_test, evaluated_again, result_of

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.geometry.ball_link import angle
-from analysis.geometry.circle import CircleFrame, frame_of
+from analysis.geometry.circle import CircleFrame, frame_of, link_angle
 from analysis.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.traces.laps import is_on_circle
 from rigs.rig import Rig
@@ -46,7 +45,7 @@ class Cell:
     def error_source(self, g_mm: Array) -> Array:
         """What is drawn around the circle, (n,) of readings (n, 2) mm: the angle in rad where there are two gauges,
         else the distance in mm."""
-        return angle(g_mm[:, 0], g_mm[:, 1], self.baseline_mm) if self.has_angle else g_mm[:, 0]
+        return link_angle(g_mm[:, 0], g_mm[:, 1], self.baseline_mm) if self.has_angle else g_mm[:, 0]
 
     @property
     def has_angle(self) -> bool:

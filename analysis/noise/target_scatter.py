@@ -24,8 +24,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.noise.cell import DRIFT_MM_PER_S, TARGET_MM, NoiseSource
-from analysis.noise.readings import rms
-from analysis.noise.resolution import shared_rounding
+from analysis.noise.readings import rms, shared_rounding
 
 _SEED = 0
 """The seed of the sampler, fixed so that a run always gives the same report."""

@@ -22,7 +22,7 @@ from analysis.correction.target_path import corrected_columns
 from analysis.kinematics.arm import Array
 from analysis.makers import maker_by
 from analysis.makers.reading import with_remark
-from analysis.measures.parameters import quantity_of
+from analysis.measures.quantity import quantity_of
 from analysis.model.predict import model_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note, rounded_um, short

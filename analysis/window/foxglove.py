@@ -21,7 +21,7 @@ from analysis.files.mcap_export import (
     joint_states,
     urdf_of,
 )
-from analysis.geometry.ball_link import angle
+from analysis.geometry.circle import link_angle
 from analysis.live.view import LiveView
 from analysis.window.foxglove_door import Door, hidden_address
 from analysis.window.guard import Gate
@@ -90,7 +90,7 @@ class Foxglove:
         for k in new.tolist():
             at_ns = int(view.rows.t_s[k] * 1e9) + since_1970_ns
             g1, g2 = view.rows.g_mm[k]
-            degrees = float(np.degrees(angle(g1, g2, cell.baseline_mm))) if cell.has_angle else math.nan
+            degrees = float(np.degrees(link_angle(g1, g2, cell.baseline_mm))) if cell.has_angle else math.nan
             values = {"g1_mm": g1, "g2_mm": g2, "angle_deg": degrees, "phi_deg": math.degrees(view.phi[k])}
             finite = {name: float(value) for name, value in values.items() if math.isfinite(value)}
             self._gauges.log(finite, log_time=at_ns)

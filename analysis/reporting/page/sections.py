@@ -8,10 +8,9 @@ from typing import get_args
 
 import numpy as np
 
-from analysis.measures.columns import figure_columns
 from analysis.measures.joint_reversals import apart, turns
 from analysis.measures.link_angle import CircleResult
-from analysis.measures.pooled import pairs_of, pooled
+from analysis.measures.pooled import figure_columns, pairs_of, pooled
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, by_test
 from analysis.reporting.chart import Picture

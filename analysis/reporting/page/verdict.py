@@ -10,7 +10,7 @@ import yaml
 
 from analysis.inference.result import Diagnosis
 from analysis.inference.verdict import JudgedFigure, judged_figures
-from analysis.measures.columns import FigureColumn
+from analysis.measures.pooled import FigureColumn
 from analysis.measures.results import Result
 from analysis.reporting.labels import whole_label
 from analysis.reporting.texts import Texts

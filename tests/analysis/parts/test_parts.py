@@ -10,8 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from analysis.parts.drawing import drawing
-from analysis.parts.sheet import purchases, sheet
+from analysis.parts.sheet import drawing, purchases, sheet
 from analysis.parts.sizes import Bought, PrintedPart, parts_of, remarks_of, seat_of
 from analysis.parts.solid import Solid, turned
 from rigs.arms import load_arm

@@ -12,7 +12,7 @@ import yaml
 
 from analysis import Result, evaluate_runs, load_run
 from analysis.inference.verdict import standing_of
-from analysis.measures.columns import figure_columns
+from analysis.measures.pooled import figure_columns
 from analysis.reporting.page.verdict import Verdict, example_limits, judge, named, verdict_sentence
 from analysis.reporting.texts import LANGUAGES, Language, texts_of
 from rigs.load import load, load_hidden
