@@ -17,7 +17,7 @@ from rigs.errors import FileError, RigPlace, UseError
 if TYPE_CHECKING:
     from analysis.cli.fitted_test import FittedTest, RigFile
     from analysis.setting_up.driven_circle import DrivenCircle
-    from analysis.traces.robot_motion import RobotMotion
+    from analysis.traces.loading import RobotMotion
     from daq.store import Run
     from rigs.edit import Values
     from rigs.rig import Rig
@@ -99,7 +99,7 @@ def fit_ball(
 
 def _recorded(paths: Iterable[Path], named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     """The motions of run directories, and the rig. Raises FileError where a run is of another robot."""
-    from analysis.traces.robot_motion import motion_in
+    from analysis.traces.loading import motion_in
     from daq.store import read_run
 
     runs = [read_run(path) for path in paths]
@@ -133,7 +133,7 @@ def _check_same_robot(where: str, run_rig: Rig, rig: Rig) -> None:
 def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     """What the robot does until Ctrl-C, and the rig: that of the daemon where none is named."""
     from analysis.cli.fitted_test import RigFile, u_written
-    from analysis.live.joint_watch import watched_motion
+    from analysis.live.daemon_source import watched_motion
     from analysis.setting_up.driven_circle import driven_circle
     from daq.service.client import Client, find_socket
     from rigs.load import parse
@@ -177,7 +177,7 @@ def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
     from analysis.cli.fitted_test import FittedTest
     from analysis.setting_up.driven_circle import driven_circle
     from analysis.setting_up.touched_ball import touched_ball
-    from analysis.traces.robot_motion import motion_in
+    from analysis.traces.loading import motion_in
     from rigs.schema.vocabulary import CIRCLES
 
     circles = [run.manifest.test in CIRCLES for run in runs]

@@ -101,7 +101,7 @@ def _own_catalogue(directory: Path, until: ExitStack) -> Path:
 def _write(plant: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:
     """Write what was asked for."""
     if parquet:
-        from analysis.fleet.table import write_figures
+        from analysis.fleet.screen import write_figures
 
         write_figures(plant, parquet)
         say(f"table: {parquet}", err=True)

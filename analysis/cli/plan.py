@@ -232,7 +232,7 @@ def _write(rig: Rig, planned: PlannedPoses, directory: Path, maker: MakerName | 
     """The table of the poses, whose rows a tracker's are joined to, and the program."""
     from analysis.files.write import holding, write_all_new
     from analysis.makers.writing import encoded_programs, programs_of
-    from analysis.robot_programs.examine import demand_of
+    from analysis.robot_programs.plan import demand_of
     from analysis.robot_programs.planned import poses_plan
 
     files = {"poses.csv": holding(planned.csv().encode())}

@@ -70,7 +70,7 @@ def program(
     from analysis.correction.target_path import compensated_plans
     from analysis.makers.writing import feedback_note, programs_of, write_programs
     from analysis.robot_programs.compensated import table_of
-    from analysis.robot_programs.examine import demand_lines, demand_of
+    from analysis.robot_programs.plan import demand_lines, demand_of
     from analysis.robot_programs.planned import LONGEST_ARC_DEG, plans_of
     from rigs.errors import UseError
     from rigs.load import load, named_by
@@ -112,7 +112,7 @@ def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwel
     from analysis.cli.progress import progress_of
     from analysis.geometry.iso_cube import cube_of
     from analysis.makers.writing import programs_of, write_programs
-    from analysis.robot_programs.examine import demand_lines, demand_of, seconds_of
+    from analysis.robot_programs.plan import demand_lines, demand_of, seconds_of
     from analysis.robot_programs.planned import PERCENTS, cube_plan, path_plan
     from rigs.load import named_by
 

@@ -49,8 +49,7 @@ def report(
     from analysis.cli.several import end_with, evaluated, worst
     from analysis.reporting.html_page import hold_page, hold_pdf, is_pdf
     from analysis.reporting.page.report import gather
-    from analysis.reporting.page.trace import Heading
-    from analysis.reporting.page.write_page import write_page
+    from analysis.reporting.page.write_page import Heading, write_page
     from rigs.load import load
 
     heading = Heading(serial, customer, order)

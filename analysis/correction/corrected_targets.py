@@ -19,8 +19,7 @@ from analysis.correction.pose_uncertainty import (
     pose_uncertainty,
     where_known,
 )
-from analysis.correction.refusal import why_nothing
-from analysis.correction.support import Support
+from analysis.correction.support import Support, why_nothing
 from analysis.correction.work import left_out_mm, rest_effects, tool_poses, used_effects, work_or_spread
 from analysis.inference.observation import BEYOND_MM, outside_coverage
 from analysis.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of, forward, pose_error, rail_mm

@@ -14,8 +14,7 @@ import numpy as np
 
 from analysis.conventions.finding import Finding
 from analysis.conventions.joints import PLACE_UNKNOWN, Verdict, judged_by_path
-from analysis.conventions.off_path import Off, off_circle
-from analysis.conventions.place import STAMPS, stamp_findings
+from analysis.conventions.place import STAMPS, Off, off_circle, stamp_findings
 from analysis.conventions.units import circle_gauges, impossible
 from analysis.geometry.circle import frame_of, link_angle, link_readings
 from analysis.geometry.programs import circle_laps, circle_of

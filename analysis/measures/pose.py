@@ -35,8 +35,7 @@ from analysis.conventions.lost_poses import (
     wild_findings,
     without_lost,
 )
-from analysis.conventions.off_path import Off
-from analysis.conventions.place import SOURCE, source_findings
+from analysis.conventions.place import SOURCE, Off, source_findings
 from analysis.conventions.units import UNITS, impossible, mirror_findings, off_in_its_unit, rail_findings, tracker
 from analysis.geometry.iso_cube import Cube, cube_of
 from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error

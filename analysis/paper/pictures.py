@@ -26,7 +26,7 @@ from analysis.measures.simulated_gauges import Noise
 from analysis.paper.published import NOMINAL_RADIUS_MM, datum_and_play, gears
 from analysis.paper.rows import DIRECTIONS, Row, eccentric, written
 from analysis.paper.simulated_tests import SCATTER, joint_lap, repeats, typical_seed
-from analysis.reporting.sheet import Sheet
+from analysis.reporting.still_chart import Sheet
 from analysis.simulation.simulate import simulate
 from analysis.traces.csv_tables import columns_of
 from analysis.traces.loading import measured_of

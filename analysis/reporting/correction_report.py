@@ -16,8 +16,7 @@ from rich.text import Text
 
 from analysis.correction.correct import GAIN_UM, Corrections
 from analysis.correction.corrected_targets import Corrected
-from analysis.correction.refusal import ANYWAY, why_nothing
-from analysis.correction.support import CONSTANTS, corrected_table
+from analysis.correction.support import ANYWAY, CONSTANTS, corrected_table, why_nothing
 from analysis.correction.target_path import corrected_columns
 from analysis.kinematics.arm import Array
 from analysis.makers import maker_by

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from analysis.emulation.keyboard import CellEvent
+from analysis.emulation.served_cell import CellEvent
 from analysis.measures.usable import why_unusable
 from analysis.session.plan import Program
 from analysis.session.processes import Child, Talking

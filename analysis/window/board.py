@@ -65,7 +65,7 @@ class Follow:
         self._board, self._headers = board, dict(headers or {})
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the stream. What holds the connection drops a reader that takes nothing (`analysis.window.serve`)."""
+        """Send the stream. What holds the connection drops a reader that takes nothing (`analysis.window.run`)."""
         headers = {"content-type": "text/event-stream", "cache-control": "no-store", "x-accel-buffering": "no"}
         head = [(name.encode(), value.encode()) for name, value in {**headers, **self._headers}.items()]
         self._board.viewers += 1

@@ -18,7 +18,7 @@ from analysis.live.view import LiveView, Update
 from analysis.session.state import Place
 from analysis.window import frames
 from analysis.window.board import Board
-from analysis.window.session import summary
+from analysis.window.frames import summary
 from daq.service.client import Client
 from rigs.errors import RigError
 

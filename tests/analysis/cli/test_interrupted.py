@@ -142,15 +142,14 @@ _KNOWN = {
     "cli/simulate.py": "the directory of many tables, whose files write_new writes",
     "files/write.py": "the one place where files are made",
     "fleet/catalogue.py": "a database, which has its own journal",
-    "fleet/table.py": "the parent of a file that is renamed at its end",
+    "fleet/screen.py": "the parent of a file that is renamed at its end",
     "history/page.py": "a picture in memory",
-    "reporting/sheet.py": "writers for write_all_over",
-    "reporting/diagnosis_report.py": "the same",
+    "reporting/diagnosis_report.py": "writers for write_all_over",
     "paper/pictures.py": "the same",
     "session/processes.py": "the log of a process, which grows line by line",
     "session/state.py": "the directory of a session, whose files durable.replace and writers above write",
     "reporting/html_page.py": "the parent of a file that durable.replace writes",
-    "reporting/still_chart.py": "a picture in memory",
+    "reporting/still_chart.py": "a picture in memory, and writers for write_all_over",
     "window/made.py": "directories in a temporary one",
 }
 

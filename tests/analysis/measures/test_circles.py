@@ -15,7 +15,7 @@ from analysis.measures.evaluate import evaluate
 from analysis.measures.joint_reversals import apart, beside, turns
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.reduction import reduced
-from analysis.reporting.run_words import figure_in_words
+from analysis.reporting.run_object import figure_in_words
 from analysis.simulation.simulate import simulate
 from analysis.traces.laps import Laps, laps_of
 from analysis.traces.tables import CircleTable

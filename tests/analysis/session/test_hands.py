@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from analysis.emulation.keyboard import CellEvent, Keyboard
+from analysis.emulation.served_cell import CellEvent, Keyboard
 from analysis.session.cell import EmulatedHands, Hear
 from analysis.session.state import Emulated, Stage
 from rigs.errors import CellError
