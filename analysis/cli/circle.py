@@ -56,7 +56,7 @@ def fit(
     lead the robot while rigd runs, and press Ctrl-C at the end.
     """
     from analysis.cli.fitted_test import print_or_write, rig_file_to_write
-    from analysis.cli.run_paths import distinct
+    from analysis.cli.several import distinct
     from analysis.setting_up.driven_circle import driven_circle
 
     if bool(runs) == live:
@@ -86,7 +86,7 @@ def fit_ball(
     ball as the centre of its circle.
     """
     from analysis.cli.fitted_test import print_or_write, rig_file_to_write
-    from analysis.cli.run_paths import distinct
+    from analysis.cli.several import distinct
     from daq.store import read_run
 
     named = rig_file_to_write(rig_file, write)

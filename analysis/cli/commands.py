@@ -98,9 +98,14 @@ JOBS = {
 
 _FILES = {
     **dict.fromkeys(("status", "metrics"), "record"),
-    **dict.fromkeys(("keep", "verify", "recover"), "runs"),
+    **dict.fromkeys(("keep", "relabel", "verify", "recover"), "runs"),
+    **dict.fromkeys(("example", "interfaces"), "check"),
+    **dict.fromkeys(("import-urdf", "export-urdf"), "arms"),
+    **dict.fromkeys(("replay", "simulate"), "emulate"),
     "ball": "circle",
     "import": "import_",
+    "logs": "doctor",
+    "versions": "calibrate",
 }
 """The file of a command that is not called like it."""
 

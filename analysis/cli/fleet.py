@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_json
+from analysis.cli.console import CountedProgress, say, say_json
 from analysis.cli.options import AsJson, Jobs, Scheduler, location
-from analysis.cli.progress import CountedProgress
 
 if TYPE_CHECKING:
     from analysis.fleet.gather import Fleet, Progress

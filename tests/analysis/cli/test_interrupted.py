@@ -139,7 +139,7 @@ _KNOWN = {
     "emulation/served_cell.py": "the directory of a cell, whose files durable.replace writes",
     "simulation/emulated_robot.py": "the same",
     "cli/export.py": "the directory of many exports, whose files write_new writes",
-    "cli/simulate.py": "the directory of many tables, whose files write_new writes",
+    "cli/emulate.py": "the directory of many tables, whose files write_new writes",
     "files/write.py": "the one place where files are made",
     "fleet/catalogue.py": "a database, which has its own journal",
     "fleet/screen.py": "the parent of a file that is renamed at its end",
