@@ -170,7 +170,7 @@ def relabel(
     ] = None,
 ) -> None:
     """Correct the labels of runs; their ledgers keep the old labels."""
-    from daq.store import marks as relabel_run
+    from daq.store import relabel as relabel_run
 
     if test is None and direction is None and operator is None and placement is None:
         raise typer.BadParameter("give --test, --direction, --operator or --placement")

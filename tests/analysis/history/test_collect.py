@@ -17,7 +17,7 @@ from analysis.history.collect import collect
 from analysis.history.history_file import FILE
 from analysis.history.records import Record, record_of
 from analysis.traces.loading import load_measured, refuse_copies
-from daq.store import Manifest, marks
+from daq.store import Manifest, relabel
 from rigs.errors import FileError
 from tests.support.dated_runs import dated_run
 
@@ -122,7 +122,7 @@ def test_a_copy_counts_once(runs: Path) -> None:
     shutil.copytree(runs / "000-acw", runs / "copied")
     found = collect(runs, "ur10e", silent)
     assert len(found.runs) == 3 and any("copied is a copy of 000-acw" in note for note in found.notes)
-    marks(runs / "copied", operator="Ann")
+    relabel(runs / "copied", operator="Ann")
     found = collect(runs, "ur10e", silent)
     assert len(found.runs) == 3 and any("copied is a copy of 000-acw" in note for note in found.notes)
 

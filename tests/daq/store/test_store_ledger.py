@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from daq.store import judge, load_manifest, marks, read_run, recover, verify
+from daq.store import judge, load_manifest, read_run, recover, relabel, verify
 from daq.store.ledger import Entry, Ledger, claim_in, line_of, verified
 from daq.store.verify import END_UNKNOWN
 from rigs.errors import CellError, FileError
@@ -224,7 +224,7 @@ def test_what_follows_a_seal_half_written_is_told_and_cut_by_the_next_record(run
     lines = len(ledger_lines := (run / "ledger.jsonl").read_bytes().split(b"\n"))
     assert f"line {lines} and what follows cannot be verified" in said(run)
     assert ledger_lines[-1] and read_run(run).manifest.exit_status == "complete"
-    marks(run, operator="bob")
+    relabel(run, operator="bob")
     assert said(run) == "whole" and load_manifest(run).operator == "bob"
 
 
@@ -277,7 +277,7 @@ def test_an_old_run_reads_and_is_not_sealed(old: Path) -> None:
     assert_holds(read_run(old), 20)
     assert said(old) == "whole; sealed: no, the run was recorded by an older version"
     assert recover(old).nothing_to_do and not (old / "ledger.jsonl").exists()
-    assert marks(old, operator="bob").operator == "bob"
+    assert relabel(old, operator="bob").operator == "bob"
     assert said(old).startswith("whole; sealed: no") and load_manifest(old).relabelled
 
 
@@ -310,7 +310,7 @@ def test_an_old_crash_is_recovered_and_sealed(tmp_path: Path, lost: str | None) 
 
 
 def test_a_whole_old_run_with_a_file_left_over_gets_a_ledger_with_all_that_was_known(old: Path) -> None:
-    marks(old, direction="acw")
+    relabel(old, direction="acw")
     (old / "g1-0009.parquet.tmp").touch()
     before = load_manifest(old)
     recover(old)
@@ -376,6 +376,6 @@ def test_the_seal_stays_the_one_that_was_printed(run: Path, tmp_path: Path) -> N
     writer = record(tmp_path)
     writer.close("complete", "told to stop", {})
     assert judge(writer.path).seal == writer.seal != judge(run).seal
-    marks(writer.path, operator="somebody else")
+    relabel(writer.path, operator="somebody else")
     assert judge(writer.path).seal == writer.seal
     assert CliRunner().invoke(app, ["verify", str(writer.path), "--seal", writer.seal]).exit_code == 0

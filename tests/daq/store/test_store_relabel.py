@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from analysis import save_run
 from analysis.cli import app
 from analysis.traces.loading import load_measured
-from daq.store import durable, judge, load_manifest, marks, read_run, recover, survey, table_run, write_table_run
+from daq.store import durable, judge, load_manifest, read_run, recover, relabel, survey, table_run, write_table_run
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
 from rigs.errors import CellError, FileError, UseError
@@ -32,8 +32,8 @@ def _files(run: Path) -> dict[str, bytes]:
 
 def test_the_new_words_hold_and_the_old_ones_are_kept(run: Path) -> None:
     before, files = load_manifest(run), _files(run)
-    marks(run, direction="acw")
-    marks(run, test="roll", operator="bob")
+    relabel(run, direction="acw")
+    relabel(run, test="roll", operator="bob")
     after = load_manifest(run)
     assert (after.test, after.direction, after.operator) == ("roll", "acw", "bob")
     history = [(change.field, change.old, change.new) for change in after.relabelled]
@@ -49,43 +49,43 @@ def test_the_new_words_hold_and_the_old_ones_are_kept(run: Path) -> None:
 def test_a_manifest_without_a_history_reads_and_is_written_as_before(run: Path) -> None:
     before = (run / MANIFEST).read_bytes() + (run / LEDGER).read_bytes()
     assert b"relabelled" not in before
-    marks(run, direction="cw", operator="ada")
+    relabel(run, direction="cw", operator="ada")
     assert (run / MANIFEST).read_bytes() + (run / LEDGER).read_bytes() == before, "these are the words that it has"
 
 
 def test_a_run_that_is_no_circle_any_more_has_no_direction(run: Path) -> None:
-    assert marks(run, test="radial").direction is None
+    assert relabel(run, test="radial").direction is None
     with pytest.raises(FileError, match="has a direction, and the run has none; add --direction"):
-        marks(run, test="yaw")
-    assert marks(run, test="yaw", direction="acw").direction == "acw"
+        relabel(run, test="yaw")
+    assert relabel(run, test="yaw", direction="acw").direction == "acw"
     assert len(load_manifest(run).relabelled) == 4
 
 
 def test_what_makes_no_sense_is_refused_and_changes_nothing(run: Path) -> None:
     before = (run / MANIFEST).read_bytes()
     with pytest.raises(UseError, match="a radial test has no direction; leave it out"):
-        marks(run, test="radial", direction="acw")
+        relabel(run, test="radial", direction="acw")
     with pytest.raises(FileError, match="data of a yaw test, which cannot be of a pose test"):
-        marks(run, test="pose")
+        relabel(run, test="pose")
     for name in ("a\nb", "a\x1b[2Jb", "a\tb"):
         with pytest.raises(UseError, match=r"--operator: .* holds control characters; write it in one line"):
-            marks(run, operator=name)
+            relabel(run, operator=name)
     with pytest.raises(UseError, match="--operator: a name of 201 characters; write at most 200"):
-        marks(run, operator="x" * 201)
+        relabel(run, operator="x" * 201)
     with pytest.raises(UseError, match="name a placement with up to 64 letters"):
-        marks(run, placement="by the wall")
+        relabel(run, placement="by the wall")
     assert (run / MANIFEST).read_bytes() == before
 
 
 def test_a_run_being_recorded_or_not_closed_is_refused(tmp_path: Path) -> None:
     writer = record(tmp_path)
     with pytest.raises(FileError, match="is being recorded"):
-        marks(writer.path, direction="acw")
+        relabel(writer.path, direction="acw")
     path = crash(writer)
     with pytest.raises(FileError, match="was not closed: the recording crashed; run `rig recover"):
-        marks(path, direction="acw")
+        relabel(path, direction="acw")
     recover(path)
-    assert marks(path, direction="acw").exit_status == "recovered"
+    assert relabel(path, direction="acw").exit_status == "recovered"
 
 
 def test_a_table_is_relabelled_only_as_far_as_its_rows_allow(tmp_path: Path) -> None:
@@ -93,24 +93,24 @@ def test_a_table_is_relabelled_only_as_far_as_its_rows_allow(tmp_path: Path) -> 
     who = {"rig_name": "r", "rig_text": "", "operator": "", "source": "s.csv", "source_sha256": "0"}
     run = table_run(tmp_path / "lap", columns, test="yaw", direction="cw", **who)
     write_table_run(run, run.path)
-    assert marks(tmp_path / "lap", test="roll").test == "roll"
+    assert relabel(tmp_path / "lap", test="roll").test == "roll"
     with pytest.raises(FileError, match="whose rows say cw; import it again with --direction acw"):
-        marks(tmp_path / "lap", direction="acw")
+        relabel(tmp_path / "lap", direction="acw")
     with pytest.raises(FileError, match="data of a roll test, which cannot be of a radial test"):
-        marks(tmp_path / "lap", test="radial")
+        relabel(tmp_path / "lap", test="radial")
 
 
 def test_lines_that_cannot_be_verified_are_not_replaced(run: Path) -> None:
-    marks(run, operator="anna")
-    marks(run, operator="berta")
+    relabel(run, operator="anna")
+    relabel(run, operator="berta")
     ledger = (run / LEDGER).read_bytes()
     damaged = ledger.replace(b"anna", b"enna", 1)
     (run / LEDGER).write_bytes(damaged)
     with pytest.raises(FileError, match=r"lines in ledger\.jsonl that cannot be verified.*; run `rig recover"):
-        marks(run, placement="wall")
+        relabel(run, placement="wall")
     assert (run / LEDGER).read_bytes() == damaged
     recover(run)
-    marks(run, placement="wall")
+    relabel(run, placement="wall")
     (kept,) = run.glob(f"{LEDGER}.torn*")
     assert kept.read_bytes() == damaged
 
@@ -121,7 +121,7 @@ def test_a_disk_that_refuses_leaves_the_old_label(run: Path, monkeypatch: pytest
 
     monkeypatch.setattr(durable, "write_at", full)
     with pytest.raises(CellError, match="cannot be relabelled: No space left on device"):
-        marks(run, direction="acw")
+        relabel(run, direction="acw")
     monkeypatch.undo()
     assert load_manifest(run).direction == "cw"
 
@@ -134,9 +134,9 @@ def test_the_command_takes_several_runs_and_analyse_says_so_once(tmp_path: Path)
     told = [doubt for doubt in load_measured(runs[0]).doubts if "relabelled" in doubt]
     assert len(told) == 1
     assert told[0].endswith("after it was recorded: test yaw to roll, operator rig simulate to bob")
-    marks(runs[0], operator="rig simulate", test="yaw")
+    relabel(runs[0], operator="rig simulate", test="yaw")
     assert not any("relabelled" in doubt for doubt in load_measured(runs[0]).doubts), "it is what it was"
-    marks(runs[0], operator="bob", test="roll")
+    relabel(runs[0], operator="bob", test="roll")
     listed = json.loads(CliRunner().invoke(app, ["runs", str(tmp_path), "--json"]).stdout)
     assert [(one["test"], one["operator"], one["relabelled"]) for one in listed] == [("roll", "bob", True)] * 2
     assert CliRunner().invoke(app, ["relabel", str(runs[0])]).exit_code == 2
@@ -145,7 +145,7 @@ def test_the_command_takes_several_runs_and_analyse_says_so_once(tmp_path: Path)
 def test_a_relabelled_table_saved_again_is_whole_and_keeps_its_history(tmp_path: Path) -> None:
     rig, text = load("paper-fanuc")
     (run,) = write_simulated(rig, text, "yaw", ("acw",), [1], tmp_path)
-    marks(run, test="roll", operator="bob")
+    relabel(run, test="roll", operator="bob")
     again = save_run(load_measured(run), tmp_path / "again")
     assert judge(again).summary == f"{again}: whole"
     label = load_manifest(again)
