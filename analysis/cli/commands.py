@@ -97,7 +97,7 @@ JOBS = {
 """The commands by what a person wants to do, in the order of the work, each with the first paragraph of its help."""
 
 _FILES = {
-    **dict.fromkeys(("status", "metrics"), "record"),
+    **dict.fromkeys(("status", "metrics", "automatic"), "record"),
     **dict.fromkeys(("keep", "relabel", "verify", "recover"), "runs"),
     **dict.fromkeys(("example", "interfaces"), "check"),
     **dict.fromkeys(("import-urdf", "export-urdf"), "arms"),
@@ -106,6 +106,7 @@ _FILES = {
     "import": "import_",
     "logs": "doctor",
     "versions": "calibrate",
+    "window": "live",
 }
 """The file of a command that is not called like it."""
 

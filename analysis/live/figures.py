@@ -10,8 +10,7 @@ import numpy as np
 
 from analysis.geometry.circle import link_angle
 from analysis.live.controls import Units
-from analysis.live.lap import moves, speeds
-from analysis.live.sweeps import ErrorCurve
+from analysis.live.lap import ErrorCurve, moves, speeds
 from analysis.live.view import LiveView
 from rigs.schema.vocabulary import CIRCLES
 

@@ -31,12 +31,11 @@ from analysis.reporting.html_page import environment
 from analysis.reporting.texts import LANGUAGES, Language
 from analysis.reporting.texts import texts_of as report_texts
 from analysis.session.state import Place
-from analysis.window.board import MOST_VIEWERS, Follow
 from analysis.window.controls import Controls
 from analysis.window.guard import COOKIE, Gate, Guard, form_of
 from analysis.window.made import WRITERS, Made, Wanted
 from analysis.window.shelf import MOST_SHOWN, Shelf, Shown, metrics_of
-from analysis.window.watcher import Watcher
+from analysis.window.watcher import MOST_VIEWERS, Follow, Watcher
 from daq.service.trust import tcp_user
 from rigs.distribution import version
 from rigs.errors import CellError, RigError

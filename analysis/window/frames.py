@@ -14,7 +14,7 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.live.error_panels import scale_of
 from analysis.live.figures import OLD_S, angle_deg, angle_name, figures, lap_state, shown_curves
-from analysis.live.sweeps import ErrorCurve, pieces
+from analysis.live.lap import ErrorCurve, pieces
 from analysis.live.text_panels import event_words
 from analysis.live.view import LiveView
 from analysis.session.next_step import Drive, Infer, next_of

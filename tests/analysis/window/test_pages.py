@@ -26,10 +26,9 @@ from analysis.session.state import Place, Session, Step, Try
 from analysis.window import frames
 from analysis.window.app import language_of
 from analysis.window.app import words_of as texts_of
-from analysis.window.board import Board
 from analysis.window.controls import Controls
 from analysis.window.frames import summary
-from analysis.window.watcher import Watcher
+from analysis.window.watcher import Board, Watcher
 from daq.store.marks import load_marks
 from rigs.errors import CellError
 from tests.support.nightly import cases

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.window import board, run
+from analysis.window import run, watcher
 from tests.support.windows import PATIENCE_S, Served, served, told
 
 EVENTS = b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"
@@ -83,7 +83,7 @@ def test_a_reader_that_takes_nothing_is_dropped_and_starves_nobody(
 
 def test_pages_beyond_the_most_are_told_to_come_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("analysis.window.app.MOST_VIEWERS", 3)
-    assert board.MOST_VIEWERS >= 10
+    assert watcher.MOST_VIEWERS >= 10
     with served(tmp_path) as one, ExitStack() as stack:
         for _ in range(3):
             stack.enter_context(one.raw(EVENTS)).recv(100)
