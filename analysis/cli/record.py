@@ -75,7 +75,7 @@ def stop(rig: RigName = None) -> None:
 
     Standard error has its faults, its seal, whether the robot was still driving, and why rig analyse would refuse it.
     """
-    from analysis.measures.usable import fitness
+    from analysis.measures.results import fitness
     from daq.service.client import Client, find_socket
 
     with Client(find_socket(rig)) as client:

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.live.cell import cell_of
-from analysis.live.rows import GAUGES, NO_TRACKS, ROBOT, Joiner, Track
+from analysis.live.rows import GAUGES, NO_TRACKS, ROBOT, Joiner, Track, cell_of
 from analysis.live.view import Reading, Update
 from analysis.traces.loading import RobotMotion
 from daq.service.client import Client

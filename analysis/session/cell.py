@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from analysis.emulation.served_cell import CellEvent
-from analysis.measures.usable import why_unusable
+from analysis.measures.results import why_unusable
 from analysis.session.plan import Program
 from analysis.session.processes import Child, Talking
 from analysis.session.state import Emulated, Stage, Step
