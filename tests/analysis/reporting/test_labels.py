@@ -1,6 +1,11 @@
 """Rows of a report: every figure has a label, and details stand under the line that they belong to."""
 
-from analysis.reporting.texts import _LABELS, in_order, label, whole_label
+from analysis.reporting.texts import (
+    _LABELS,  # private: every figure that has a label
+    in_order,
+    label,
+    whole_label,
+)
 
 
 def test_details_stand_under_their_line_and_none_is_lost() -> None:
