@@ -89,9 +89,14 @@ class Measure:
         return weighted - U @ (moves @ weighted)
 
     def without_set_up(self, changes: Array) -> Array:
-        """Return whitened changes (N,) with what set-ups absorb taken off, to be drawn."""
+        """Return whitened changes (N, …) with what set-ups absorb taken off, to be drawn."""
         _, moves = self._absorbs
-        return changes - self.linear.U @ (moves @ (self._root * changes))
+        return changes - self.linear.U @ ((moves * self._root) @ changes)
+
+    def scatter_mm(self) -> list[Array]:
+        """Return what one standard deviation of all that differs from run to run, joints, ball and stamps, adds to the
+        entries (N, c) mm of each block, with what set-ups absorb taken off."""
+        return self.linear.in_mm(self.without_set_up(np.concatenate([self.linear.Z, self.linear.stamps], axis=1)))
 
     def um(self, changes: Array) -> float:
         """Return the root mean square in µm of whitened changes (N,)."""
