@@ -106,12 +106,14 @@ class Measure:
 @dataclass(frozen=True)
 class EffectChange:
     """What a fitted effect does: `change` (N,) of the whitened readings, its rms and standard uncertainty in µm, and
-    how many times as much as a healthy one does."""
+    how many times as much as a healthy one does. `apart` is the share of it by which single runs differ beyond noise
+    and scatter, as a standard uncertainty of their mean."""
 
     change: Array
     um: float
     u_um: float
     times_usual: float
+    apart: float = 0.0
 
 
 def effect_changes(result: SearchResult) -> list[EffectChange]:
@@ -134,7 +136,8 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         shapes = {shape.field: shape.expected for shape in effect.free(result.linear.payload_kg)}
         as_usual = scaled(healthy(effect), effect.usual_times(result.built), **shapes)
         usual = measure.um(result.linear.columns([as_usual])[:, 0])
-        changes.append(EffectChange(change, um, u_um, um / usual if usual > 0 else float("inf")))
+        apart, times = runs_apart(result, k), um / usual if usual > 0 else float("inf")
+        changes.append(EffectChange(change, um, float(np.hypot(u_um, apart * um)), times, apart))
     return changes
 
 
@@ -361,6 +364,30 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
     covariance = np.asarray(np.linalg.inv(precision + np.eye(len(slope)) / _WIDE**2), dtype=float)
     of_shown = slice(len(shown))
     return SizesBySetUp(tuple(shown), (1 + covariance @ slope)[of_shown], covariance[of_shown, of_shown])
+
+
+def runs_apart(result: SearchResult, k: int) -> float:
+    """Return the standard uncertainty of the size of name k, as a share of it, that its single runs show beyond noise
+    and scatter; 0 where chance explains how far their sizes lie apart.
+
+    Noise is alike in all directions of a band, and scatter in all joints. That of one joint that wanders on its way is
+    neither, and lies where a lag or a gear of this joint does.
+    """
+    from scipy.special import chdtri  # noqa: PLC0415 - slow to import
+
+    linear, beside, change = result.linear, _beside_size(result, k), result.contributions[k]
+    weight, scatter = beside.background.weight, np.concatenate([linear.Z, linear.stamps], axis=1)
+    pull = weight * beside.left_of(change[:, None])[:, 0]
+    pull /= change @ pull  # of readings: the share of the size that they show
+    freedom, shown, expected = 0, 0.0, 0.0
+    for block, rows in zip(linear.blocks, linear.rows, strict=True):
+        if block.count > 1:
+            single = block.apart_mm @ (pull[rows] / block.sd_mm)
+            shown += float(single @ single) / (block.count * (block.count - 1))
+            expected += float(np.sum(pull[rows] ** 2 / weight[rows]) + np.sum((pull[rows] @ scatter[rows]) ** 2))
+            freedom += block.count - 1
+    by_chance = not freedom or freedom * shown <= chdtri(freedom, _CHANCE) * expected
+    return 0.0 if by_chance else float(np.sqrt(shown - expected))
 
 
 def _beside_size(result: SearchResult, k: int) -> Posterior:
