@@ -85,9 +85,9 @@ def test_a_recorded_run_keeps_what_the_daemon_began_with(tmp_path: Path) -> None
     content = beside.read_bytes()
     text = f"{rig_text()}calibration: {{file: {beside.name}, sha256: {sha256(content).hexdigest()}}}\n"
     with Bench(tmp_path, text) as bench:
-        bench.start()
+        bench.start().all_reading()
         beside.write_text("something else")
-        bench.run("rig", "record", "start", "dwell", "--test", "radial")
+        bench.record("dwell", "cw")
         bench.run("rig", "record", "stop")
     (run,) = (tmp_path / "runs").glob("*_dwell")
     assert (run / FILE).read_bytes() == content
