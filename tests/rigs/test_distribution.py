@@ -23,7 +23,7 @@ requirements = [
 ]
 """
 """Of uv 0.13 after two parts were added; what the next command does not name, uv removes."""
-BENEATH = getattr(sys, "_base_executable", "python3")
+BENEATH = getattr(sys, "_base_executable", "python3")  # private: the remedy names the Python beneath an environment
 """The Python of which this environment was made: on a path with the environment first, `python3` has no pip."""
 OF_A_PROGRAM = [
     ("pipx_metadata.json", "", f"add it: pipx inject {NAME} 'asyncua<2.2,>=2.1' lxml"),
