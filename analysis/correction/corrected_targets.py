@@ -21,8 +21,18 @@ from analysis.correction.pose_uncertainty import (
 )
 from analysis.correction.refusal import why_nothing
 from analysis.correction.support import Support
-from analysis.correction.work import left_out_mm, rest_effects, tool_poses, used_effects, work_or_spread
-from analysis.inference.observation import BEYOND_MM, outside_coverage
+from analysis.correction.work import (
+    base_u_um,
+    left_out_mm,
+    rest_effects,
+    rest_mm,
+    rms_um,
+    tool_places,
+    tool_poses,
+    used_effects,
+    work_or_spread,
+)
+from analysis.inference.observation import BEYOND_DEG, BEYOND_MM, outside_coverage
 from analysis.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of, forward, pose_error, rail_mm
 from analysis.kinematics.in_part import nearest, turned_rad
 from analysis.kinematics.inverse import inverse
@@ -41,6 +51,57 @@ _REACHED = 1e-6
 _SINGULAR = "cannot be corrected: the arm is at a singularity"
 _FEWEST_TAUGHT = 4
 """Targets below which they teach no frame: three hold one without showing any error of it."""
+
+
+GAIN_UM = 1.0
+"""Gain below which nothing can be corrected. Chosen: below any robot's repeatability."""
+
+
+@dataclass(frozen=True)
+class WorkError:
+    """The error of the tool's place over the work of a rig or over targets, root mean square in µm, in a frame that is
+    taught with the robot there: `before_um` as it is, and `after_um` with corrected targets, which is its standard
+    uncertainty: `u_um` of the model and the rest of what no target holds. `model_um` is what of it can be corrected.
+    `base` is the same in the robot's own base, and `base_u_um` what the place of the whole arm on its base adds to the
+    uncertainty. `unknown` is the share of the postures at which no run says how well the arm is known: these figures
+    are the model's guess there.
+    """
+
+    before_um: float
+    after_um: float
+    u_um: float
+    base: InBase
+    base_u_um: float
+    model_um: float
+    unknown: float
+
+    @classmethod
+    def of(
+        cls, off_mm: Array, rest: Array, u_mm: Array, u_frame_mm: Array, stays_mm: Array, inside: Mask | None
+    ) -> WorkError:
+        """Return that of places (n,) that are off in the base and in a taught frame, mm, with their uncertainties in
+        both, what stays of them, and which are covered."""
+
+        def errors(off_mm: Array, u_mm: Array) -> tuple[float, float, float]:
+            return rms_um(np.hypot(off_mm, stays_mm)), rms_um(np.hypot(u_mm, stays_mm)), rms_um(u_mm)
+
+        unknown = 0.0 if inside is None else float(np.mean(~inside))
+        in_base, base_u = InBase(*errors(off_mm, u_mm)), base_u_um(u_mm, u_frame_mm)
+        return cls(*errors(rest, u_frame_mm), in_base, base_u, rms_um(rest), unknown)
+
+    @property
+    def gains(self) -> bool:
+        """Whether corrected targets take away error, with frame and tool taught or in the base."""
+        return max(self.before_um - self.after_um, self.base.before_um - self.base.after_um) >= GAIN_UM
+
+
+@dataclass(frozen=True)
+class InBase:
+    """The error of the tool's place in the robot's own base, µm, as in `WorkError`."""
+
+    before_um: float
+    after_um: float
+    u_um: float
 
 
 @dataclass(frozen=True)
@@ -63,8 +124,9 @@ class Corrected:
     corrected, with the names left_out (e,). `u_mm` (n,) is the standard uncertainty of the position in the robot's
     base, from that of the model and from effects that are not corrected, and `u_frame_mm` (n,) the same in a frame that
     is taught with the robot over these targets. All of these are NaN where a target was not corrected, and both u where
-    it is not `covered` (n,), None where that is unknown: the runs do not say how well the place is known. `doubts` are
-    in words.
+    it is not `covered` (n,), None where that is unknown: the runs do not say how well the place is known. `unknown`
+    (n,) says why, empty where it is covered, and `doubts` of all of them, in words. `error` is that of the places at
+    the targets that were corrected, None where there are none.
     """
 
     q: Array
@@ -78,6 +140,8 @@ class Corrected:
     doubts: tuple[str, ...]
     done: Mask
     left: tuple[NotCorrected, ...]
+    unknown: tuple[str, ...]
+    error: WorkError | None
 
 
 def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()) -> Corrected:
@@ -101,12 +165,14 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
     if len(taught) < _FEWEST_TAUGHT:
         taught = work_or_spread(rig, uncertainty.joints_rad)
     u_mm, u_frame_mm = places_u_mm(rig, uncertainty, at, taught)
-    before = tool_poses(model_of(rig, used_effects(rig, supported)), q[done])
-    marks = None
+    used, nominal, wanted = used_effects(rig, supported), forward(arm, q[done]), forward(arm, taught)
+    before, marks, unknown = tool_places(rig, used, q[done]), None, np.full(len(q), "", dtype=object)
     if inside is not None:
         marks = np.zeros(len(q), dtype=bool)
         marks[done] = inside
-    distance: Array = np.linalg.norm(before[:, :3, 3] - forward(arm, q[done])[:, :3, 3], axis=1)
+        unknown[done] = _unknown(rig, uncertainty, at, inside)
+    distance: Array = np.linalg.norm(before - nominal[:, :3, 3], axis=1)
+    rest = rest_mm(before, nominal, (tool_places(rig, used, taught), wanted))
     return Corrected(
         angles,
         forward(arm, angles),
@@ -119,6 +185,8 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         (*_doubts(rig, uncertainty, at), *_turned(rig, supported, q[done], at)),
         done,
         tuple(skipped),
+        tuple(unknown.tolist()),
+        WorkError.of(distance, rest, u_mm, u_frame_mm, stays_mm, inside) if done.any() else None,
     )
 
 
@@ -205,6 +273,23 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
         beyond = f"farther than {reach_mm:.0f} mm from every socket touched, where no placement judged it"
         stands.append(f"the model: {far} of {len(q)} targets are {beyond}")
     return [first, *outside_coverage(ranges, q, "the model"), *stands]
+
+
+def _unknown(rig: Rig, uncertainty: PoseUncertainty, q: Array, inside: Mask) -> list[str]:
+    """Return in words why no run says how well each target at angles q (n, axes) rad is reached: the joints that stand
+    beyond those of the runs, with both; empty where it is `inside` (n,)."""
+    axes, joints = len(rig.robot.axes), uncertainty.joints_rad
+    assert joints is not None  # noqa: S101 - what is covered is known
+    (low, high), margin = np.degrees(joints[:axes]).T, BEYOND_DEG
+    other = "the model corrects nothing" if why_nothing(rig) else "beyond the rail or the reach that the runs cover"
+    reasons = []
+    for at_deg, is_inside in zip(np.degrees(q[:, :axes]), inside, strict=True):
+        beyond = [
+            f"{rig.robot.axis_words(k + 1)} at {at_deg[k]:z.1f}°, in the runs {low[k]:z.1f}° to {high[k]:z.1f}°"
+            for k in np.flatnonzero((at_deg < low - margin) | (at_deg > high + margin)).tolist()
+        ]
+        reasons.append("" if is_inside else ", ".join(beyond) or other)
+    return reasons
 
 
 def _turned(rig: Rig, supported: Sequence[Support], q: Array, at: Array) -> list[str]:
