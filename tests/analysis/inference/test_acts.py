@@ -85,7 +85,8 @@ def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> No
     assert "with --program FILE (or --path TARGETS.csv) or --for fanuc." in of_six.next
     assert "instead of the correction" in of_six.sentence(repair)
     assert "the correction" not in of_six.sentence(repair, corrected=True)
-    of_five = ActWords(diagnosis(acts=(load_act, repair), rig=load("so-101")[0]))
+    five = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": RIG.robot.axes[:5]})})
+    of_five = ActWords(diagnosis(acts=(load_act, repair), rig=five))
     assert of_five.next.startswith(
         "Send the controller to corrected targets: rig correct so.yaml -o D writes them, with"
     )
