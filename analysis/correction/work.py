@@ -103,9 +103,9 @@ def used_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
 
 
 def rest_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
-    """Return what a correction leaves of the whole model."""
+    """Return what a correction leaves of the whole model: the clocks of instruments move no tool."""
     unsure = _unsure(supported)
-    return tuple(effect for effect in model_of(rig).effects if _stays(effect, unsure))
+    return tuple(effect for effect in model_of(rig).effects if _stays(effect, unsure) and effect.STAGE != "time")
 
 
 def _unsure(supported: Sequence[Support]) -> set[int]:
