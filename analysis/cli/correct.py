@@ -130,7 +130,7 @@ def correct(
     with named_by(rig_file, rig), progress_of("correcting"):
         asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole, start_of(start))
         corrections = correct_rig(rig, path, maker, scale_of(scale), entered=entered, programs=asked)
-        in_vain = () if anyway else corrections.in_vain
+        in_vain = {} if anyway else corrections.in_vain
         corrections = corrections.without(in_vain)
         written = correction_report.write(corrections, directory)
     if as_json:
@@ -151,8 +151,8 @@ def correct(
         say("next: compare each program with the original line by line; nothing was sent to a robot", err=True)
         say("      a person runs it first at reduced speed, hand on the stop, and watches each target", err=True)
     errors = target_errors(*corrections.path) if corrections.path else []
-    problem, remedy = "corrected targets take away no error at its targets, so none are written", "leave it as it is"
-    errors += [FileError(str(file), problem, f"{remedy}; --anyway writes it") for file in in_vain]
+    remedy = "leave it as it is, or measure there; --anyway writes it"
+    errors += [FileError(str(file), f"{why}, so none are written", remedy) for file, why in in_vain.items()]
     problem, remedy = "is not written: places were left", "mend them, or leave out --all-or-nothing"
     errors += [FileError(str(program.path), problem, remedy) for program in corrections.programs if program.held]
     for error in errors[:_SAID]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -51,13 +51,19 @@ class Corrections:
     calibrated: tuple[Support, ...] = ()
 
     @property
-    def in_vain(self) -> tuple[Path, ...]:
-        """The path and the programs at whose targets corrected ones take away no error."""
-        errors = {self.path[0]: self.path[2].error} if self.path else {}
-        errors |= {program.path: program.error for program in self.programs}
-        return tuple(path for path, error in errors.items() if error and not error.gains)
+    def in_vain(self) -> dict[Path, str]:
+        """The path and the programs of which corrected targets are not known to gain, and why, as after their names."""
+        made = {self.path[0]: (self.path[2].error, bool(self.path[2].done.any()))} if self.path else {}
+        made |= {program.path: (program.error, bool(program.names)) for program in self.programs}
+        return {
+            path: "corrected targets take away no error there"
+            if error
+            else "no run says how well its targets are reached"
+            for path, (error, is_any) in made.items()
+            if (is_any and error is None) or (error and not error.gains)
+        }
 
-    def without(self, paths: Sequence[Path]) -> Corrections:
+    def without(self, paths: Collection[Path]) -> Corrections:
         """Return the corrections without a path and programs of these names."""
         path = self.path if self.path and self.path[0] not in paths else None
         return replace(self, path=path, programs=tuple(kept for kept in self.programs if kept.path not in paths))

@@ -126,7 +126,7 @@ class Corrected:
     is taught with the robot over these targets. All of these are NaN where a target was not corrected, and both u where
     it is not `covered` (n,), None where that is unknown: the runs do not say how well the place is known. `unknown`
     (n,) says why, empty where it is covered, and `doubts` of all of them, in words. `error` is that of the places at
-    the targets that were corrected, None where there are none.
+    the targets that were corrected and are covered, None where there are none.
     """
 
     q: Array
@@ -173,6 +173,7 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         unknown[done] = _unknown(rig, uncertainty, at, inside)
     distance: Array = np.linalg.norm(before - nominal[:, :3, 3], axis=1)
     rest = rest_mm(before, nominal, (tool_places(rig, used, taught), wanted))
+    sizes, shown = (distance, rest, u_mm, u_frame_mm, stays_mm), np.ones(len(at), bool) if inside is None else inside
     return Corrected(
         angles,
         forward(arm, angles),
@@ -186,7 +187,7 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         done,
         tuple(skipped),
         tuple(unknown.tolist()),
-        WorkError.of(distance, rest, u_mm, u_frame_mm, stays_mm, inside) if done.any() else None,
+        WorkError.of(*(mm[shown] for mm in sizes), inside) if shown.any() else None,
     )
 
 

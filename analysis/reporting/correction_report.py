@@ -91,8 +91,11 @@ def _first(corrections: Corrections) -> str:
     )
     ways += [(f"Load the corrected {one.path.name}", one.error) for one in corrections.programs if not one.held]
     sentences = [_falls(how, error, "at these targets") for how, error in ways if error]
-    for error in [error for _, error in ways if error and error.unknown]:
-        sentences.append(f"No run shows how large it stays at {max(100 * error.unknown, 1):.0f} % of these targets.")
+    for share in [error.unknown for _, error in ways if error and error.unknown]:
+        sentences.append(
+            f"No run says how well the other {max(100 * share, 1):.0f} % of these targets are reached: they are "
+            "corrected by a guess of the model, and may be farther off than before; measure there first, or leave them."
+        )
     if not sentences:
         options = "--program FILE, or --path TARGETS.csv" if corrections.rig.takes_programs else "--path TARGETS.csv"
         sentences = [_falls(f"Send the controller to corrected targets ({options})", work, "over the work") + of_work]
@@ -123,10 +126,9 @@ def _falls(how: str, error: WorkError, where: str) -> str:
 
 def why_not(corrections: Corrections) -> str:
     """Why nothing is to be corrected; empty where something is."""
-    given = bool(corrections.path or corrections.programs)
-    in_vain = bool(corrections.in_vain) if given else not corrections.work.gains
-    where = "at their places" if given else "over the work"
-    why = f"corrected targets take away no error {where}" if in_vain else ""
+    why = "" if corrections.work.gains else "corrected targets take away no error over the work"
+    if corrections.path or corrections.programs:
+        why = next((f"{path.name}: {of_it}" for path, of_it in corrections.in_vain.items()), "")
     return why_nothing(corrections.rig) or why
 
 
@@ -285,7 +287,7 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     ]
     head = "".join(f"# {line}\n" for line in lines)
     every = [*([corrections.path[0]] if corrections.path else []), *(program.path for program in corrections.programs)]
-    against = every if why_nothing(corrections.rig) else corrections.in_vain
+    against = every if why_nothing(corrections.rig) else [*corrections.in_vain]
     if why := why_not(corrections) if every else why_nothing(corrections.rig):
         head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why.removeprefix('correct nothing by this model: ')}.\n"
     text = head + yaml.safe_dump(contents, sort_keys=False, allow_unicode=True, width=10_000)

@@ -256,7 +256,10 @@ def test_work_where_no_run_measured_is_said_to_be_unknown(tmp_path: Path) -> Non
     cell.write_text(extended(load("ur10e")[1], [zero], "cell"), encoding="utf-8")
     path = tmp_path / "path.csv"
     path.write_text(",".join(JOINTS) + "\n0,-80,100,-20,80,0\n")
-    words = ["correct", str(cell), "--path", str(path), "-o"]
+    done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(tmp_path / "0")])
+    assert done.exit_code == 3 and "no run says how well its targets are reached, so none are written" in done.stderr
+    assert not (tmp_path / "0" / "corrected-path.csv").exists(), "a guess was written as a correction"
+    words = ["correct", str(cell), "--path", str(path), "--anyway", "-o"]
     said = " ".join(CliRunner().invoke(app, [*words, str(tmp_path / "1")]).stdout.split())
     assert "No run shows how large the error stays where the work is." in said
     assert "how well they are reached is not known: no run says it" in said and "nan" not in said
@@ -274,7 +277,7 @@ def test_a_path_is_judged_by_its_own_targets(tmp_path: Path, q1: float, status: 
     path.write_text("\n".join([",".join(JOINTS), *(f"{q1},{20 + 9 * k},{10 - 9 * k},0,60,0" for k in range(5))]) + "\n")
     done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(tmp_path / "out")])
     assert (done.exit_code, (tmp_path / "out" / "corrected-path.csv").exists()) == (status, not status)
-    in_vain = "corrected targets take away no error at its targets, so none are written"
+    in_vain = "corrected targets take away no error there, so none are written"
     assert (in_vain in done.stderr) == bool(status)
     said = " ".join(done.stdout.split())
     assert ("corrected-path.csv: the tool's error at these targets falls from" in said) == (not status)
