@@ -103,9 +103,18 @@ def used_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
 
 
 def rest_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
-    """Return what a correction leaves of the whole model: the clocks of instruments move no tool."""
+    """Return what a correction leaves of the whole model where the robot stands."""
     unsure = _unsure(supported)
-    return tuple(effect for effect in model_of(rig).effects if _stays(effect, unsure) and effect.STAGE != "time")
+    return tuple(filter(None, (_standing(effect) for effect in model_of(rig).effects if _stays(effect, unsure))))
+
+
+def _standing(effect: Effect) -> Effect | None:
+    """Return an effect as a robot that stands shows it, None for none: clocks and late servos show in motion alone."""
+    portions = getattr(effect, "portions", None)
+    if portions is None:
+        return None if effect.part == "clocks" else effect
+    standing = tuple(portion for portion in portions if portion.of.part != "clocks")
+    return effect.model_copy(update={"portions": standing}) if standing else None
 
 
 def _unsure(supported: Sequence[Support]) -> set[int]:

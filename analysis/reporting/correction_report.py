@@ -19,11 +19,11 @@ from analysis.correction.corrected_targets import GAIN_UM, Corrected, WorkError
 from analysis.correction.refusal import ANYWAY, why_nothing
 from analysis.correction.support import CONSTANTS, corrected_table
 from analysis.correction.target_path import corrected_columns
+from analysis.correction.work import rest_effects
 from analysis.kinematics.arm import Array
 from analysis.makers import maker_by
 from analysis.makers.reading import with_remark
 from analysis.measures.parameters import quantity_of
-from analysis.model.predict import model_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note, short
 from analysis.reporting.diagnosis_words import plain
@@ -170,7 +170,8 @@ def _path_lines(corrections: Corrections) -> list[str]:
             f"before; {program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])}; "
             f"effects that are not corrected leave {_small(np.nanmax(_left_out(targets)))}"
         )
-        words = {label_of(effect): plain(corrections.rig, effect) for effect in model_of(corrections.rig).effects}
+        stays = rest_effects(corrections.rig, corrections.effects)
+        words = {label_of(effect): plain(corrections.rig, effect) for effect in stays}
         each = [(words[name], mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
         if each:
             parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
