@@ -58,12 +58,17 @@ def fit(
     from analysis.cli.fitted_test import print_or_write, rig_file_to_write
     from analysis.cli.run_paths import distinct
     from analysis.setting_up.driven_circle import driven_circle
+    from analysis.traces.robot_motion import motion_in
 
     if bool(runs) == live:
         problem = "both runs and --live are given" if live else "nothing is given to fit"
         raise UseError("rig circle fit", problem, "give run directories, or --live")
     named = rig_file_to_write(rig_file, write)
-    motions, to = _watched(named) if live else _recorded(distinct(runs or []), named)
+    if live:
+        motions, to = _watched(named)
+    else:
+        recorded, to = _of_one_robot(distinct(runs or []), named)
+        motions = [motion_in(run) for run in recorded]
     print_or_write(_as_test(driven_circle(motions, to.rig)), to, write=write, as_json=as_json)
 
 
@@ -87,26 +92,20 @@ def fit_ball(
     """
     from analysis.cli.fitted_test import print_or_write, rig_file_to_write
     from analysis.cli.run_paths import distinct
-    from daq.store import read_run
 
-    named = rig_file_to_write(rig_file, write)
-    read = [read_run(path) for path in distinct(runs)]
-    to = named or _rig_of(read[0])
-    for run in read:
-        _check_same_robot(str(run.path), _rig_in(run), to.rig)
+    read, to = _of_one_robot(distinct(runs), rig_file_to_write(rig_file, write))
     print_or_write(_ball_of(read, to.rig), to, write=write, as_json=as_json)
 
 
-def _recorded(paths: Iterable[Path], named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
-    """The motions of run directories, and the rig. Raises FileError where a run is of another robot."""
-    from analysis.traces.robot_motion import motion_in
+def _of_one_robot(paths: Iterable[Path], named: RigFile | None) -> tuple[list[Run], RigFile]:
+    """The runs of directories, and the rig. Raises FileError where a run is of another robot."""
     from daq.store import read_run
 
     runs = [read_run(path) for path in paths]
     to = named or _rig_of(runs[0])
     for run in runs:
         _check_same_robot(str(run.path), _rig_in(run), to.rig)
-    return [motion_in(run) for run in runs], to
+    return runs, to
 
 
 def _rig_of(run: Run) -> RigFile:

@@ -49,7 +49,7 @@ def check_runs(runs: Runs) -> list[Checked]:
             if with_joints
             else ""
             if convention.name in _SHOWN_BY_PATHS
-            else "the table has neither joints nor gauges",
+            else f"the table {runs[0].table.kind.without_joints}",
         )
         for convention in CONVENTIONS
     ]

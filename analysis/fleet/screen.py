@@ -14,6 +14,7 @@ from rich.text import Text
 from analysis.fleet.gather import Fleet
 from analysis.fleet.state import ORDER, Attention, State
 from analysis.frames import for_json
+from analysis.history.words import without_figures
 from analysis.reporting.origins import simulated_runs
 from analysis.reporting.plain_console import whole
 from rigs.text import plain
@@ -27,7 +28,6 @@ WORDS: dict[Attention, str] = {
     "unlimited": "no limits",
 }
 _STYLES: dict[Attention, str] = {"beyond": "bold red", "watch": "yellow", "unreadable": "yellow", "changed": "yellow"}
-_MOST_NAMED = 5
 
 
 def as_screen(fleet: Fleet) -> RenderableType:
@@ -83,14 +83,7 @@ def doubts_of(fleet: Fleet) -> list[str]:
     """What to know of the catalogue, and runs that are left out: those of no known robot, then each robot's."""
     left_out = [*fleet.strays]
     left_out += [(str(Path(state.folder, run)), why) for state in fleet.robots for run, why in state.without_figures]
-    lines = list(fleet.notes)
-    if left_out:
-        have, are = ("run has", "is") if len(left_out) == 1 else ("runs have", "are")
-        lines.append(f"{len(left_out)} {have} no figures and {are} left out:")
-        lines += [plain(f"  {run}: {why}") for run, why in left_out[:_MOST_NAMED]]
-        if len(left_out) > _MOST_NAMED:
-            lines.append(f"  and {len(left_out) - _MOST_NAMED} more, which --json names")
-    return lines
+    return [*fleet.notes, *without_figures(left_out)]
 
 
 def names_of(fleet: Fleet) -> list[str]:

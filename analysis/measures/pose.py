@@ -41,10 +41,10 @@ from analysis.conventions.units import UNITS, impossible, mirror_findings, off_i
 from analysis.geometry.iso_cube import Cube, cube_of
 from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, transform, without_setup
-from analysis.kinematics.limits import impossible_rad, wrapped
+from analysis.kinematics.limits import wrapped
 from analysis.measures.axis_curves import AxisCurve, axis_curves
 from analysis.measures.cube import by_pose, distance_figures, poses_of_cube
-from analysis.measures.evaluate import Instruments, hold_numbers
+from analysis.measures.evaluate import Instruments, hold_joints, hold_numbers
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
@@ -367,13 +367,9 @@ def _hold(table: PoseTable, where: str) -> None:
     hold_numbers(where, q=table.q, xyz_mm=table.xyz_mm)
     if table.rpy is not None:
         hold_numbers(where, rpy=table.rpy)
-    if np.ptp(table.q, axis=0).max() < 1e-6:
-        raise FileError(where, "the robot stood still in all rows", "give poses from the whole working space")
+    hold_joints(where, table.q, "give poses from the whole working space")
     if np.ptp(table.xyz_mm, axis=0).max() == 0:
         raise FileError(where, "the instrument reported the same place in all rows", "check that it follows the target")
-    if most := impossible_rad(table.q):
-        angle = f"a joint at {np.degrees(most):.0f}° is impossible"
-        raise FileError(where, angle, "check the unit of q: files hold degrees")
 
 
 class Pose(PlaceKind[PoseTable]):

@@ -16,7 +16,7 @@ from analysis.kinematics.arm import Array
 from analysis.measures import radial, repeatability, roll, yaw
 from analysis.measures.link_angle import fit_sine
 from analysis.measures.simulated_gauges import Noise
-from analysis.simulation.simulate import simulate
+from analysis.simulation.simulate import noise_seed, simulate
 from analysis.traces.laps import laps_of
 from analysis.traces.tables import CircleTable, RadialTable, RepeatabilityTable
 from rigs.effects import Effect
@@ -105,7 +105,7 @@ def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str
     """uni_mm and bi_mm, (seeds,) each, of as many simulated repeatability tests."""
     readings = []
     for seed in range(seeds):
-        table = simulate(rig, "repeatability", None, seed, effects, SCATTER)
+        table = simulate(rig, "repeatability", None, noise_seed(seed, None), effects, SCATTER)
         assert isinstance(table, RepeatabilityTable)  # noqa: S101 - by the test's name
         # Readings (targets, 2, rounds) mm of the sides out and in; the simulated table is complete and in order.
         targets = len(np.unique(table.target))

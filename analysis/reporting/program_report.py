@@ -19,7 +19,7 @@ _LISTED = 30
 _KEPT = 10_000
 """So many are in corrections.yaml and in JSON: more are of a file that is no robot program."""
 NOT_TRIED = (
-    "No real controller has run a program that rig corrected, only rig's own models of five languages: try it as "
+    "No real controller has run a program that rig corrected, only rig's own models of controllers: try it as "
     "docs/correct-a-program.md says"
 )
 _SHOWN_UM = 1.0

@@ -7,14 +7,14 @@ from functools import lru_cache
 
 import pytest
 
-from analysis.makers import maker_by
+from analysis.makers import maker_by, maker_of_file
 from analysis.makers.emulated import ProgramError
 from analysis.makers.writing import programs_of
 from analysis.robot_programs.examine import demand_of
 from analysis.robot_programs.planned import plans_of
 from rigs.schema.vocabulary import MAKERS, MakerName
 from tests.support.interpreters.arms import rig_of
-from tests.support.interpreters.driven import SUFFIX, run
+from tests.support.interpreters.driven import run
 
 MARKS = {
     "ur": [r"\(", r"\)", r",", r"\[", r"\]", r":\n", r"=", r"\nend\n", r"movec", r"def ", r"\n[a-z]\w+\(\)\n"],
@@ -50,7 +50,7 @@ def program(dialect: MakerName) -> dict[str, str]:
 )
 def test_a_missing_mark_is_refused(dialect: MakerName, mark: str) -> None:
     files = program(dialect)
-    name = next(name for name in files if name.endswith(SUFFIX[dialect]))
+    name = next(filter(maker_of_file, files))
     newline = maker_by(dialect).writer.newline
     text = files[name].replace(newline, "\n")
     places = [found.span() for found in re.finditer(mark, text) if not _in_comment(text, found.start(), dialect)]

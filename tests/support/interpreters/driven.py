@@ -11,8 +11,6 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 from tests.support.interpreters.arms import flange_of, pose_of
 
-SUFFIX = {"ur": ".script", "fanuc": ".LS", "kuka": ".src", "abb": ".mod", "yaskawa": ".JBI"}
-"""Of the file that has the motion."""
 ROUNDING = 1e-6
 """mm and rad by which a line to where the arm stands already may move it, from the decimals of a program."""
 

@@ -14,6 +14,7 @@ import pytest
 
 from analysis.correction.corrected_program import CorrectedProgram, correct_program, frames_of
 from analysis.correction.support import supports
+from analysis.makers import maker_of_file
 from analysis.makers.emulated import Event, Pose, Round, Stood, Straight
 from analysis.makers.writing import programs_of, write_programs
 from analysis.robot_programs.compensated import targets_of
@@ -24,7 +25,7 @@ from rigs.schema.vocabulary import MAKERS, MakerName
 from tests.support.faulty_arm import flange_at, frame, hidden, joints_of, known
 from tests.support.independent_arm import Array
 from tests.support.interpreters.arms import pose_of, rig_of
-from tests.support.interpreters.driven import SUFFIX, run
+from tests.support.interpreters.driven import run
 
 CASES: list[tuple[MakerName, str]] = [
     ("ur", "ur10e"),
@@ -41,7 +42,7 @@ def _written(dialect: MakerName, rig: Rig, directory: Path) -> tuple[Path, list[
     """The program of a lap, and the joint angles of its targets."""
     plan = plans_of(rig, "yaw", 4.0)[0]
     write_programs(dialect, programs_of(dialect, [(plan, demand_of(plan))]), directory)
-    (path,) = directory.glob(f"*{SUFFIX[dialect]}")
+    (path,) = filter(maker_of_file, directory.iterdir())
     return path, [target.q for target in targets_of(plan)]
 
 
