@@ -111,6 +111,23 @@ class Projection:
         weighted = (moves * self.weights).reshape(len(moves), self.weights.size)  # of no moves, too
         return np.asarray(weighted @ self.operator.T)
 
+    def without(self, out: Sequence[int], changes: Array) -> tuple[Projection, Array]:
+        """Return the projection as it is if some of its changes are nothing in truth, and the standard uncertainties
+        (m,) of the others then; `changes` (k, m) are as of `changes`. The others change by what is correlated: of two
+        of which the sum is sure, one becomes the sum, and what is sure by itself stays."""
+        kept = [k for k in range(len(self.constants)) if k not in out]
+        share = np.linalg.pinv(changes[:, out], 1e-9) @ changes[:, kept]
+        values = self.values[kept] - self.values[list(out)] @ share
+        projection = replace(
+            self,
+            constants=tuple(self.constants[k] for k in kept),
+            values=values,
+            worth_mm=self.worth_mm[kept] * np.abs(values / self.values[kept]),
+            operator=self.operator[kept],
+            twins=tuple(tuple(map(kept.index, group)) for group in self.twins if {*group} <= {*kept}),
+        )
+        return projection, np.linalg.norm(changes[:, kept] - changes[:, out] @ share, axis=0)
+
 
 def project(
     rig: Rig, effects: Sequence[Effect], constants: Sequence[Constant], work: Array, spread: Array
@@ -312,51 +329,32 @@ def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, move
     """Return a projection without the changes that take away no error over the work q (n, 6) rad for certain, all of
     them together, the least certain first, and the standard uncertainties (m,) of the others. `moves` (k, n and more,
     6) are independent displacements of the tool by one standard uncertainty each."""
-    changes, needed, without = every.changes(moves), set[int](), list[int]()
+    changes, needed, out = every.changes(moves), set[int](), list[int]()
     while True:
-        projection, u = _as_without(every, without, changes)
-        kept = [k for k in range(len(every.constants)) if k not in without]
+        projection, u = every.without(out, changes)
+        kept = np.setdiff1d(np.arange(len(every.constants)), out)
         times_u = np.where(u > 0, np.abs(projection.values) / np.where(u > 0, u, 1.0), np.inf)
-        open_ones = [k for k in np.array(kept)[np.argsort(times_u)].tolist() if k not in needed]
-        if not open_ones:
+        undecided = [k for k in kept[np.argsort(times_u)].tolist() if k not in needed]
+        if not undecided:
             return projection, u
-        fewer, _ = _as_without(every, [*without, open_ones[0]], changes)
+        fewer, _ = every.without([*out, undecided[0]], changes)
         if _gains(rig, used, (fewer, every), q, moves):
-            needed.add(open_ones[0])
+            needed.add(undecided[0])
         else:
-            without.append(open_ones[0])
+            out.append(undecided[0])
 
 
-def _as_without(every: Projection, without: Sequence[int], changes: Array) -> tuple[Projection, Array]:
-    """Return a projection as it is if some of its changes are nothing in truth, and the standard uncertainties (m,) of
-    the others then; `changes` (k, m) are those of all of them by one standard uncertainty of the model each. The others
-    change by what is correlated: of two of which the sum is sure, one becomes the sum, and what is sure by itself
-    stays."""
-    kept = [k for k in range(len(every.constants)) if k not in without]
-    share = np.linalg.pinv(changes[:, without], 1e-9) @ changes[:, kept]
-    values = every.values[kept] - every.values[list(without)] @ share
-    projection = replace(
-        every,
-        constants=tuple(every.constants[k] for k in kept),
-        values=values,
-        worth_mm=every.worth_mm[kept] * np.abs(values / every.values[kept]),
-        operator=every.operator[kept],
-        twins=tuple(tuple(map(kept.index, group)) for group in every.twins if {*group} <= {*kept}),
-    )
-    return projection, np.linalg.norm(changes[:, kept] - changes[:, without] @ share, axis=0)
-
-
-def _gains(rig: Rig, used: Sequence[Effect], fewer_more: tuple[Projection, Projection], q: Array, moves: Array) -> bool:
+def _gains(rig: Rig, used: Sequence[Effect], fewer_full: tuple[Projection, Projection], q: Array, moves: Array) -> bool:
     """Return whether the second of two projections leaves less error of the tool's place than the first for certain,
     over the work q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and more, 6) are
     independent displacements of the tool by one standard uncertainty each."""
     real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
-    off_mm = [real - tool_places(rig, projection.effects, q) for projection in fewer_more]
+    off_mm = [real - tool_places(rig, projection.effects, q) for projection in fewer_full]
     in_base = np.concatenate([off_mm, moves[:, : len(q), :3]])
     frame = TaughtFrame(nominal)
-    for fewer, more, *by_u in (in_base, frame.rest(in_base, nominal, frame.motions(in_base))):
-        gain = float((fewer**2).sum() - (more**2).sum())
-        u = 2.0 * math.hypot(*(float((move * (fewer - more)).sum()) for move in by_u))
+    for fewer, full, *by_u in (in_base, frame.rest(in_base, nominal, frame.motions(in_base))):
+        gain = float((fewer**2).sum() - (full**2).sum())
+        u = 2.0 * math.hypot(*(float((move * (fewer - full)).sum()) for move in by_u))
         if gain > CERTAIN_U * u:
             return True
     return False

@@ -51,17 +51,18 @@ class Corrections:
     calibrated: tuple[Support, ...] = ()
 
     @property
+    def errors(self) -> dict[Path, WorkError | None]:
+        """The error at the covered targets of the path and of each program that is written, None where there are
+        none."""
+        programs = {program.path: program.error for program in self.programs if program.names and not program.held}
+        return ({self.path[0]: self.path[2].error} if self.path else {}) | programs
+
+    @property
     def in_vain(self) -> dict[Path, str]:
-        """The path and the programs of which corrected targets are not known to gain, and why, as after their names."""
-        made = {self.path[0]: (self.path[2].error, bool(self.path[2].done.any()))} if self.path else {}
-        made |= {program.path: (program.error, bool(program.names)) for program in self.programs}
-        return {
-            path: "corrected targets take away no error there"
-            if error
-            else "no run says how well its targets are reached"
-            for path, (error, is_any) in made.items()
-            if (is_any and error is None) or (error and not error.gains)
-        }
+        """Those of them of which corrected targets are not known to gain, and why, as after their names."""
+        nothing, unknown = "corrected targets take away no error there", "no run says how well its targets are reached"
+        judged = self.errors.items()
+        return {path: nothing if error else unknown for path, error in judged if not (error and error.gains)}
 
     def without(self, paths: Collection[Path]) -> Corrections:
         """Return the corrections without a path and programs of these names."""
@@ -126,8 +127,8 @@ def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
     q = work_or_spread(rig, uncertainty.joints_rad)
     stays_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, supported), q), axis=1)
     is_at, nominal = tool_places(rig, used_effects(rig, supported), q), tool_poses(model_of(rig, ()), q)
-    off_mm, rest = np.linalg.norm(is_at - nominal[:, :3, 3], axis=1), rest_mm(is_at, nominal)
-    return WorkError.of(off_mm, rest, *places_u_mm(rig, uncertainty, q, q), stays_mm, covered(uncertainty, q))
+    off_mm, taught_mm = np.linalg.norm(is_at - nominal[:, :3, 3], axis=1), rest_mm(is_at, nominal)
+    return WorkError.of(off_mm, taught_mm, *places_u_mm(rig, uncertainty, q, q), stays_mm, covered(uncertainty, q))
 
 
 def _targets(

@@ -18,6 +18,7 @@ from analysis.correction.pose_uncertainty import (
     places_u_mm,
     pose_uncertainty,
     where_known,
+    why_unknown,
 )
 from analysis.correction.refusal import why_nothing
 from analysis.correction.support import Support
@@ -32,7 +33,7 @@ from analysis.correction.work import (
     used_effects,
     work_or_spread,
 )
-from analysis.inference.observation import BEYOND_DEG, BEYOND_MM, outside_coverage
+from analysis.inference.observation import BEYOND_MM, outside_coverage
 from analysis.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of, forward, pose_error, rail_mm
 from analysis.kinematics.in_part import nearest, turned_rad
 from analysis.kinematics.inverse import inverse
@@ -77,7 +78,7 @@ class WorkError:
 
     @classmethod
     def of(
-        cls, off_mm: Array, rest: Array, u_mm: Array, u_frame_mm: Array, stays_mm: Array, inside: Mask | None
+        cls, off_mm: Array, taught_mm: Array, u_mm: Array, u_frame_mm: Array, stays_mm: Array, inside: Mask | None
     ) -> WorkError:
         """Return that of places (n,) that are off in the base and in a taught frame, mm, with their uncertainties in
         both, what stays of them, and which are covered."""
@@ -87,7 +88,7 @@ class WorkError:
 
         unknown = 0.0 if inside is None else float(np.mean(~inside))
         in_base, base_u = InBase(*errors(off_mm, u_mm)), base_u_um(u_mm, u_frame_mm)
-        return cls(*errors(rest, u_frame_mm), in_base, base_u, rms_um(rest), unknown)
+        return cls(*errors(taught_mm, u_frame_mm), in_base, base_u, rms_um(taught_mm), unknown)
 
     @property
     def gains(self) -> bool:
@@ -165,15 +166,18 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
     if len(taught) < _FEWEST_TAUGHT:
         taught = work_or_spread(rig, uncertainty.joints_rad)
     u_mm, u_frame_mm = places_u_mm(rig, uncertainty, at, taught)
-    used, nominal, wanted = used_effects(rig, supported), forward(arm, q[done]), forward(arm, taught)
+    used, nominal, frame = used_effects(rig, supported), forward(arm, q[done]), forward(arm, taught)
     before, marks, unknown = tool_places(rig, used, q[done]), None, np.full(len(q), "", dtype=object)
     if inside is not None:
         marks = np.zeros(len(q), dtype=bool)
         marks[done] = inside
-        unknown[done] = _unknown(rig, uncertainty, at, inside)
+        unknown[done] = why_unknown(rig, uncertainty, at)
     distance: Array = np.linalg.norm(before - nominal[:, :3, 3], axis=1)
-    rest = rest_mm(before, nominal, (tool_places(rig, used, taught), wanted))
-    sizes, shown = (distance, rest, u_mm, u_frame_mm, stays_mm), np.ones(len(at), bool) if inside is None else inside
+    taught_mm = rest_mm(before, nominal, (tool_places(rig, used, taught), frame))
+    sizes, shown = (
+        (distance, taught_mm, u_mm, u_frame_mm, stays_mm),
+        np.ones(len(at), bool) if inside is None else inside,
+    )
     return Corrected(
         angles,
         forward(arm, angles),
@@ -274,23 +278,6 @@ def _doubts(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
         beyond = f"farther than {reach_mm:.0f} mm from every socket touched, where no placement judged it"
         stands.append(f"the model: {far} of {len(q)} targets are {beyond}")
     return [first, *outside_coverage(ranges, q, "the model"), *stands]
-
-
-def _unknown(rig: Rig, uncertainty: PoseUncertainty, q: Array, inside: Mask) -> list[str]:
-    """Return in words why no run says how well each target at angles q (n, axes) rad is reached: the joints that stand
-    beyond those of the runs, with both; empty where it is `inside` (n,)."""
-    axes, joints = len(rig.robot.axes), uncertainty.joints_rad
-    assert joints is not None  # noqa: S101 - what is covered is known
-    (low, high), margin = np.degrees(joints[:axes]).T, BEYOND_DEG
-    other = "the model corrects nothing" if why_nothing(rig) else "beyond the rail or the reach that the runs cover"
-    reasons = []
-    for at_deg, is_inside in zip(np.degrees(q[:, :axes]), inside, strict=True):
-        beyond = [
-            f"{rig.robot.axis_words(k + 1)} at {at_deg[k]:z.1f}°, in the runs {low[k]:z.1f}° to {high[k]:z.1f}°"
-            for k in np.flatnonzero((at_deg < low - margin) | (at_deg > high + margin)).tolist()
-        ]
-        reasons.append("" if is_inside else ", ".join(beyond) or other)
-    return reasons
 
 
 def _turned(rig: Rig, supported: Sequence[Support], q: Array, at: Array) -> list[str]:

@@ -84,50 +84,45 @@ def _first(corrections: Corrections) -> str:
         return first + _never_both(corrections) + of_work
     if corrections.programs and all(program.held for program in corrections.programs) and not corrections.path:
         return "No program is written: places were left, and --all-or-nothing writes only whole programs."
-    ways = (
-        [(f"Send the controller to the targets of corrected-{corrections.path[0].name}", corrections.path[2].error)]
-        if corrections.path
-        else []
-    )
-    ways += [(f"Load the corrected {one.path.name}", one.error) for one in corrections.programs if not one.held]
-    sentences = [_falls(how, error, "at these targets") for how, error in ways if error]
-    for share in [error.unknown for _, error in ways if error and error.unknown]:
-        sentences.append(
-            f"No run says how well the other {max(100 * share, 1):.0f} % of these targets are reached: they are "
-            "corrected by a guess of the model, and may be farther off than before; measure there first, or leave them."
-        )
-    if not sentences:
-        options = "--program FILE, or --path TARGETS.csv" if corrections.rig.takes_programs else "--path TARGETS.csv"
-        sentences = [_falls(f"Send the controller to corrected targets ({options})", work, "over the work") + of_work]
-    is_any = any(error.gains for _, error in ways if error) if ways else work.gains
-    return " ".join(sentences) + (_never_both(corrections) if is_any else "")
+    errors, options = corrections.errors, "--program FILE, or " * corrections.rig.takes_programs + "--path TARGETS.csv"
+    send = "Send the controller to the corrected targets of"
+    sentences = [_falls(f"{send} {path.name}", error, of_work=False) for path, error in errors.items() if error]
+    sentences = sentences or [_falls(f"Send the controller to corrected targets ({options})", work, of_work=True)]
+    gains = any(error.gains for error in errors.values() if error) if errors else work.gains
+    return " ".join(sentences) + (_never_both(corrections) if gains else "")
 
 
-def _falls(how: str, error: WorkError, where: str) -> str:
-    """How a person corrects, and what the error falls to by that."""
+def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
+    """How a person corrects, and what the error falls to by that over the work, or at the targets."""
+    before, after = f"{error.before_um:.0f}", f"{error.after_um:.0f}"
+    where, unknown = "over the work", texts_of("en").not_known(error.unknown)
+    if not of_work:
+        where, share = "at these targets", max(100 * error.unknown, 1)
+        guess = f" No run says how well the other {share:.0f} % of these targets are reached: a guess of the model "
+        guess += "corrects them, and they may be farther off than before; measure there first, or leave them."
+        unknown = guess if error.unknown else ""
     falls = f"{how}: the tool's error {where} falls from"
     if error.before_um - error.after_um >= GAIN_UM:
         return (
-            f"{falls} {error.before_um:.0f} to {error.after_um:.0f} µm rms with frame and tool taught with the robot "
-            f"(standard uncertainty of the model {error.u_um:.0f} µm).{base_note(error.base_u_um, error.after_um)}"
+            f"{falls} {before} to {after} µm rms with frame and tool taught with the robot (standard uncertainty of "
+            f"the model {error.u_um:.0f} µm).{base_note(error.base_u_um, error.after_um)}{unknown}"
         )
     if error.gains:
         return (
             f"{falls} {error.base.before_um:.0f} to {error.base.after_um:.0f} µm rms in the robot's base; in a frame "
-            f"taught with the robot it is {error.before_um:.0f} µm as it is."
+            f"taught with the robot it is {before} µm as it is.{unknown}"
         )
     return (
         f"Leave the targets as they are: what can be corrected moves the tool by {error.model_um:.0f} µm rms {where}, "
         f"and is known to ± {error.u_um:.0f} µm, with frame and tool taught with the robot. The error would go from "
-        f"{error.before_um:.0f} to {error.after_um:.0f} µm. More runs, at another place or of another test, would make "
-        "it surer."
+        f"{before} to {after} µm. More runs, at another place or of another test, would make it surer.{unknown}"
     )
 
 
 def why_not(corrections: Corrections) -> str:
     """Why nothing is to be corrected; empty where something is."""
     why = "" if corrections.work.gains else "corrected targets take away no error over the work"
-    if corrections.path or corrections.programs:
+    if corrections.errors:
         why = next((f"{path.name}: {of_it}" for path, of_it in corrections.in_vain.items()), "")
     return why_nothing(corrections.rig) or why
 
@@ -287,9 +282,8 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
         "u: standard uncertainty.",
     ]
     head = "".join(f"# {line}\n" for line in lines)
-    every = [*([corrections.path[0]] if corrections.path else []), *(program.path for program in corrections.programs)]
-    against = every if why_nothing(corrections.rig) else [*corrections.in_vain]
-    if why := why_not(corrections) if every else why_nothing(corrections.rig):
+    against = [*(corrections.errors if why_nothing(corrections.rig) else corrections.in_vain)]
+    if why := why_not(corrections) if corrections.errors else why_nothing(corrections.rig):
         head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why.removeprefix('correct nothing by this model: ')}.\n"
     text = head + yaml.safe_dump(contents, sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}

@@ -26,9 +26,7 @@ from rigs.rig import Rig
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
-    from analysis.inference.acts import Act
     from analysis.inference.result import Diagnosis
-    from analysis.reporting.act_words import ActWords
 
 ANSWER = "answer.json"
 _SHOWN = 6
@@ -75,7 +73,10 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         next_step=acts.next,
         parts=tuple(parts),
         remedies=tuple(acts.sentence(act) for act in named[1:]),
-        acts=tuple(_deed(acts, act) for act in named),
+        acts=tuple(
+            Deed(kind=act.kind, why=act.why, words=acts.sentence(act), corrected=acts.sentence(act, corrected=True))
+            for act in named
+        ),
         next_test=_next_test(diagnosis),
         ground=ground_of(diagnosis.calibrated) if diagnosis.calibrated else "",
         runs_to_decide=diagnosis.runs_to_decide,
@@ -88,11 +89,6 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         found=directory.name,
         model=model.name if model else "",
     )
-
-
-def _deed(words: ActWords, act: Act) -> Deed:
-    sentence, corrected = words.sentence(act), words.sentence(act, corrected=True)
-    return Deed(kind=act.kind, why=act.why, words=sentence, corrected=corrected if corrected != sentence else "")
 
 
 def _next_test(diagnosis: Diagnosis) -> str:

@@ -280,7 +280,7 @@ def test_a_path_is_judged_by_its_own_targets(tmp_path: Path, q1: float, status: 
     in_vain = "corrected targets take away no error there, so none are written"
     assert (in_vain in done.stderr) == bool(status)
     said = " ".join(done.stdout.split())
-    assert ("corrected-path.csv: the tool's error at these targets falls from" in said) == (not status)
+    assert ("corrected targets of path.csv: the tool's error at these targets falls from" in said) == (not status)
 
 
 def test_u_of_a_program_is_that_of_targets_that_runs_cover() -> None:
