@@ -191,7 +191,7 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         done,
         tuple(skipped),
         tuple(unknown.tolist()),
-        WorkError.of(*(mm[shown] for mm in sizes), inside) if shown.any() else None,
+        WorkError.of(*(mm[shown] for mm in sizes), inside) if len(distance[shown]) else None,
     )
 
 

@@ -180,8 +180,8 @@ def error_object(error: WorkError) -> dict[str, Any]:
     def sizes(of: WorkError | InBase) -> dict[str, float]:
         return {name: round(getattr(of, name), 3) for name in ("before_um", "after_um", "u_um")}
 
-    beside = {"base_u_um": round(error.base_u_um, 3), "unknown_share": round(error.unknown, 3)}
-    return {**sizes(error), **beside, "in_base": sizes(error.base)}
+    share = {"base_u_um": round(error.base_u_um, 3), "unknown_share": round(error.unknown, 3)}
+    return {**sizes(error), **share, "in_base": sizes(error.base)}
 
 
 def targets_in_words(count: int) -> str:
