@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
@@ -131,7 +132,8 @@ def correct(
         asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole, start_of(start))
         corrections = correct_rig(rig, path, maker, scale_of(scale), entered=entered, programs=asked)
         in_vain = {} if anyway else corrections.in_vain
-        corrections = corrections.without(in_vain)
+        kept = tuple(program for program in corrections.programs if program.path not in in_vain)
+        corrections = replace(corrections, path=None if path in in_vain else corrections.path, programs=kept)
         written = correction_report.write(corrections, directory)
     if as_json:
         say_json(correction_report.as_object(corrections, written))

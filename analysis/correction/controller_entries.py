@@ -128,6 +128,19 @@ class Projection:
         )
         return projection, np.linalg.norm(changes[:, kept] - changes[:, out] @ share, axis=0)
 
+    def gains(self, fewer: Projection, rig: Rig, used: Sequence[Effect], q: Array, moves: Array) -> bool:
+        """Return whether it leaves less error of the tool's place than one of fewer changes for certain, over the work
+        q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and more, 6) are independent
+        displacements of the tool by one standard uncertainty each."""
+        real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
+        off_mm = [real - tool_places(rig, projection.effects, q) for projection in (fewer, self)]
+        in_base, frame = np.concatenate([off_mm, moves[:, : len(q), :3]]), TaughtFrame(nominal)
+        for without, full, *by_u in (in_base, frame.rest(in_base, nominal, frame.motions(in_base))):
+            u = 2.0 * math.hypot(*(float((move * (without - full)).sum()) for move in by_u))
+            if float((without**2).sum() - (full**2).sum()) > CERTAIN_U * u:
+                return True
+        return False
+
 
 def project(
     rig: Rig, effects: Sequence[Effect], constants: Sequence[Constant], work: Array, spread: Array
@@ -338,26 +351,10 @@ def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, move
         if not undecided:
             return projection, u
         fewer, _ = every.without([*out, undecided[0]], changes)
-        if _gains(rig, used, (fewer, every), q, moves):
+        if every.gains(fewer, rig, used, q, moves):
             needed.add(undecided[0])
         else:
             out.append(undecided[0])
-
-
-def _gains(rig: Rig, used: Sequence[Effect], fewer_full: tuple[Projection, Projection], q: Array, moves: Array) -> bool:
-    """Return whether the second of two projections leaves less error of the tool's place than the first for certain,
-    over the work q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and more, 6) are
-    independent displacements of the tool by one standard uncertainty each."""
-    real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
-    off_mm = [real - tool_places(rig, projection.effects, q) for projection in fewer_full]
-    in_base = np.concatenate([off_mm, moves[:, : len(q), :3]])
-    frame = TaughtFrame(nominal)
-    for fewer, full, *by_u in (in_base, frame.rest(in_base, nominal, frame.motions(in_base))):
-        gain = float((fewer**2).sum() - (full**2).sum())
-        u = 2.0 * math.hypot(*(float((move * (fewer - full)).sum()) for move in by_u))
-        if gain > CERTAIN_U * u:
-            return True
-    return False
 
 
 def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -64,11 +64,6 @@ class Corrections:
         judged = self.errors.items()
         return {path: nothing if error else unknown for path, error in judged if not (error and error.gains)}
 
-    def without(self, paths: Collection[Path]) -> Corrections:
-        """Return the corrections without a path and programs of these names."""
-        path = self.path if self.path and self.path[0] not in paths else None
-        return replace(self, path=path, programs=tuple(kept for kept in self.programs if kept.path not in paths))
-
 
 def correct_rig(
     rig: Rig,
@@ -128,7 +123,8 @@ def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
     stays_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, supported), q), axis=1)
     is_at, nominal = tool_places(rig, used_effects(rig, supported), q), tool_poses(model_of(rig, ()), q)
     off_mm, taught_mm = np.linalg.norm(is_at - nominal[:, :3, 3], axis=1), rest_mm(is_at, nominal)
-    return WorkError.of(off_mm, taught_mm, *places_u_mm(rig, uncertainty, q, q), stays_mm, covered(uncertainty, q))
+    sizes_mm = [off_mm, taught_mm, *places_u_mm(rig, uncertainty, q, q), stays_mm]
+    return WorkError.of(np.array(sizes_mm), covered(uncertainty, q))
 
 
 def _targets(

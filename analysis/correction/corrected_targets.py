@@ -77,11 +77,10 @@ class WorkError:
     unknown: float
 
     @classmethod
-    def of(
-        cls, off_mm: Array, taught_mm: Array, u_mm: Array, u_frame_mm: Array, stays_mm: Array, inside: Mask | None
-    ) -> WorkError:
-        """Return that of places (n,) that are off in the base and in a taught frame, mm, with their uncertainties in
-        both, what stays of them, and which are covered."""
+    def of(cls, sizes_mm: Array, inside: Mask | None) -> WorkError:
+        """Return that of places by how far they are off (5, n) mm in the base and in a taught frame, their
+        uncertainties in both and what stays of them, and by which of all are covered."""
+        off_mm, taught_mm, u_mm, u_frame_mm, stays_mm = sizes_mm
 
         def errors(off_mm: Array, u_mm: Array) -> tuple[float, float, float]:
             return rms_um(np.hypot(off_mm, stays_mm)), rms_um(np.hypot(u_mm, stays_mm)), rms_um(u_mm)
@@ -174,10 +173,8 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         unknown[done] = why_unknown(rig, uncertainty, at)
     distance: Array = np.linalg.norm(before - nominal[:, :3, 3], axis=1)
     taught_mm = rest_mm(before, nominal, (tool_places(rig, used, taught), frame))
-    sizes, shown = (
-        (distance, taught_mm, u_mm, u_frame_mm, stays_mm),
-        np.ones(len(at), bool) if inside is None else inside,
-    )
+    sizes_mm = np.array([distance, taught_mm, u_mm, u_frame_mm, stays_mm])
+    sizes_mm = sizes_mm if inside is None else sizes_mm[:, inside]
     return Corrected(
         angles,
         forward(arm, angles),
@@ -191,7 +188,7 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         done,
         tuple(skipped),
         tuple(unknown.tolist()),
-        WorkError.of(*(mm[shown] for mm in sizes), inside) if len(distance[shown]) else None,
+        WorkError.of(sizes_mm, inside) if sizes_mm.size else None,
     )
 
 

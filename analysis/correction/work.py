@@ -103,18 +103,16 @@ def used_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
 
 
 def rest_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
-    """Return what a correction leaves of the whole model where the robot stands."""
-    unsure = _unsure(supported)
-    return tuple(filter(None, (_standing(effect) for effect in model_of(rig).effects if _stays(effect, unsure))))
-
-
-def _standing(effect: Effect) -> Effect | None:
-    """Return an effect as a robot that stands shows it, None for none: clocks and late servos show in motion alone."""
-    portions = getattr(effect, "portions", None)
-    if portions is None:
-        return None if effect.part == "clocks" else effect
-    standing = tuple(portion for portion in portions if portion.of.part != "clocks")
-    return effect.model_copy(update={"portions": standing}) if standing else None
+    """Return what a correction leaves of the whole model where the robot stands: clocks and late servos show in motion
+    alone."""
+    unsure, stays = _unsure(supported), list[Effect]()
+    for effect in filter(lambda effect: _stays(effect, unsure), model_of(rig).effects):
+        portions = tuple(portion for portion in getattr(effect, "portions", ()) if portion.of.part != "clocks")
+        if portions:
+            stays.append(effect.model_copy(update={"portions": portions}))
+        elif effect.part != "clocks" and not hasattr(effect, "portions"):
+            stays.append(effect)
+    return tuple(stays)
 
 
 def _unsure(supported: Sequence[Support]) -> set[int]:

@@ -47,7 +47,6 @@ _WAYS = {
 _NOTHING = (
     "Nothing to enter is here: --for MAKER writes values to enter, --program FILE or --path FILE corrected targets."
 )
-_TARGETS_ALONE = "Nothing to enter is here: --path FILE writes corrected targets."
 _ONE = "Zeros and constants, or the controller's parameters, or corrected targets: one of them, or it corrects twice."
 
 
@@ -277,7 +276,7 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     date = dt.datetime.now(dt.UTC).date()
     lines = [
         _HEAD.format(name=corrections.rig.name, date=date),
-        *(ways or [_NOTHING if corrections.rig.takes_programs else _TARGETS_ALONE]),
+        *(ways or [_NOTHING if corrections.rig.takes_programs else "Nothing to enter is here: see --path."]),
         _ONE,
         "u: standard uncertainty.",
     ]

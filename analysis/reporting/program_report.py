@@ -4,12 +4,13 @@ was."""
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from analysis.correction.corrected_program import MOST_MM, CorrectedProgram
-from analysis.correction.corrected_targets import InBase, WorkError
+from analysis.correction.corrected_targets import WorkError
 from analysis.kinematics.arm import Array
 from analysis.makers.target import WHY, Left
 from analysis.noise.readings import rms
@@ -176,12 +177,9 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
 
 def error_object(error: WorkError) -> dict[str, Any]:
     """Return the error over the work or over targets for scripts, in µm."""
-
-    def sizes(of: WorkError | InBase) -> dict[str, float]:
-        return {name: round(getattr(of, name), 3) for name in ("before_um", "after_um", "u_um")}
-
-    share = {"base_u_um": round(error.base_u_um, 3), "unknown_share": round(error.unknown, 3)}
-    return {**sizes(error), **share, "in_base": sizes(error.base)}
+    in_base = {name: round(um, 3) for name, um in asdict(error.base).items()}
+    sizes = {name: round(getattr(error, name), 3) for name in (*in_base, "base_u_um")}
+    return {**sizes, "unknown_share": round(error.unknown, 3), "in_base": in_base}
 
 
 def targets_in_words(count: int) -> str:
