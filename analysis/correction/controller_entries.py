@@ -130,8 +130,8 @@ class Projection:
 
     def gains(self, fewer: Projection, rig: Rig, used: Sequence[Effect], q: Array, moves: Array) -> bool:
         """Return whether it leaves less error of the tool's place than one of fewer changes for certain, over the work
-        q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and more, 6) are independent
-        displacements of the tool by one standard uncertainty each."""
+        q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and more, 6) are as of `changes`.
+        """
         real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
         off_mm = [real - tool_places(rig, projection.effects, q) for projection in (fewer, self)]
         in_base, frame = np.concatenate([off_mm, moves[:, : len(q), :3]]), TaughtFrame(nominal)
@@ -342,7 +342,7 @@ def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, move
     """Return a projection without the changes that take away no error over the work q (n, 6) rad for certain, all of
     them together, the least certain first, and the standard uncertainties (m,) of the others. `moves` (k, n and more,
     6) are independent displacements of the tool by one standard uncertainty each."""
-    changes, needed, out = every.changes(moves), set[int](), list[int]()
+    changes, needed, out = every.changes(moves), list[int](), list[int]()
     while True:
         projection, u = every.without(out, changes)
         kept = np.setdiff1d(np.arange(len(every.constants)), out)
@@ -351,10 +351,7 @@ def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, move
         if not undecided:
             return projection, u
         fewer, _ = every.without([*out, undecided[0]], changes)
-        if every.gains(fewer, rig, used, q, moves):
-            needed.add(undecided[0])
-        else:
-            out.append(undecided[0])
+        (needed if every.gains(fewer, rig, used, q, moves) else out).append(undecided[0])
 
 
 def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected:

@@ -52,8 +52,7 @@ class Corrections:
 
     @property
     def errors(self) -> dict[Path, WorkError | None]:
-        """The error at the covered targets of the path and of each program that is written, None where there are
-        none."""
+        """The error at the covered targets of the path and of each program that is written, None where none is."""
         programs = {program.path: program.error for program in self.programs if program.names and not program.held}
         return ({self.path[0]: self.path[2].error} if self.path else {}) | programs
 

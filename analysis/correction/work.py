@@ -226,8 +226,7 @@ class TaughtFrame:
 
 def rest_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | None = None) -> Array:
     """Return how far (n,) mm places (n, 3) mm are from those of the wanted poses (n, 4, 4), with the frame and the tool
-    with which they fit best, or with which others do: `taught` are the places (m, 3) mm and wanted poses (m, 4, 4) of
-    these."""
+    with which they fit best, or with which `taught` ones do, places (m, 3) mm and wanted poses (m, 4, 4)."""
     places_taught, poses = taught or (places, nominal)
     T = best_rigid(places_taught, poses[:, :3, 3])  # exact for a large turn, about which the other terms are linear
     frame, off = TaughtFrame(poses), in_frame(T, places_taught) - poses[:, :3, 3]
