@@ -85,8 +85,7 @@ class ActWords:
             return ""
         before = act.removes_um + act.remains_um
         change = act.removes_um / before if before > 0 else 0.0
-        programs = act.kind == "load" and self.diagnosis.rig.takes_programs
-        falls = "act_load_changes" if programs else "act_changes"
+        falls = f"act_{'load_' * (act.kind == 'load' and self.diagnosis.rig.takes_programs)}changes"
         key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
         uncovered = self._uncovered(act)
         sentences = [self.texts("act_uncovers", others=uncovered)] if uncovered else []

@@ -58,8 +58,7 @@ def lines(program: CorrectedProgram) -> list[str]:
     if count and program.rounded_um.max() > _SHOWN_UM:
         text_lines.append(f"  the decimals of this format put targets off by up to {program.rounded_um.max():.1f} µm")
     if outside := sum(map(bool, program.unknown)):
-        guess = "beyond what the runs drove, corrected by a guess of the model:"
-        text_lines.append(f"  {targets_in_words(outside)} {guess}")
+        text_lines.append(f"  {targets_in_words(outside)} beyond what the runs drove, corrected by a guess:")
         reasons = zip(program.places, program.unknown, strict=True)
         where = dict.fromkeys(f"    {_place(program, *place)}: {why}" for place, why in reasons if why)
         text_lines += list(where)[:_LISTED] + ["    …"] * (len(where) > _LISTED)
