@@ -35,20 +35,18 @@ from analysis.conventions.lost_poses import (
     wild_findings,
     without_lost,
 )
-from analysis.conventions.off_path import Off
-from analysis.conventions.place import SOURCE, source_findings
+from analysis.conventions.place import SOURCE, Off, source_findings
 from analysis.conventions.units import UNITS, impossible, mirror_findings, off_in_its_unit, rail_findings, tracker
 from analysis.geometry.iso_cube import Cube, cube_of
 from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, transform, without_setup
 from analysis.kinematics.limits import wrapped
 from analysis.measures.axis_curves import AxisCurve, axis_curves
-from analysis.measures.cube import by_pose, distance_figures, poses_of_cube
 from analysis.measures.evaluate import Instruments, hold_joints, hold_numbers
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
-from analysis.measures.scatter_figures import RP_VISITS, of_scatter, rp
+from analysis.measures.scatter_figures import RP_VISITS, by_pose, distance_figures, of_scatter, poses_of_cube, rp
 from analysis.measures.simulated_gauges import Simulation
 from analysis.measures.simulated_iso9283 import simulated_cube
 from analysis.measures.stops import PlaceKind, came_from_cells, came_from_of
@@ -113,7 +111,8 @@ def evaluate(
 ) -> PoseResult:
     """arm: nominal; its base and tool are replaced by the fitted, but for AP where the instrument's frame is known.
     u_mm: standard uncertainty of one coordinate of the instrument, assumed where no pose was visited again; the
-    orientation's uncertainty is nan there. cube: whose poses have figures of their own (`analysis.measures.cube`).
+    orientation's uncertainty is nan there. cube: whose poses have figures of their own
+    (`analysis.measures.scatter_figures`).
 
     figures: rms_mm, mean_mm, max_mm of the position error; rms_deg, max_deg of the orientation error where measured;
     where poses were visited again repeat_mm (pooled scatter of one coordinate), ap_mm and ap_mean_mm and, from

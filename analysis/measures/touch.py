@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.conventions.lost_poses import WILDNESS, Far, far_touches, left_out, wild_touches
-from analysis.conventions.off_path import Off, off_sockets
+from analysis.conventions.place import Off, off_sockets
 from analysis.geometry.pose_setup import socket_design
 from analysis.kinematics.arm import Arm, Array, Integers, forward
 from analysis.measures.evaluate import Instruments, hold_joints, hold_numbers

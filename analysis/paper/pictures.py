@@ -24,7 +24,7 @@ from analysis.measures.result_curves import JointReversal
 from analysis.paper.published import NOMINAL_RADIUS_MM, datum_and_play, gears
 from analysis.paper.rows import DIRECTIONS, Row, eccentric, written
 from analysis.paper.simulated_tests import SCATTER, joint_lap, repeats, typical_seed
-from analysis.reporting.sheet import Sheet
+from analysis.reporting.still_chart import Sheet
 from analysis.simulation.simulate import simulated_run
 from rigs.effects import Effect
 from rigs.rig import Rig

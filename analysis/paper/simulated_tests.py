@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.geometry.ball_link import angle
+from analysis.geometry.circle import link_angle
 from analysis.geometry.programs import hemisphere_of
 from analysis.kinematics.arm import Array
 from analysis.measures import radial, repeatability, roll, yaw
@@ -80,7 +80,7 @@ def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
     lap = laps_of(table, rig, rig.name).first
     phi = lap.phi % (2 * np.pi)
     order = np.argsort(phi)
-    y = angle(lap.g_mm[:, 0], lap.g_mm[:, 1], rig.gauges.baseline_mm)[order]
+    y = link_angle(lap.g_mm[:, 0], lap.g_mm[:, 1], rig.gauges.baseline_mm)[order]
     phi = phi[order]
     plain = yaw.plain_figures if table.test == "yaw" else roll.plain_figures
     return SimulatedLap(phi, y, y - fit_sine(phi, y)(phi), plain(phi, y, lap.frame.radius))

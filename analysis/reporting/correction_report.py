@@ -16,14 +16,13 @@ from rich.text import Text
 
 from analysis.correction.correct import Corrections
 from analysis.correction.corrected_targets import GAIN_UM, Corrected, WorkError
-from analysis.correction.refusal import ANYWAY, why_nothing
-from analysis.correction.support import CONSTANTS, corrected_table
+from analysis.correction.support import ANYWAY, CONSTANTS, corrected_table, why_nothing
 from analysis.correction.target_path import corrected_columns
 from analysis.correction.work import rest_effects
 from analysis.kinematics.arm import Array
 from analysis.makers import maker_by
 from analysis.makers.reading import with_remark
-from analysis.measures.parameters import quantity_of
+from analysis.measures.quantity import quantity_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note, short
 from analysis.reporting.diagnosis_words import plain
