@@ -73,6 +73,11 @@ class Rig(Part):
         """The makers whose controllers it may have, the likeliest first: one where that is known, else all."""
         return (self.maker,) if self.maker else makers()
 
+    @property
+    def takes_programs(self) -> bool:
+        """Whether programs and values for its controller are known: of six axes, and of no rail."""
+        return self.robot.rail is None and len(self.robot.axes) == DRIVEN_AXES
+
     def with_calibration(self, file: CalibrationFile | None, content: CalibratedModel | None) -> Rig:
         """Return the rig with the calibration of a file, or with none."""
         rig = self.model_copy(update={"calibration": file})

@@ -14,7 +14,7 @@ from analysis.cli.console import say, say_error, say_json
 from analysis.cli.options import Anyway, AsJson, maker_option
 from analysis.cli.several import end_with, worst
 from analysis.makers import suffixes_in_words
-from rigs.schema.vocabulary import DRIVEN_AXES, DrivenTest, MakerName, maker_of
+from rigs.schema.vocabulary import DrivenTest, MakerName, maker_of
 from rigs.text import as_argument
 
 if TYPE_CHECKING:
@@ -131,9 +131,9 @@ def correct(
     with named_by(rig_file, rig), progress_of("correcting"):
         asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole, start_of(start))
         corrections = correct_rig(rig, path, maker, scale_of(scale), entered=entered, programs=asked)
-        refused = bool(path or programs) and not corrections.work.gains and not anyway
-        if refused:
-            corrections = replace(corrections, path=None, programs=())
+        in_vain = {} if anyway else corrections.in_vain
+        kept = tuple(program for program in corrections.programs if program.path not in in_vain)
+        corrections = replace(corrections, path=None if path in in_vain else corrections.path, programs=kept)
         written = correction_report.write(corrections, directory)
     if as_json:
         say_json(correction_report.as_object(corrections, written))
@@ -142,20 +142,19 @@ def correct(
     for file in written:
         say(f"wrote {file}", err=True)
     corrected = next((file for file in written if path and file.name == f"corrected-{path.name}"), None)
-    if refused:
-        problem = "corrected targets take away no error over the work, so none are written"
-        raise FileError(rig_file, problem, "leave targets and programs as they are; --anyway writes them")
-    if corrections.work.gains or anyway:
+    if anyway or not (in_vain or correction_report.why_not(corrections)):
         settled = bool(path or programs or correction_report.why_not(corrections))
         both = bool(corrections.at_controller and corrections.at_controller.entries) and not entered
         _say_next(rig_file, rig, maker, directory, corrected, settled=settled, both=both)
     for program in corrections.programs:
         if start and program.start is None:
             say(f"{program.path.name}: no target takes its posture from --start-joints", err=True)
-    if not all(program.held for program in corrections.programs):
+    if any(not program.held for program in corrections.programs):
         say("next: compare each program with the original line by line; nothing was sent to a robot", err=True)
         say("      a person runs it first at reduced speed, hand on the stop, and watches each target", err=True)
     errors = target_errors(*corrections.path) if corrections.path else []
+    remedy = "leave it as it is, or measure there; --anyway writes it"
+    errors += [FileError(str(file), f"{why}, so none are written", remedy) for file, why in in_vain.items()]
     problem, remedy = "is not written: places were left", "mend them, or leave out --all-or-nothing"
     errors += [FileError(str(program.path), problem, remedy) for program in corrections.programs if program.held]
     for error in errors[:_SAID]:
@@ -171,8 +170,8 @@ def _say_next(
     """Say what a person can do with the corrections of a rig; `table` has the corrected targets. `settled` is whether
     no other way is to be proposed, `both` whether values stand beside the targets, of which one is used."""
     axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
-    programmed, file = axes == DRIVEN_AXES and not rail, as_argument(rig_file)
-    if maker is None and programmed and not settled:
+    file = as_argument(rig_file)
+    if maker is None and rig.takes_programs and not settled:
         likeliest, *others = rig.makers
         directory_for = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))
         alternatives = "; or ".join(filter(None, ["the controller's own parameters", ", ".join(others)]))
@@ -182,6 +181,6 @@ def _say_next(
         either = "either enter the values, or " if both else ""
         say(f"next: {either}send the controller to q1_deg … q{axes}_deg{rail} of {table}", err=True)
         test = table.name.removeprefix("corrected-").removesuffix("-path.csv")
-        if programmed and test in get_args(DrivenTest):
+        if rig.takes_programs and test in get_args(DrivenTest):
             options = f"--for {maker or rig.makers[0]} --test {test} --path {as_argument(table)} -o {test}-programs"
             say(f"next: rig program {file} {options}", err=True)

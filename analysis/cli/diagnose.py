@@ -112,7 +112,9 @@ def with_commands_here(
     if output and output.suffix != ".html":
         model = as_argument(output if output.suffix == ".yaml" else output / f"{diagnosis.rig.name}.yaml")
     new = next(name for k in count(1) if not (name := Path(to).with_stem(Path(to).stem + f"-{k}" * (k > 1))).exists())
-    again = (*(again or map(as_argument, sys.argv[1:])), "-o", str(new))
+    words = iter(map(as_argument, sys.argv[1:]))
+    again = again or tuple(word for word in words if word not in ("-o", "--output") or not next(words, ""))
+    again = (*again, "-o", str(new))
     return replace(diagnosis, acts=acts_with(diagnosis.acts, model, again))
 
 

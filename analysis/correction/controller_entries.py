@@ -25,8 +25,9 @@ import numpy as np
 
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.pose_uncertainty import places_u_mm, pose_uncertainty
-from analysis.correction.support import Support
+from analysis.correction.support import CERTAIN_U, Support
 from analysis.correction.work import (
+    TaughtFrame,
     base_u_um,
     left_out_mm,
     rest_effects,
@@ -104,12 +105,41 @@ class Projection:
             constant.effect(value) for constant, value in zip(self.constants, self.values.tolist(), strict=True)
         )
 
-    def u(self, moves: Array) -> Array:
-        """Return the standard uncertainty (m,), mm or degrees, of the changes, from displacements (k, n, 6) mm and rad
-        of the tool by one standard uncertainty each."""
+    def changes(self, moves: Array) -> Array:
+        """Return how much displacements (k, n, 6) mm and rad of the tool change the changes (k, m), in mm or degrees:
+        by displacements of one standard uncertainty each, the sums of squares are theirs."""
         weighted = (moves * self.weights).reshape(len(moves), self.weights.size)  # of no moves, too
-        u: Array = np.sqrt(((weighted @ self.operator.T) ** 2).sum(axis=0))
-        return u
+        return np.asarray(weighted @ self.operator.T)
+
+    def without(self, out: Sequence[int], changes: Array) -> tuple[Projection, Array]:
+        """Return the projection as it is if some of its changes are nothing in truth, and the standard uncertainties
+        (m,) of the others then; `changes` (k, m) are as of `changes`. The others change by what is correlated: of two
+        of which the sum is sure, one becomes the sum, and what is sure by itself stays."""
+        kept = [k for k in range(len(self.constants)) if k not in out]
+        share = np.linalg.pinv(changes[:, out], 1e-9) @ changes[:, kept]
+        values = self.values[kept] - self.values[list(out)] @ share
+        projection = replace(
+            self,
+            constants=tuple(self.constants[k] for k in kept),
+            values=values,
+            worth_mm=self.worth_mm[kept] * np.abs(values / self.values[kept]),
+            operator=self.operator[kept],
+            twins=tuple(tuple(map(kept.index, group)) for group in self.twins if {*group} <= {*kept}),
+        )
+        return projection, np.linalg.norm(changes[:, kept] - changes[:, out] @ share, axis=0)
+
+    def gains(self, fewer: Projection, rig: Rig, used: Sequence[Effect], q: Array, moves: Array) -> bool:
+        """Return whether it leaves less error of the tool's place than one of fewer changes for certain, over the work
+        q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and more, 6) are as of `changes`.
+        """
+        real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
+        off_mm = [real - tool_places(rig, projection.effects, q) for projection in (fewer, self)]
+        in_base, frame = np.concatenate([off_mm, moves[:, : len(q), :3]]), TaughtFrame(nominal)
+        for without, full, *by_u in (in_base, frame.rest(in_base, nominal, frame.motions(in_base))):
+            u = 2.0 * math.hypot(*(float((move * (without - full)).sum()) for move in by_u))
+            if float((without**2).sum() - (full**2).sum()) > CERTAIN_U * u:
+                return True
+        return False
 
 
 def project(
@@ -263,7 +293,8 @@ def controller_entries(
     )
     spread, q = spread_angles(rig, uncertainty.joints_rad), work_or_spread(rig, uncertainty.joints_rad)
     moves = uncertainty.pose_displacements(np.concatenate([q, spread]))
-    projection, u = _significant(rig, used, _constants(rig, controller), (q, spread), moves)
+    larger = _significant(rig, used, _constants(rig, controller), (q, spread), moves)
+    projection, u = _certain(rig, used, larger, q, moves)
     sizes = zip(
         projection.constants, projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True
     )
@@ -295,17 +326,32 @@ def controller_entries(
 
 def _significant(
     rig: Rig, used: Sequence[Effect], constants: Sequence[Constant], postures: tuple[Array, Array], moves: Array
-) -> tuple[Projection, Array]:
-    """Return the projection onto the constants whose changes are larger than their standard uncertainty (m,), and that:
-    the others go one after the other, the least certain first, since what they held may make the rest certain."""
+) -> Projection:
+    """Return the projection onto the constants whose changes are larger than their standard uncertainty: the others go
+    one after the other, the least certain first, since what they held may make the rest certain."""
     while True:
         projection = project(rig, used, constants, *postures)
-        u = projection.u(moves)
-        sizes = np.abs(projection.values)
+        u, sizes = np.linalg.norm(projection.changes(moves), axis=0), np.abs(projection.values)
         if (sizes > u).all():
-            return projection, u
+            return projection
         least = int(np.argmin(np.where(sizes > u, np.inf, sizes / u)))
         constants = [constant for k, constant in enumerate(projection.constants) if k != least]
+
+
+def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, moves: Array) -> tuple[Projection, Array]:
+    """Return a projection without the changes that take away no error over the work q (n, 6) rad for certain, all of
+    them together, the least certain first, and the standard uncertainties (m,) of the others. `moves` (k, n and more,
+    6) are independent displacements of the tool by one standard uncertainty each."""
+    changes, needed, out = every.changes(moves), list[int](), list[int]()
+    while True:
+        projection, u = every.without(out, changes)
+        kept = np.setdiff1d(np.arange(len(every.constants)), out)
+        times_u = np.where(u > 0, np.abs(projection.values) / np.where(u > 0, u, 1.0), np.inf)
+        undecided = [k for k in kept[np.argsort(times_u)].tolist() if k not in needed]
+        if not undecided:
+            return projection, u
+        fewer, _ = every.without([*out, undecided[0]], changes)
+        (needed if every.gains(fewer, rig, used, q, moves) else out).append(undecided[0])
 
 
 def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected:

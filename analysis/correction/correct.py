@@ -10,22 +10,19 @@ import numpy as np
 
 from analysis.correction.controller_entries import ControllerEntries, as_entered, controller_entries
 from analysis.correction.corrected_program import CorrectedProgram, Programs, correct_program
-from analysis.correction.corrected_targets import Corrected, angles_for, corrected
+from analysis.correction.corrected_targets import Corrected, WorkError, angles_for, corrected
 from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
 from analysis.correction.support import Correction, Support, joint_zeros, link_constants, supports, supports_beside
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from analysis.correction.work import (
-    base_u_um,
     left_out_mm,
     rest_effects,
     rest_mm,
-    rms_um,
     tool_places,
     tool_poses,
     used_effects,
     work_or_spread,
 )
-from analysis.kinematics.arm import Array
 from analysis.makers import maker_by
 from analysis.model.predict import model_of
 from rigs.errors import FileError, RigPlace, UseError
@@ -33,40 +30,6 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES, MakerName
 
 NO_PROGRAMS = Programs()
-GAIN_UM = 1.0
-"""Gain below which nothing can be corrected. Chosen: below any robot's repeatability."""
-
-
-@dataclass(frozen=True)
-class WorkError:
-    """The error of the tool's place over the work of a rig, root mean square in µm, in a frame that is taught with the
-    robot there: `before_um` as it is, and `after_um` with corrected targets, which is its standard uncertainty: `u_um`
-    of the model and the rest of what no target holds. `model_um` is what of it can be corrected. `base` is the same in
-    the robot's own base, and `base_u_um` what the place of the whole arm on its base adds to the uncertainty. `unknown`
-    is the share of the work at which no run says how well the arm is known: these figures are the model's guess there.
-    """
-
-    before_um: float
-    after_um: float
-    u_um: float
-    base: InBase
-    base_u_um: float
-    model_um: float
-    unknown: float
-
-    @property
-    def gains(self) -> bool:
-        """Whether corrected targets take away error, with frame and tool taught or in the base."""
-        return max(self.before_um - self.after_um, self.base.before_um - self.base.after_um) >= GAIN_UM
-
-
-@dataclass(frozen=True)
-class InBase:
-    """The error of the tool's place over the work in the robot's own base, µm, as in `WorkError`."""
-
-    before_um: float
-    after_um: float
-    u_um: float
 
 
 @dataclass(frozen=True)
@@ -87,6 +50,19 @@ class Corrections:
     programs: tuple[CorrectedProgram, ...] = ()
     calibrated: tuple[Support, ...] = ()
 
+    @property
+    def errors(self) -> dict[Path, WorkError | None]:
+        """The error at the covered targets of the path and of each program that is written, None where none is."""
+        programs = {program.path: program.error for program in self.programs if program.names and not program.held}
+        return ({self.path[0]: self.path[2].error} if self.path else {}) | programs
+
+    @property
+    def in_vain(self) -> dict[Path, str]:
+        """Those of them of which corrected targets are not known to gain, and why, as after their names."""
+        nothing, unknown = "corrected targets take away no error there", "no run says how well its targets are reached"
+        judged = self.errors.items()
+        return {path: nothing if error else unknown for path, error in judged if not (error and error.gains)}
+
 
 def correct_rig(
     rig: Rig,
@@ -106,7 +82,7 @@ def correct_rig(
         remedy = "diagnose or calibrate it, and give the rig file written"
         raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy)
     arm = "an arm on a rail" if rig.robot.rail else f"{len(rig.robot.axes)} axes"
-    if (rig.robot.rail or len(rig.robot.axes) != DRIVEN_AXES) and (controller or programs.paths):
+    if not rig.takes_programs and (controller or programs.paths):
         problem = f"{arm}: controllers' entries and programs are known of arms of six axes that stand"
         raise UseError("--for, --program", problem, "give joint targets with --path")
     if entered and programs.paths:
@@ -141,22 +117,13 @@ def _hold_maker(program: CorrectedProgram, rig: Rig, maker: MakerName | None) ->
 
 
 def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
-    uncertainty, used = pose_uncertainty(rig, supported), used_effects(rig, supported)
+    uncertainty = pose_uncertainty(rig, supported)
     q = work_or_spread(rig, uncertainty.joints_rad)
-    left_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, supported), q), axis=1)
-    is_at, nominal = tool_places(rig, used, q), tool_places(rig, (), q)
-    u_mm, u_frame_mm = places_u_mm(rig, uncertainty, q, q)
-
-    def errors(off_mm: Array, u_mm: Array) -> tuple[float, float, float]:
-        return rms_um(np.hypot(off_mm, left_mm)), rms_um(np.hypot(u_mm, left_mm)), rms_um(u_mm)
-
-    in_base = InBase(*errors(np.linalg.norm(is_at - nominal, axis=1), u_mm))
-    rest_of_place = rest_mm(is_at, tool_poses(model_of(rig, ()), q))
-    inside = covered(uncertainty, q)
-    return WorkError(
-        *errors(rest_of_place, u_frame_mm), in_base, base_u_um(u_mm, u_frame_mm), rms_um(rest_of_place),
-        0.0 if inside is None else float(np.mean(~inside)),
-    )  # fmt: skip
+    stays_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, supported), q), axis=1)
+    is_at, nominal = tool_places(rig, used_effects(rig, supported), q), tool_poses(model_of(rig, ()), q)
+    off_mm, taught_mm = np.linalg.norm(is_at - nominal[:, :3, 3], axis=1), rest_mm(is_at, nominal)
+    sizes_mm = [off_mm, taught_mm, *places_u_mm(rig, uncertainty, q, q), stays_mm]
+    return WorkError.of(np.array(sizes_mm), covered(uncertainty, q))
 
 
 def _targets(

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.correction.corrected_targets import Corrected, NotCorrected, corrected
+from analysis.correction.corrected_targets import Corrected, NotCorrected, WorkError, corrected
 from analysis.correction.support import Support
 from analysis.kinematics.arm import Arm, Array, arm_of, forward, pose_error, transform
 from analysis.makers.machine import Unknown
@@ -69,13 +69,14 @@ class CorrectedProgram:
 
     `files` are its bytes by name. `names` and `places` (n,), a file and a line each, are those of the n targets that
     were corrected, `moved_mm` (n,) how far they moved, `u_mm` (n,) their standard uncertainty in the robot's base and
-    `u_frame_mm` (n,) with frame and tool taught with the robot over them, `outside` (n,) whether they stand where no
-    run says how well they are reached, so that both are NaN, and `rounded_um` (n,) how far the numbers' decimals put
-    them off. `left` is what stayed as it was. `beside_left_mm` (m,) is how far corrected targets moved against a
-    neighbour that was left, for each move between two such. `sources` are the names of the files that `left` counts,
-    and `overruled` the tools and frames that a person stated, and that the program gives other numbers. Where it is
-    `held`, the program is not written, since it would be half corrected. `start` are the joint angles (6,) rad at which
-    a person states that the arm stands when it begins, where a target's posture can come from them.
+    `u_frame_mm` (n,) with frame and tool taught with the robot over them, `unknown` (n,) why no run says how well they
+    are reached, so that both are NaN, empty where one does, and `rounded_um` (n,) how far the numbers' decimals put
+    them off. `error` is that of the places at the targets, None where none was corrected. `left` is what stayed as it
+    was. `beside_left_mm` (m,) is how far corrected targets moved against a neighbour that was left, for each move
+    between two such. `sources` are the names of the files that `left` counts, and `overruled` the tools and frames that
+    a person stated, and that the program gives other numbers. Where it is `held`, the program is not written, since it
+    would be half corrected. `start` are the joint angles (6,) rad at which a person states that the arm stands when it
+    begins, where a target's posture can come from them.
     """
 
     path: Path
@@ -86,7 +87,8 @@ class CorrectedProgram:
     moved_mm: Array
     u_mm: Array
     u_frame_mm: Array
-    outside: tuple[bool, ...]
+    unknown: tuple[str, ...]
+    error: WorkError | None
     rounded_um: Array
     left: tuple[Left, ...]
     beside_left_mm: Array
@@ -137,7 +139,6 @@ def correct_program(
             if targets[k].of is None
         ),
     ]
-    outside = np.zeros(len(kept), dtype=bool) if done.covered is None else ~done.covered[kept]
     return CorrectedProgram(
         path=path,
         maker=maker.name,
@@ -147,7 +148,8 @@ def correct_program(
         moved_mm=moved_mm[kept],
         u_mm=done.u_mm[kept],
         u_frame_mm=done.u_frame_mm[kept],
-        outside=tuple(outside.tolist()),
+        unknown=tuple(done.unknown[k] for k in kept),
+        error=done.error,
         rounded_um=np.array([_off_um(arm, after.targets[k], located[k], scale, done.T[k]) for k in kept]),
         left=tuple(sorted(left, key=lambda target: (target.file, target.line))),
         beside_left_mm=moved_mm[_beside_left(parsed, set(kept))],

@@ -18,9 +18,20 @@ from analysis.correction.pose_uncertainty import (
     places_u_mm,
     pose_uncertainty,
     where_known,
+    why_unknown,
 )
 from analysis.correction.support import Support, why_nothing
-from analysis.correction.work import left_out_mm, rest_effects, tool_poses, used_effects, work_or_spread
+from analysis.correction.work import (
+    base_u_um,
+    left_out_mm,
+    rest_effects,
+    rest_mm,
+    rms_um,
+    tool_places,
+    tool_poses,
+    used_effects,
+    work_or_spread,
+)
 from analysis.inference.observation import BEYOND_MM, outside_coverage
 from analysis.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of, forward, pose_error, rail_mm
 from analysis.kinematics.inverse import inverse
@@ -39,6 +50,56 @@ _REACHED = 1e-6
 _SINGULAR = "cannot be corrected: the arm is at a singularity"
 _FEWEST_TAUGHT = 4
 """Targets below which they teach no frame: three hold one without showing any error of it."""
+
+
+GAIN_UM = 1.0
+"""Gain below which nothing can be corrected. Chosen: below any robot's repeatability."""
+
+
+@dataclass(frozen=True)
+class WorkError:
+    """The error of the tool's place over the work of a rig or over targets, root mean square in µm, in a frame that is
+    taught with the robot there: `before_um` as it is, and `after_um` with corrected targets, which is its standard
+    uncertainty: `u_um` of the model and the rest of what no target holds. `model_um` is what of it can be corrected.
+    `base` is the same in the robot's own base, and `base_u_um` what the place of the whole arm on its base adds to the
+    uncertainty. `unknown` is the share of the postures at which no run says how well the arm is known: these figures
+    are the model's guess there.
+    """
+
+    before_um: float
+    after_um: float
+    u_um: float
+    base: InBase
+    base_u_um: float
+    model_um: float
+    unknown: float
+
+    @classmethod
+    def of(cls, sizes_mm: Array, inside: Mask | None) -> WorkError:
+        """Return that of places by how far they are off (5, n) mm in the base and in a taught frame, their
+        uncertainties in both and what stays of them, and by which of all are covered."""
+        off_mm, taught_mm, u_mm, u_frame_mm, stays_mm = sizes_mm
+
+        def errors(off_mm: Array, u_mm: Array) -> tuple[float, float, float]:
+            return rms_um(np.hypot(off_mm, stays_mm)), rms_um(np.hypot(u_mm, stays_mm)), rms_um(u_mm)
+
+        unknown = 0.0 if inside is None else float(np.mean(~inside))
+        in_base, base_u = InBase(*errors(off_mm, u_mm)), base_u_um(u_mm, u_frame_mm)
+        return cls(*errors(taught_mm, u_frame_mm), in_base, base_u, rms_um(taught_mm), unknown)
+
+    @property
+    def gains(self) -> bool:
+        """Whether corrected targets take away error, with frame and tool taught or in the base."""
+        return max(self.before_um - self.after_um, self.base.before_um - self.base.after_um) >= GAIN_UM
+
+
+@dataclass(frozen=True)
+class InBase:
+    """The error of the tool's place in the robot's own base, µm, as in `WorkError`."""
+
+    before_um: float
+    after_um: float
+    u_um: float
 
 
 @dataclass(frozen=True)
@@ -61,8 +122,9 @@ class Corrected:
     corrected, with the names left_out (e,). `u_mm` (n,) is the standard uncertainty of the position in the robot's
     base, from that of the model and from effects that are not corrected, and `u_frame_mm` (n,) the same in a frame that
     is taught with the robot over these targets. All of these are NaN where a target was not corrected, and both u where
-    it is not `covered` (n,), None where that is unknown: the runs do not say how well the place is known. `doubts` are
-    in words.
+    it is not `covered` (n,), None where that is unknown: the runs do not say how well the place is known. `unknown`
+    (n,) says why, empty where it is covered, and `doubts` of all of them, in words. `error` is that of the places at
+    the targets that were corrected and are covered, None where there are none.
     """
 
     q: Array
@@ -76,6 +138,8 @@ class Corrected:
     doubts: tuple[str, ...]
     done: Mask
     left: tuple[NotCorrected, ...]
+    unknown: tuple[str, ...]
+    error: WorkError | None
 
 
 def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequence[NotCorrected] = ()) -> Corrected:
@@ -99,12 +163,16 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
     if len(taught) < _FEWEST_TAUGHT:
         taught = work_or_spread(rig, uncertainty.joints_rad)
     u_mm, u_frame_mm = places_u_mm(rig, uncertainty, at, taught)
-    before = tool_poses(model_of(rig, used_effects(rig, supported)), q[done])
-    marks = None
+    used, nominal, frame = used_effects(rig, supported), forward(arm, q[done]), forward(arm, taught)
+    before, marks, unknown = tool_places(rig, used, q[done]), None, np.full(len(q), "", dtype=object)
     if inside is not None:
         marks = np.zeros(len(q), dtype=bool)
         marks[done] = inside
-    distance: Array = np.linalg.norm(before[:, :3, 3] - forward(arm, q[done])[:, :3, 3], axis=1)
+        unknown[done] = why_unknown(rig, uncertainty, at)
+    distance: Array = np.linalg.norm(before - nominal[:, :3, 3], axis=1)
+    taught_mm = rest_mm(before, nominal, (tool_places(rig, used, taught), frame))
+    sizes_mm = np.array([distance, taught_mm, u_mm, u_frame_mm, stays_mm])
+    sizes_mm = sizes_mm if inside is None else sizes_mm[:, inside]
     return Corrected(
         angles,
         forward(arm, angles),
@@ -117,6 +185,8 @@ def corrected(rig: Rig, supported: Sequence[Support], q: Array, unsolved: Sequen
         (*_doubts(rig, uncertainty, at), *_turned(rig, supported, q[done], at)),
         done,
         tuple(skipped),
+        tuple(unknown.tolist()),
+        WorkError.of(sizes_mm, inside) if sizes_mm.size else None,
     )
 
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.correction.support import supports, supports_beside
+from analysis.correction.support import CERTAIN_U, supports, supports_beside
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Path, driven, model_of
@@ -24,21 +24,19 @@ from rigs.schema.effect import is_play
 
 _BETWEEN = 16
 """Places between two targets at which the turning of a joint is looked at."""
-_CERTAIN_U = 2.0
-"""A play that is less than this many of its standard uncertainty is not corrected: its width may as well be none."""
 
 
 def known_plays(rig: Rig) -> tuple[Effect, ...]:
     """Return the plays of a rig file, and of the calibrated model beside it, that are known well enough to be corrected
     in a program: a certain play is corrected whether or not it is larger than usual."""
-    unsure = {id(support.effect) for support in supports(rig) if support.value < _CERTAIN_U * support.u}
+    unsure = {id(support.effect) for support in supports(rig) if support.value < CERTAIN_U * support.u}
     plays = [
         effect for effect in rig.effects if effect.STAGE == "joint" and is_play(effect) and id(effect) not in unsure
     ]
     plays += [
         support.effect
         for support in supports_beside(rig)
-        if support.effect.STAGE == "joint" and is_play(support.effect) and support.value >= _CERTAIN_U * support.u
+        if support.effect.STAGE == "joint" and is_play(support.effect) and support.value >= CERTAIN_U * support.u
     ]
     return tuple(plays)
 

@@ -273,6 +273,23 @@ def covered(uncertainty: PoseUncertainty, q: Array) -> Mask | None:
     return inside & uncertainty.is_within_reach(q)
 
 
+def why_unknown(rig: Rig, uncertainty: PoseUncertainty, q: Array) -> list[str]:
+    """Return in words why no run says how well the tool's place is known at joint angles q (n, axes) rad: the joints
+    beyond those of the runs, with both; empty where one says it."""
+    inside, joints = covered(uncertainty, q), uncertainty.joints_rad
+    if inside is None or joints is None:
+        return [""] * len(q)
+    low, high = np.degrees(joints[: len(rig.robot.axes)]).T
+    reasons = []
+    for at_deg, is_inside in zip(np.degrees(q[:, : len(low)]), inside, strict=True):
+        beyond = [
+            f"{rig.robot.axis_words(k + 1)} at {at_deg[k]:z.1f}°, in the runs {low[k]:z.1f}° to {high[k]:z.1f}°"
+            for k in np.flatnonzero((at_deg < low - BEYOND_DEG) | (at_deg > high + BEYOND_DEG)).tolist()
+        ]
+        reasons.append("" if is_inside else ", ".join(beyond) or "the model was not judged there")
+    return reasons
+
+
 def where_known(uncertainty: PoseUncertainty, q: Array, u_mm: Array) -> Array:
     """Return standard uncertainties (n,) mm at joint angles q (n, 6) rad, NaN where the runs do not say how well: of a
     placement in postures that no run has, real arms were missed by two to four times u (docs/evidence/world.md)."""

@@ -86,6 +86,8 @@ def _support(effect: Effect, u: float, *, from_calibration: bool = False) -> Sup
     return Support(effect, value, u, use, _HOW[use] + doubt)
 
 
+CERTAIN_U = 2.0
+"""So many standard uncertainties are certain: a gain that is smaller is not shown, and its act may as well do harm."""
 CONSTANTS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg")
 """Columns of a table of constants, named as in the rig file."""
 

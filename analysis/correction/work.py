@@ -103,9 +103,16 @@ def used_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
 
 
 def rest_effects(rig: Rig, supported: Sequence[Support]) -> tuple[Effect, ...]:
-    """Return what a correction leaves of the whole model."""
-    unsure = _unsure(supported)
-    return tuple(effect for effect in model_of(rig).effects if _stays(effect, unsure))
+    """Return what a correction leaves of the whole model where the robot stands: clocks and late servos show in motion
+    alone."""
+    unsure, stays = _unsure(supported), list[Effect]()
+    for effect in filter(lambda effect: _stays(effect, unsure), model_of(rig).effects):
+        portions = tuple(portion for portion in getattr(effect, "portions", ()) if portion.of.part != "clocks")
+        if portions:
+            stays.append(effect.model_copy(update={"portions": portions}))
+        elif effect.part != "clocks" and not hasattr(effect, "portions"):
+            stays.append(effect)
+    return tuple(stays)
 
 
 def _unsure(supported: Sequence[Support]) -> set[int]:
@@ -217,13 +224,14 @@ class TaughtFrame:
         return displacements
 
 
-def rest_mm(places: Array, nominal: Array) -> Array:
+def rest_mm(places: Array, nominal: Array, taught: tuple[Array, Array] | None = None) -> Array:
     """Return how far (n,) mm places (n, 3) mm are from those of the wanted poses (n, 4, 4), with the frame and the tool
-    with which they fit best."""
-    T = best_rigid(places, nominal[:, :3, 3])  # exact for a large turn, about which the other terms are linear
+    with which they fit best, or with which `taught` ones do, places (m, 3) mm and wanted poses (m, 4, 4)."""
+    places_taught, poses = taught or (places, nominal)
+    T = best_rigid(places_taught, poses[:, :3, 3])  # exact for a large turn, about which the other terms are linear
+    frame, off = TaughtFrame(poses), in_frame(T, places_taught) - poses[:, :3, 3]
     moves = (in_frame(T, places) - nominal[:, :3, 3])[None]
-    frame = TaughtFrame(nominal)
-    distances_mm: Array = np.linalg.norm(frame.rest(moves, nominal, frame.motions(moves))[0], axis=1)
+    distances_mm: Array = np.linalg.norm(frame.rest(moves, nominal, frame.motions(off[None]))[0], axis=1)
     return distances_mm
 
 

@@ -126,6 +126,8 @@ class Scene:
         A joint that stands beside a sample has no slope there.
         """
         t = self.t_s
+        if len(t) == 1:
+            return np.repeat(self.q, len(t_s), axis=0)
         k = np.clip(np.searchsorted(t, t_s) - 1, 0, len(t) - 2)
         width = t[k + 1] - t[k]
         x = np.clip((t_s - t[k]) / width, 0.0, 1.0)

@@ -34,10 +34,11 @@ class ActWords:
         act = self.diagnosis.next_act
         return self.sentence(act) if act else ""
 
-    def sentence(self, act: Act) -> str:
-        """An act in full: what to do, what that removes, and what speaks against it."""
+    def sentence(self, act: Act, *, corrected: bool = False) -> str:
+        """An act in full: what to do, what that removes, and what speaks against it; once the robot is `corrected`,
+        without what becomes of the correction, which is then said of all acts together."""
         against = self.against(act)
-        instead = self.texts("act_instead") if self._is_instead(act) else ""
+        instead = self.texts("act_instead") if self._is_instead(act) and not corrected else ""
         sentence = " ".join(filter(None, [self.what(act), self.removes(act), instead]))
         return f"{sentence.removesuffix('.')} ({against})." if against else sentence
 
@@ -57,13 +58,17 @@ class ActWords:
         if act.kind == "measure":
             return self._measure(act)
         if act.effect is None:
-            keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early"}
+            rig = self.diagnosis.rig
+            load = "act_load" if rig.takes_programs else "act_load_targets"
             if act.command[:1] != ("correct",) or any(word.startswith(FOUND) for word in act.command):
-                keys["load"] = "act_load_unwritten"
-            return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act))
+                load += "_unwritten"
+            keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early", "load": load}
+            return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act), maker=rig.maker or "MAKER")
         key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
         if act.kind == "mount" and act.effect.part == "gravity":
             key = "act_mount_base"
+        if act.kind == "approach" and self.diagnosis.rig.takes_programs and self.diagnosis.rig.gauges.recorded:
+            key = "act_approach_session"
         axis = getattr(act.effect, "axis", None)
         field = size_field(act.effect)
         size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})
@@ -80,7 +85,7 @@ class ActWords:
             return ""
         before = act.removes_um + act.remains_um
         change = act.removes_um / before if before > 0 else 0.0
-        falls = "act_load_changes" if act.kind == "load" else "act_changes"
+        falls = f"act_{'load_' * (act.kind == 'load' and self.diagnosis.rig.takes_programs)}changes"
         key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
         uncovered = self._uncovered(act)
         sentences = [self.texts("act_uncovers", others=uncovered)] if uncovered else []

@@ -14,17 +14,17 @@ from rich.console import Group, RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
-from analysis.correction.correct import GAIN_UM, Corrections
-from analysis.correction.corrected_targets import Corrected
+from analysis.correction.correct import Corrections
+from analysis.correction.corrected_targets import GAIN_UM, Corrected, WorkError
 from analysis.correction.support import ANYWAY, CONSTANTS, corrected_table, why_nothing
 from analysis.correction.target_path import corrected_columns
+from analysis.correction.work import rest_effects
 from analysis.kinematics.arm import Array
 from analysis.makers import maker_by
 from analysis.makers.reading import with_remark
 from analysis.measures.quantity import quantity_of
-from analysis.model.predict import model_of
 from analysis.reporting import controller_report, program_report
-from analysis.reporting.controller_report import base_note, rounded_um, short
+from analysis.reporting.controller_report import base_note, short
 from analysis.reporting.diagnosis_words import plain
 from analysis.reporting.plain_console import right, whole
 from analysis.reporting.texts import texts_of
@@ -35,7 +35,6 @@ from rigs.schema.effect import label_of
 _REPORTED_MM = 1e-3
 """An effect that is not corrected is reported if it moves a target by at least this."""
 _count = program_report.targets_in_words
-_ERRORS = ("before_um", "after_um", "u_um")
 _HEAD = "Corrections for the cell {name} by the effects of its rig file and the calibration beside it, {date}."
 _WAYS = {
     "joint_zeros": "master each axis so that it reads `add_deg` more where it stands.",
@@ -61,8 +60,7 @@ def as_table(corrections: Corrections) -> RenderableType:
         value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
         use = Text("not corrected", "yellow") if support.use == "none" else Text(support.use, "green")
         effects.add_row(plain(corrections.rig, support.effect), value, use, support.reason)
-    first = _first(corrections) + texts_of("en").not_known(corrections.work.unknown)
-    parts: list[RenderableType] = [Text(first, style="bold")]
+    parts: list[RenderableType] = [Text(_first(corrections), style="bold")]
     if effects.row_count:
         parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):
@@ -75,52 +73,63 @@ def as_table(corrections: Corrections) -> RenderableType:
 
 
 def _first(corrections: Corrections) -> str:
-    work = corrections.work
+    work, of_work = corrections.work, texts_of("en").not_known(corrections.work.unknown)
     if all(support.use == "none" for support in corrections.effects) and work.model_um < GAIN_UM:
-        return f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected; the table says why."
+        head = f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected"
+        return f"{head}; the table says why.{of_work}"
     if corrections.at_controller:
         first = controller_report.first_sentence(corrections.at_controller, entered=corrections.entered)
-        return first + _never_both(corrections)
+        return first + _never_both(corrections) + of_work
     if corrections.programs and all(program.held for program in corrections.programs) and not corrections.path:
         return "No program is written: places were left, and --all-or-nothing writes only whole programs."
-    targets = f"the targets of corrected-{corrections.path[0].name}" if corrections.path else ""
-    targets = targets or ("the corrected targets of --program" if corrections.programs else "")
-    targets = targets or "corrected targets (--program FILE, or --path TARGETS.csv)"
-    send = f"Send the controller to {targets}: the tool's error over the work falls from"
-    if work.before_um - work.after_um >= GAIN_UM:
+    errors, options = corrections.errors, "--program FILE, or " * corrections.rig.takes_programs + "--path TARGETS.csv"
+    send = "Send the controller to the corrected targets of"
+    sentences = [_falls(f"{send} {path.name}", error, of_work=False) for path, error in errors.items() if error]
+    sentences = sentences or [_falls(f"Send the controller to corrected targets ({options})", work, of_work=True)]
+    gains = any(error.gains for error in errors.values() if error) if errors else work.gains
+    return " ".join(sentences) + (_never_both(corrections) if gains else "")
+
+
+def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
+    """How a person corrects, and what the error falls to by that over the work, or at the targets."""
+    before, after = f"{error.before_um:.0f}", f"{error.after_um:.0f}"
+    where, unknown = "over the work", texts_of("en").not_known(error.unknown)
+    if not of_work:
+        where, share = "at these targets", max(100 * error.unknown, 1)
+        guess = f" No run says how well the other {share:.0f} % of these targets are reached: a guess of the model "
+        guess += "corrects them, and they may be farther off than before; measure there first, or leave them."
+        unknown = guess if error.unknown else ""
+    falls = f"{how}: the tool's error {where} falls from"
+    if error.before_um - error.after_um >= GAIN_UM:
         return (
-            f"{send} {_mm(work.before_um)} to {_mm(work.after_um)} mm rms with frame and tool taught with the robot "
-            f"(standard uncertainty of the model {_mm(work.u_um)} mm).{base_note(work.base_u_um, work.after_um)}"
-            f"{_never_both(corrections)}"
+            f"{falls} {before} to {after} µm rms with frame and tool taught with the robot (standard uncertainty of "
+            f"the model {error.u_um:.0f} µm).{base_note(error.base_u_um, error.after_um)}{unknown}"
         )
-    if work.gains:
+    if error.gains:
         return (
-            f"{send} {_mm(work.base.before_um)} to {_mm(work.base.after_um)} mm rms in the robot's base; in a frame "
-            f"taught with the robot it is {_mm(work.before_um)} mm as it is.{_never_both(corrections)}"
+            f"{falls} {error.base.before_um:.0f} to {error.base.after_um:.0f} µm rms in the robot's base; in a frame "
+            f"taught with the robot it is {before} µm as it is.{unknown}"
         )
     return (
-        f"Leave the targets as they are: what can be corrected moves the tool by {_mm(work.model_um)} mm rms over the "
-        f"work, and is known to ± {_mm(work.u_um)} mm, with frame and tool taught with the robot. The error would go "
-        f"from {_mm(work.before_um)} to {_mm(work.after_um)} mm. More runs, at another place or of another test, would "
-        "make it surer."
+        f"Leave the targets as they are: what can be corrected moves the tool by {error.model_um:.0f} µm rms {where}, "
+        f"and is known to ± {error.u_um:.0f} µm, with frame and tool taught with the robot. The error would go from "
+        f"{before} to {after} µm. More runs, at another place or of another test, would make it surer.{unknown}"
     )
 
 
 def why_not(corrections: Corrections) -> str:
     """Why nothing is to be corrected; empty where something is."""
-    return why_nothing(corrections.rig) or (
-        "" if corrections.work.gains else "corrected targets take away no error over the work"
-    )
-
-
-def _mm(um: float) -> str:
-    return f"{um / 1e3:.3f}"
+    why = "" if corrections.work.gains else "corrected targets take away no error over the work"
+    if corrections.errors:
+        why = next((f"{path.name}: {of_it}" for path, of_it in corrections.in_vain.items()), "")
+    return why_nothing(corrections.rig) or why
 
 
 def _never_both(corrections: Corrections) -> str:
     """Which controller corrected targets are for, since entries and targets together correct twice."""
     if not corrections.at_controller:
-        return " Corrected programs, entered values or a re-mastered axis: only one of them, as two correct twice."
+        ways = "programs, entered values" if corrections.rig.takes_programs else "targets"
+        return f" Corrected {ways} or a re-mastered axis: only one of them, as two correct twice."
     if not corrections.at_controller.entries:
         return ""
     if not corrections.path:
@@ -154,7 +163,8 @@ def _path_lines(corrections: Corrections) -> list[str]:
             f"before; {program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])}; "
             f"effects that are not corrected leave {_small(np.nanmax(_left_out(targets)))}"
         )
-        words = {label_of(effect): plain(corrections.rig, effect) for effect in model_of(corrections.rig).effects}
+        stays = rest_effects(corrections.rig, corrections.effects)
+        words = {label_of(effect): plain(corrections.rig, effect) for effect in stays}
         each = [(words[name], mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
         if each:
             parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
@@ -195,6 +205,7 @@ def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, An
             "u_frame_um": _each_um(targets.u_frame_mm),
             "covered": None if targets.covered is None else targets.covered.tolist(),
             "doubts": list(targets.doubts),
+            "error": targets.error and program_report.error_object(targets.error),
         }
     return {**_contents(corrections), "path": path, "files": [str(file) for file in written]}
 
@@ -230,12 +241,7 @@ def _contents(corrections: Corrections) -> dict[str, Any]:
             }
             for support in (*corrections.effects, *corrections.calibrated)
         ],
-        "work": {
-            **{name: rounded_um(getattr(corrections.work, name)) for name in _ERRORS},
-            "base_u_um": rounded_um(corrections.work.base_u_um),
-            "unknown_share": round(corrections.work.unknown, 3),
-            "in_base": {name: rounded_um(getattr(corrections.work.base, name)) for name in _ERRORS},
-        },
+        "work": program_report.error_object(corrections.work),
         "not_corrected": _not_corrected(corrections),
         "programs": [program_report.as_object(program) for program in corrections.programs],
         "controller": corrections.at_controller and controller_report.as_object(corrections.at_controller),
@@ -269,13 +275,13 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     date = dt.datetime.now(dt.UTC).date()
     lines = [
         _HEAD.format(name=corrections.rig.name, date=date),
-        *(ways or [_NOTHING]),
+        *(ways or [_NOTHING if corrections.rig.takes_programs else "Nothing to enter is here: see --path."]),
         _ONE,
         "u: standard uncertainty.",
     ]
     head = "".join(f"# {line}\n" for line in lines)
-    has_targets = bool(corrections.path or corrections.programs)
-    if why := why_not(corrections) if has_targets else why_nothing(corrections.rig):
+    against = [*(corrections.errors if why_nothing(corrections.rig) else corrections.in_vain)]
+    if why := why_not(corrections) if corrections.errors else why_nothing(corrections.rig):
         head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why.removeprefix('correct nothing by this model: ')}.\n"
     text = head + yaml.safe_dump(contents, sort_keys=False, allow_unicode=True, width=10_000)
     files = {"corrections.yaml": holding(text.encode())}
@@ -286,7 +292,7 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
     if corrections.path:
         given_path, path, targets = corrections.path
         files[f"corrected-{given_path.name}"] = partial(
-            write_csv, corrected_columns(path, targets, ANYWAY if why else "")
+            write_csv, corrected_columns(path, targets, ANYWAY if given_path in against else "")
         )
     for program in corrections.programs:
         for name, data in ({} if program.held else program.files).items():
@@ -295,6 +301,8 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
                     name, "would be written twice", "correct programs of one name into directories of their own"
                 )
             files[name] = holding(
-                with_remark(maker_by(program.maker).reader.remark, name, data, ANYWAY) if why else data
+                with_remark(maker_by(program.maker).reader.remark, name, data, ANYWAY)
+                if program.path in against
+                else data
             )
     return write_all_new(directory, files)

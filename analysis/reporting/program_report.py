@@ -4,11 +4,13 @@ was."""
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from analysis.correction.corrected_program import MOST_MM, CorrectedProgram
+from analysis.correction.corrected_targets import WorkError
 from analysis.kinematics.arm import Array
 from analysis.makers.target import WHY, Left
 from analysis.noise.readings import rms
@@ -55,12 +57,11 @@ def lines(program: CorrectedProgram) -> list[str]:
         )
     if count and program.rounded_um.max() > _SHOWN_UM:
         text_lines.append(f"  the decimals of this format put targets off by up to {program.rounded_um.max():.1f} µm")
-    if outside := sum(program.outside):
-        beyond = [_place(program, *place) for place, out in zip(program.places, program.outside, strict=True) if out]
-        where = list(dict.fromkeys(beyond))
-        listed, they_are = ", ".join(where[:_LISTED]), "it is" if outside == 1 else "they are"
-        head = f"  {targets_in_words(outside)} where no run says how well {they_are} reached"
-        text_lines.append(f"{head}: {listed}{' …' if len(where) > _LISTED else ''}")
+    if outside := sum(map(bool, program.unknown)):
+        text_lines.append(f"  {targets_in_words(outside)} beyond what the runs drove, corrected by a guess:")
+        reasons = zip(program.places, program.unknown, strict=True)
+        where = dict.fromkeys(f"    {_place(program, *place)}: {why}" for place, why in reasons if why)
+        text_lines += list(where)[:_LISTED] + ["    …"] * (len(where) > _LISTED)
     for reason, number in Counter(left_target.reason for left_target in program.left).most_common():
         limit = f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)" if reason == "too_large" else ""
         text_lines.append(f"  left, {number} ×: {WHY[reason]}{limit}")
@@ -112,7 +113,7 @@ def _why(program: CorrectedProgram, left_target: Left) -> str:
 def as_object(program: CorrectedProgram) -> dict[str, Any]:
     """Return the same for scripts: lengths in mm, rounding in µm."""
     in_mm = (program.moved_mm, program.u_mm, program.u_frame_mm)
-    columns = (program.names, program.places, *in_mm, program.rounded_um, program.outside)
+    columns = (program.names, program.places, *in_mm, program.rounded_um, program.unknown)
     return {
         "program": program.path.name,
         "controller": program.maker,
@@ -139,7 +140,8 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
             "rms": rms(program.moved_mm) if len(program.moved_mm) else 0.0,
         },
         "rounded_um": float(program.rounded_um.max(initial=0.0)),
-        "outside_driven_ranges": sum(program.outside),
+        "outside_driven_ranges": sum(map(bool, program.unknown)),
+        "error": program.error and error_object(program.error),
         "targets": [
             {
                 "name": name,
@@ -149,9 +151,10 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
                 "u_mm": None if np.isnan(u) else round(float(u), 6),
                 "u_frame_mm": None if np.isnan(u_frame) else round(float(u_frame), 6),
                 "rounded_um": round(float(rounded), 3),
-                "outside_driven_ranges": out,
+                "outside_driven_ranges": bool(why),
+                "unknown": why or None,
             }
-            for name, (file, line), moved, u, u_frame, rounded, out in zip(*columns, strict=True)
+            for name, (file, line), moved, u, u_frame, rounded, why in zip(*columns, strict=True)
         ],
         "left": [
             {
@@ -169,6 +172,13 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
         ],
         "left_count": len(program.left),
     }
+
+
+def error_object(error: WorkError) -> dict[str, Any]:
+    """Return the error over the work or over targets for scripts, in µm."""
+    in_base = {name: round(um, 3) for name, um in asdict(error.base).items()}
+    sizes = {name: round(getattr(error, name), 3) for name in (*in_base, "base_u_um")}
+    return {**sizes, "unknown_share": round(error.unknown, 3), "in_base": in_base}
 
 
 def targets_in_words(count: int) -> str:

@@ -73,7 +73,10 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
         next_step=acts.next,
         parts=tuple(parts),
         remedies=tuple(acts.sentence(act) for act in named[1:]),
-        acts=tuple(Deed(kind=act.kind, why=act.why, words=acts.sentence(act)) for act in named),
+        acts=tuple(
+            Deed(kind=act.kind, why=act.why, words=acts.sentence(act), corrected=acts.sentence(act, corrected=True))
+            for act in named
+        ),
         next_test=_next_test(diagnosis),
         ground=ground_of(diagnosis.calibrated) if diagnosis.calibrated else "",
         runs_to_decide=diagnosis.runs_to_decide,

@@ -111,11 +111,13 @@ class PartOfError(Part):
 
 
 class Deed(Part):
-    """An act that follows from an answer (`analysis.inference.acts`): its kind and reason, and what it says to do."""
+    """An act that follows from an answer (`analysis.inference.acts`): its kind and reason, and what it says to do;
+    corrected: the same once the robot was driven corrected, where that is said otherwise."""
 
     kind: str
     why: str
     words: str
+    corrected: str = ""
 
 
 class Answer(Part):
@@ -279,7 +281,9 @@ class Session(Part):
         way = self.correction.way if self.correction and self.is_corrected else None
         elsewhere = bool(answer.joined or answer.judges or way)
         open_acts = tuple(
-            act.words for act in answer.acts if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere)
+            (way and act.corrected) or act.words
+            for act in answer.acts
+            if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere)
         )
         return open_acts if answer.acts else tuple(filter(None, (answer.next_step, *answer.remedies)))
 

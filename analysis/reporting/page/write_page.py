@@ -205,7 +205,7 @@ def _acts(report: Report, texts: Texts) -> list[str]:
     way = after.way if after and after.driven else None
     elsewhere = bool(way or (after and after.joined))
     acts = (act for act in report.found.acts if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere))
-    return [words.sentence(act) for act in acts]
+    return [words.sentence(act, corrected=bool(way)) for act in acts]
 
 
 def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:

@@ -189,7 +189,7 @@ def test_the_commands_of_acts_name_the_model_where_the_person_has_it(
     output: Path | None, command: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """FOUND stood there, a directory that nobody had."""
-    monkeypatch.setattr("sys.argv", ["rig", "diagnose", "my runs/a"])
+    monkeypatch.setattr("sys.argv", ["rig", "diagnose", "my runs/a", *(["-o", str(output)] if output else [])])
     shown = with_commands_here(replace(diagnosis("named"), acts=(LOAD,)), output)
     assert command in ActWords(shown).next and "FOUND" not in ActWords(shown).next
 

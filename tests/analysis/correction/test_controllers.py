@@ -186,6 +186,18 @@ def test_a_value_that_is_no_larger_than_its_uncertainty_is_not_entered(tmp_path:
     assert all(abs(entry["add"]) > entry["u"] for entry in entries["entries"])
 
 
+def test_an_entry_that_gains_nothing_for_certain_is_not_made(tmp_path: Path) -> None:
+    """A zero of 2.2 u of a sound axis was written into a controller beside the one of a fault; of many that are each
+    as unsure, so many are entered that what is left out gains nothing for certain, all of it together."""
+    fault = JointOffset(axis=3, offset_deg=0.05, found=_found(offset_deg=0.004))
+    unsure = [JointOffset(axis=axis, offset_deg=0.033, found=_found(offset_deg=0.015)) for axis in (2, 4, 5)]
+    entered = _printed(_cell(tmp_path, "paper-fanuc", [fault, unsure[0]]), tmp_path / "out", "--for", "fanuc")
+    assert [one["parameter"] for one in entered["entries"]] == ["reading of axis 3"]
+    many = [one.model_copy(update={"found": _found(offset_deg=0.009)}) for one in unsure]
+    entered = _printed(_cell(tmp_path, "paper-fanuc", [fault, *many]), tmp_path / "all", "--for", "fanuc")
+    assert 1 < len(entered["entries"]) < 4
+
+
 def test_a_soft_joint_is_held_in_part_and_said_to_be(tmp_path: Path) -> None:
     """At a controller without lengths, where a soft joint was `not entered` before."""
     soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))

@@ -24,6 +24,7 @@ from analysis.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.kinematics.inverse import inverse
 from analysis.model.predict import model_of
 from analysis.reporting.correction_report import write
+from rigs.calibration import JointPortions, Portion
 from rigs.edit import extended
 from rigs.effects import (
     VOCABULARY,
@@ -35,6 +36,7 @@ from rigs.effects import (
     JointOffset,
     LinkGeometry,
     ReversalSpike,
+    ServoLag,
     ThermalGrowth,
     TransmissionError,
     size_field,
@@ -127,12 +129,18 @@ def test_a_controller_given_corrected_poses_brings_the_real_arm_to_the_poses(tmp
 
 
 def test_one_target_is_corrected_by_a_model_that_knows_the_clocks(tmp_path: Path) -> None:
-    """A robot that stands has no time: a calibration holds the rate of the clocks beside what moves the arm."""
-    rig = _rig(ZERO_3, ClockRate(ppm=200.0, found=_found(ppm=20.0)))
+    """A robot that stands has no time, and no servo that is late: a calibration holds both beside what moves the
+    arm."""
+    late = ServoLag(axis=2, lag_s=0.001, found=_found(lag_s=0.0001))
+    portions = JointPortions(portions=(Portion(of=late.model_copy(update={"found": None}), times=2.0),))
+    rig = _rig(ZERO_3, ClockRate(ppm=200.0, found=_found(ppm=20.0)), late, portions)
     one, three = (np.radians(TARGETS[:count]) for count in (1, 3))
     np.testing.assert_array_equal(tool_poses(model_of(rig), one), tool_poses(model_of(_rig(ZERO_3)), three)[:1])
     found = correct_rig(rig, _path(tmp_path, ["P0," + ",".join(map(str, TARGETS[0]))]))
     assert found.path and found.path[2].done.all() and np.isfinite(found.path[2].u_mm).all()
+    alone = correct_rig(_rig(ZERO_3), None)
+    assert found.work == alone.work, "a clock was an error of the tool: 229 µm of a sound arm"
+    assert not found.path[2].left_out
 
 
 def test_what_is_known_too_badly_is_not_said_to_be_uncorrectable(tmp_path: Path) -> None:

@@ -181,7 +181,7 @@ def test_a_rig_with_soft_joints_alone_has_corrected_targets_and_a_figure(tmp_pat
     real, wanted = (tool_poses(model_of(rig, some), q) for some in ((soft,), ()))
     before = np.sqrt(np.mean(_as_taught_mm(real[:, :3, 3], wanted[:, :3, 3], wanted[:, :3, :3]) ** 2))
     # A twentieth of the softness is its uncertainty.
-    assert f"falls from {before:.3f} to {before / 20:.3f} mm rms with frame and tool taught with the robot" in told
+    assert f"falls from {1e3 * before:.0f} to {50 * before:.0f} µm rms with frame and tool taught with the" in told
 
 
 def test_a_path_and_entries_are_said_to_be_for_one_controller_each(tmp_path: Path) -> None:
@@ -256,13 +256,31 @@ def test_work_where_no_run_measured_is_said_to_be_unknown(tmp_path: Path) -> Non
     cell.write_text(extended(load("ur10e")[1], [zero], "cell"), encoding="utf-8")
     path = tmp_path / "path.csv"
     path.write_text(",".join(JOINTS) + "\n0,-80,100,-20,80,0\n")
-    words = ["correct", str(cell), "--path", str(path), "-o"]
+    done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(tmp_path / "0")])
+    assert done.exit_code == 3 and "no run says how well its targets are reached, so none are written" in done.stderr
+    assert not (tmp_path / "0" / "corrected-path.csv").exists(), "a guess was written as a correction"
+    words = ["correct", str(cell), "--path", str(path), "--anyway", "-o"]
     said = " ".join(CliRunner().invoke(app, [*words, str(tmp_path / "1")]).stdout.split())
     assert "No run shows how large the error stays where the work is." in said
     assert "how well they are reached is not known: no run says it" in said and "nan" not in said
     found = json.loads(CliRunner().invoke(app, [*words, str(tmp_path / "2"), "--json"]).stdout)
     assert found["work"]["unknown_share"] == 1.0
     assert found["path"]["largest_mm"]["u"] is None and found["path"]["u_frame_um"] == [None]
+
+
+@pytest.mark.parametrize(("q1", "status"), [(0, 3), (30, 0)])
+def test_a_path_is_judged_by_its_own_targets(tmp_path: Path, q1: float, status: int) -> None:
+    """A wave of axis 1 is nothing where it crosses zero, however much it does over the work."""
+    cell, path = tmp_path / "cell.yaml", tmp_path / "path.csv"
+    wave = _known(TransmissionError(axis=1, order=2, amplitude_deg=0.05, phase_deg=0), 0.001)
+    cell.write_text(extended(load("paper-fanuc")[1], [wave], "cell"), encoding="utf-8")
+    path.write_text("\n".join([",".join(JOINTS), *(f"{q1},{20 + 9 * k},{10 - 9 * k},0,60,0" for k in range(5))]) + "\n")
+    done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(tmp_path / "out")])
+    assert (done.exit_code, (tmp_path / "out" / "corrected-path.csv").exists()) == (status, not status)
+    in_vain = "corrected targets take away no error there, so none are written"
+    assert (in_vain in done.stderr) == bool(status)
+    said = " ".join(done.stdout.split())
+    assert ("corrected targets of path.csv: the tool's error at these targets falls from" in said) == (not status)
 
 
 def test_u_of_a_program_is_that_of_targets_that_runs_cover() -> None:

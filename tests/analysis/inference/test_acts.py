@@ -77,6 +77,24 @@ def test_the_demo_is_told_all_three_by_name_in_the_first_sentence_and_what_remov
     )
 
 
+def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> None:
+    """An arm of five axes was offered programs; a robot that drove corrected, twice what becomes of the correction."""
+    load_act = Act("load", "correction", removes_um=4.0, remains_um=2.0, command=("correct", "so.yaml", "-o", "D"))
+    repair = Act("repair", "fault", removes_um=4.0, remains_um=2.0, effect=Backlash(axis=1, width_deg=0.1))
+    of_six = ActWords(diagnosis(acts=(load_act, repair)))
+    assert "with --program FILE (or --path TARGETS.csv) or --for fanuc." in of_six.next
+    assert "instead of the correction" in of_six.sentence(repair)
+    assert "the correction" not in of_six.sentence(repair, corrected=True)
+    five = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": RIG.robot.axes[:5]})})
+    of_five = ActWords(diagnosis(acts=(load_act, repair), rig=five))
+    assert of_five.next.startswith(
+        "Send the controller to corrected targets: rig correct so.yaml -o D writes them, with"
+    )
+    assert not any(word in of_five.next for word in ("program", "--for", "values"))
+    approach = Act("approach", "history", effect=Backlash(axis=1, width_deg=0.1))
+    assert "only rig session" in of_six.what(approach) and "session" not in of_five.what(approach)
+
+
 def test_a_group_above_a_third_names_its_members_and_the_runs_that_only_judged_would_name_one() -> None:
     found = one_lap()
     k, group = next((k, part) for k, part in enumerate(found.budget) if part.members)

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from analysis.correction.deviation import Deviation
 from analysis.session.cell import Run
 from analysis.session.guide import (
     Answered,
@@ -27,7 +28,7 @@ from analysis.session.guide import (
 )
 from analysis.session.next_step import Drive, is_answered
 from analysis.session.plan import BY_ITSELF
-from analysis.session.state import Correction, Deed, Session, Try
+from analysis.session.state import Correction, Deed, Session, Try, Verified
 from rigs.load import load
 from tests.support.session_cell import NAMED, begun, cell_file
 
@@ -166,6 +167,16 @@ def test_a_run_that_was_recorded_before_a_cut_is_taken_by_the_step_that_is_drive
     state, _ = stepped(state, Present("s"))
     state, actions = stepped(state, Present("t", "p99-roll-cw"))
     assert (state.session.left_alone, actions) == (("s", "t"), ())
+
+
+def test_what_becomes_of_a_correction_is_said_once_after_it(at_start: Session) -> None:
+    repair = Deed(kind="repair", why="fault", words="Repair it. Do it instead.", corrected="Repair it.")
+    answer = NAMED.model_copy(update={"acts": (repair, GROUP)})
+    before = driven(known(at_start), "find", "judge", "verify", correction=BY_PROGRAMS, answer=answer)
+    size = Deviation(um=9, largest_um=20, u_um=1, runs=2)
+    after = before.model_copy(update={"verified": Verified(same_before=size, same_after=size)})
+    assert before.to_do == ("Repair it. Do it instead.", GROUP.words)
+    assert after.to_do == ("Repair it.", GROUP.words)
 
 
 GROUP = Deed(kind="measure", why="group", words="Drive roll: it names what makes 72 % of the error.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ import yaml
 from analysis.correction.corrected_program import CorrectedProgram, correct_program, frames_of
 from analysis.correction.support import supports
 from analysis.makers.target import WHY
+from analysis.reporting.program_report import lines
 from rigs.edit import extended
 from rigs.effects import Backlash, Compliance, Effect, JointOffset
 from rigs.load import load
@@ -111,7 +113,9 @@ def test_gravity_is_corrected_and_a_target_outside_the_driven_range_is_marked(tm
     soft = Compliance(axis=2, deg_per_Nm=1e-3, payload_kg=10, found=found(deg_per_Nm=1e-5))
     soft = soft.model_copy(update={"found": found(deg_per_Nm=1e-5).model_copy(update={"joints_deg": driven})})
     done = _corrected(path, soft)
-    assert done.outside == (False, True) and done.moved_mm.min() > 0.1
+    assert done.unknown[0] == "" and done.moved_mm.min() > 0.1
+    assert re.fullmatch(r"axis \d \(\w+\) at .*°, in the runs .*° to .*°", done.unknown[1])
+    assert f": {done.unknown[1]}" in "\n".join(lines(done))
 
 
 def test_an_arm_at_the_end_of_a_joint_or_out_of_reach_is_listed(tmp_path: Path) -> None:
@@ -221,7 +225,7 @@ def test_where_nothing_is_gained_no_program_is_written(effect: Effect, tmp_path:
     path, out = tmp_path / "a.script", tmp_path / "out"
     path.write_text("movej([0,-1.4,1.7,-0.3,1.4,0])\n")
     done = ran("correct", cell, "--program", path, "-o", out)
-    assert done.returncode == 3 and "take away no error over the work, so none are written" in done.stderr
+    assert done.returncode == 3 and "take away no error there, so none are written" in done.stderr
     assert "next:" not in done.stderr and [file.name for file in out.iterdir()] == ["corrections.yaml"]
     assert yaml.safe_load((out / "corrections.yaml").read_text())["verdict"] == "nothing"
     assert ran("correct", cell, "--program", path, "-o", tmp_path / "anyway", "--anyway").returncode == 0
