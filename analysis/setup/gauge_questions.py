@@ -50,7 +50,11 @@ def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answer
 def described(name: str, gauge: Gauge) -> str:
     """Return which gauge is meant by a name of the rig file, in a line."""
     place = f"{gauge.port}#{gauge.channel}" if gauge.shares else gauge.port
-    return f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side, and counts {gauge.counts}"
+    counts = f"counts {gauge.counts}"
+    if "counts" not in gauge.model_fields_set:
+        counts = f"is taken to count {gauge.counts}: nobody pushed it in; if that makes its reading grow, "
+        counts += f"give --key {name}.counts=towards"
+    return f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side, and {counts}"
 
 
 def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
