@@ -102,6 +102,9 @@ def rival_odds(selection: Selection, state: SelectionState, place: int) -> Rival
     forms, effect = selection.columns.forms, state.effects[place]
     without = selection.without(state, place)
     bare, whole = selection.evidence(without), selection.evidence(state)
+    if selection.columns.constants_apart:  # each in the widths of constants that it shows
+        bare, whole = (max(selection.evidence(each), selection.evidence(selection.with_widths(each)))
+                       for each in (without, state))  # fmt: skip
     gain = whole - bare
     now = selection.posterior(state)
     gains = np.maximum(*selection.gains(state, now))
