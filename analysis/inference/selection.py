@@ -150,7 +150,7 @@ class Selection:
             return state
         # Gauges at few targets, and balls in sockets that move with the arm's constants, tell curves from scatter
         # badly. Searched with the curves, the noise left 1.1 instead of 0.4 mm of a Panda at a placement left out.
-        return self.with_widths(replace(state, curves=curves))
+        return self._renewed(self._with_likeliest_curves(replace(state, curves=curves), np.stack([state.strength] * 2)))
 
     @property
     def _of_tracker(self) -> bool:
@@ -206,11 +206,6 @@ class Selection:
 
         curves, strength = self.columns.curves.fitted(state.curves, state.strength, limits, likelihood)
         return replace(state, curves=curves, strength=strength)
-
-    def with_widths(self, state: SelectionState) -> SelectionState:
-        """Return the state with the widths of curves and constants that it shows beside the same noise. Where a fault
-        was not named yet they are as large as that, and it may be a usual constant for them."""
-        return self._renewed(self._with_likeliest_curves(state, np.stack([state.strength] * 2)))
 
     def fitted_again(self, state: SelectionState, before: Sequence[Effect] = ()) -> SelectionState:
         """Return the state with each fault fitted again from the best form of its name, where that explains more,
@@ -443,7 +438,7 @@ class Selection:
         """Return the log odds (n,) of each form as a fault, and as the healthy effect of its name, over an
         equal share."""
         fault, single, _, size = posterior.gains(self.columns.forms, state.level)
-        curves, pieces = self.waves_of_curves
+        curves, pieces = self._waves_of_curves
         fault[curves & (pieces | (size < FAULT * max(state.level, 1.0)))] = single[curves] = -np.inf
         against = np.array([self._against_stated(form.effect) for form in self.columns.forms])
         fault, single = fault - against, single - against
@@ -451,7 +446,7 @@ class Selection:
         return fault + self._fault_price - self._among, single - _HEALTHY_PRICE - self._among
 
     @cached_property
-    def waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def _waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which forms (n,) are waves of a joint's curve, and which of so low an order that the joint was driven over
         few of them in any run."""
         effects = [form.effect for form in self.columns.forms]
