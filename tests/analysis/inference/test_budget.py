@@ -54,12 +54,6 @@ def test_the_shares_are_the_whole_gap_the_largest_first(found: object) -> None:
     assert len(joints) == len(set(joints)), "each joint has one curve"
 
 
-def test_what_no_size_makes_visible_is_no_likely_member() -> None:
-    found = _of_circles()
-    members = [name_of(member.effect) for part in found.budget for member in part.members]
-    assert members and not {*members} & {*found.not_testable}
-
-
 def test_a_single_play_is_one_line_of_nearly_all() -> None:
     found = _of_circles(PLAY)
     line = _line(found, "backlash 1")

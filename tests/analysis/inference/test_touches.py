@@ -56,6 +56,11 @@ def test_the_calibrated_model_leaves_the_scatter(found: Diagnosis) -> None:
     assert set(found.calibrated.setups) == {"touch, socket A", "touch, socket B"}
 
 
+def test_what_no_size_makes_visible_is_no_likely_member(found: Diagnosis) -> None:
+    members = [name_of(member.effect) for part in found.budget for member in part.members]
+    assert members and not {*members} & {*found.not_testable}
+
+
 def test_without_the_sides_no_play_is_named(rig: Rig, run: Measured) -> None:
     """The order of the touches is no way that a joint came: what is not known is not guessed right by chance."""
     assert isinstance(run.table, TouchTable)
