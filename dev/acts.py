@@ -315,8 +315,13 @@ def of_circles(kind: str, seed: int, directory: Path) -> Cell:
         driven = _driven(truth, job.case, [fault for fault in every if fault.name != repaired])
         return left_um(driven, FittedRuns(driven), entered)
 
+    whole = error_um(None, [])
+    makes = {one["name"]: whole**2 - error_um(one["name"], []) ** 2 for one in truth["hidden"]}
     hidden = sorted(truth["hidden"], key=lambda one: -float(one["snr"]))
-    return Cell(used[0].rig, used, unseen, error_um, [frozenset(one["class"]) for one in hidden])
+    return Cell(
+        used[0].rig, used, unseen, error_um, [frozenset(one["class"]) for one in hidden],
+        math.sqrt(max([0.0, *makes.values()])), {one["name"]: float(one["parameters"][one["size"]]) for one in hidden},
+    )  # fmt: skip
 
 
 def _faults(truth: Mapping[str, Any]) -> list[Any]:

@@ -13,8 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.geometry.ball_link import readings
-from analysis.geometry.circle import frame_of
+from analysis.geometry.circle import frame_of, link_readings
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, transform
 from analysis.measures.results import result_of
@@ -123,7 +122,7 @@ def _measured(setup: SetUp, rig: Rig, test: Literal["yaw", "roll", "radial"]) ->
         T = moved(model, path).T[path.rows]
         around = frame.angle(T[:, :3, 3]) / 2 if setup.spins else np.full(len(T), np.pi / 4)
         square = [
-            readings(one, nominal.ball + off, np.array([25.0, -25.0]), program.test, frame.radius)
+            link_readings(one, nominal.ball + off, np.array([25.0, -25.0]), program.test, frame.radius)
             for one in (T, T @ _tilts(setup.disk_rad, around))
         ]
         values = values + square[1] - square[0]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.setting_up.driven_circle import driven_circle
-from analysis.traces.robot_motion import RobotMotion
+from analysis.traces.loading import RobotMotion
 from rigs.errors import FileError
 from rigs.load import parse
 from tests.support.driven_motions import Kind, Motion, drawn

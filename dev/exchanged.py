@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 import yaml
 
-from analysis.conventions.gauge_order import order_findings
+from analysis.conventions.gauge_sign import order_findings
 from analysis.traces.tables import CircleTable
 from dev.trials.stranger.cell import ROBOTS
 from dev.trials.stranger.draw import candidate

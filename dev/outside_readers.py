@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arms.driver_kinematics import driver_kinematics
+from analysis.arms.driver_kinematics import LINKS, driver_kinematics, ur_driver_text
 from analysis.arms.mjcf_text import JointTraits, mjcf_text
-from analysis.arms.ur_driver import LINKS, ur_driver_text
 from analysis.arms.urdf_text import macro_name, urdf_text, xacro_text
 from analysis.correction.work import tool_poses
 from analysis.kinematics.arm import Array

@@ -229,7 +229,7 @@ def _line(seed: int, case: Case) -> str:
 
 def _summary(sockets: int, cases: list[Case]) -> str:
     hidden = named = within = others = 0
-    listed = 0
+    listed = undecided = 0
     for case in cases:
         own = {name_of(one.effect): one for one in case.found.standing}
         for fault in case.hidden:
@@ -237,6 +237,7 @@ def _summary(sockets: int, cases: list[Case]) -> str:
             one = own.get(fault.name)
             rivals = {name_of(r.effect) for every in case.found.standing for r in every.rivals}
             listed += one is None and fault.name in rivals
+            undecided += one is None and fault.name in {name_of(every.effect) for every in case.found.effects}
             if one:
                 named += 1
                 key = size_field(one.effect)
@@ -250,8 +251,9 @@ def _summary(sockets: int, cases: list[Case]) -> str:
     ]
     what = f"{TOUCHES} touches of {sockets} socket(s)" if sockets else f"{POSES} poses"
     return (
-        f"{what}, {len(cases)} arms: {named} of {hidden} faults named ({listed} more among rivals), {within} of "
-        f"{named} sizes within 2 u, {others} other names; unseen {rms[0]:.3f} nominal, {rms[1]:.3f} least squares, "
+        f"{what}, {len(cases)} arms: {named} of {hidden} faults named ({listed} more among rivals, "
+        f"{undecided} with a size but undecided), {within} of {named} sizes within 2 u, "
+        f"{others} other names; unseen {rms[0]:.3f} nominal, {rms[1]:.3f} least squares, "
         f"{rms[2]:.3f} mm calibrated; {np.mean([case.seconds for case in cases]):.1f} s of CPU each"
     )
 

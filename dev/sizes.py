@@ -50,6 +50,9 @@ class Size:
     healthy: float
 
 
+BY = ("calibrate", "diagnose")
+
+
 def fit_word(fault: Mapping[str, Any]) -> str:
     """Return the name and place of a fault of a truth as `--fit` takes it."""
     place = SEATS.get(fault["effect"], "{axis}" if "axis" in fault else "{gauge}" if "gauge" in fault else "")
@@ -111,7 +114,8 @@ def main() -> int:
         epilog="Seeds from 10000 on are for a report, never looked at before; say which.",
     )
     parser.add_argument("cells", type=int, nargs="?", default=16, help="of all kinds together (16)")
-    parser.add_argument("--kinds", default="one,two", help="of faults that are hidden (one,two)")
+    parser.add_argument("--kinds", default="one,two", help="of faults that are hidden, or an effect (one,two)")
+    parser.add_argument("--by", nargs="*", choices=BY, default=BY, help="calibrate, diagnose (both)")
     parser.add_argument("--seed", type=int, default=0, help="of the first cell of each kind (0)")
     parser.add_argument("--minutes", type=float, default=60.0, help="after which no further cell is begun (60)")
     parser.add_argument("--keep", type=Path, help="a directory for cells and truths; what is there is used again")
@@ -127,7 +131,7 @@ def main() -> int:
             job = Job(kinds[k % len(kinds)], given.seed + k // len(kinds), "", Path(root), "real")
             make_case(job)
             truth = json.loads(job.truth.read_text(encoding="utf-8"))
-            for by in ("calibrate", "diagnose"):
+            for by in given.by:
                 for one in sizes_of(job, by, truth):
                     sizes.append(one)
                     said = f"{one.true + one.error:.6g} ± {one.u:.2g}, true {one.true:.6g}"

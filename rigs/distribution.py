@@ -47,9 +47,9 @@ def to_install(*packages: str) -> str:
     if prefix.parent.name.startswith(_OF_UVX):
         return f"add it: uvx {' '.join(f'--with {package}' for package in asked)} --from {NAME} rig"
     as_root = "" if os.access(prefix, os.W_OK) else "sudo "
-    if find_spec("pip"):
-        return f"add it: {as_root}{python} -m pip install {names}"
-    return f"add it: {as_root}python3 -m pip --python {python} install {names}"
+    beneath = shlex.quote(getattr(sys, "_base_executable", "python3"))  # `python3` may be this environment's own
+    pip = f"{python} -m pip" if find_spec("pip") else f"{beneath} -m pip --python {python}"
+    return f"add it: {as_root}{pip} install {names}"
 
 
 def _required(package: str) -> str:

@@ -179,7 +179,9 @@ def _with_calibration(text: str, calibration: CalibrationFile) -> str:
 
 
 def _with_effects(text: str, effects: Sequence[Effect]) -> str:
-    items = [_line(effect) for effect in effects]
+    items = [
+        _dumped(effect.model_dump(mode="json", exclude_defaults=True) | {"effect": effect.effect}) for effect in effects
+    ]
     root = nodes_of(text)
     assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
     entries = [(key, value) for key, value in root.value if key.value == "effects"]
@@ -201,10 +203,6 @@ def _with_effects(text: str, effects: Sequence[Effect]) -> str:
             del lines[first : end + 1]
         lines += ["", "effects:", *(f"  - {item}" for item in items)]
     return "\n".join(lines) + "\n"
-
-
-def _line(effect: Effect) -> str:
-    return _dumped(effect.model_dump(mode="json", exclude_defaults=True) | {"effect": effect.effect})
 
 
 def _dumped(fields: dict[str, object]) -> str:

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.geometry.ball_link import readings
-from analysis.geometry.circle import frame_of
+from analysis.geometry.circle import frame_of, link_readings
 from analysis.geometry.programs import circle_of
 from dev.alignment import table
 from rigs.load import load
@@ -53,7 +52,7 @@ def test_what_an_eccentric_ball_leaves_in_the_angle_is_as_stated(off_mm: float) 
     frame = frame_of(circle_of(load("ur10e")[0]))
     phi = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     ball = frame.centre + off_mm * frame.u
-    g_mm = readings(frame.poses(phi), ball, np.array([25.0, -25.0]), "yaw", frame.radius)
+    g_mm = link_readings(frame.poses(phi), ball, np.array([25.0, -25.0]), "yaw", frame.radius)
     angle_deg = np.degrees(np.arctan2(g_mm[:, 1] - g_mm[:, 0], 50.0))
     sine = np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi)], axis=1)
     left_deg = angle_deg - sine @ np.linalg.lstsq(sine, angle_deg, rcond=None)[0]

@@ -1,27 +1,34 @@
-"""An arm as kinematics.yaml of a maker's ROS description: one entry a joint, its origin in the link before it.
+"""An arm as the file of joint origins that a maker's ROS description reads: kinematics.yaml, and Universal Robots'
+calibration.yaml. The base and the tool of a rig file have no place in either.
 
-A description draws its meshes in link frames of its own choice. Both chains of frames, the maker's and that of the rig
-file, turn about the same axes and sit on the same links, so that each pair differs by a frame that is constant: it is
-taken from the nominal arm, and the calibrated arm is written with it. Meshes stay where the maker put them. The base
-and the tool of a rig file have no place in such a file.
+kinematics.yaml has one entry a joint, its origin in the link before it. A description draws its meshes in link frames
+of its own choice. Both chains of frames, the maker's and that of the rig file, turn about the same axes and sit on the
+same links, so that each pair differs by a frame that is constant: it is taken from the nominal arm, and the calibrated
+arm is written with it. Meshes stay where the maker put them.
 
 The nominal origins are those of the makers' own files: frankaemika/franka_description, robots/fer/kinematics.yaml,
 commit 1ddff9b (the FR3 has the same lengths); xArm-Developer/xarm_ros, xarm_description/config/kinematics/default,
 commits a083c36 and 74e75cf, with right angles in place of 1.5708. Doosan's description (doosan-robotics/doosan-robot2,
 dsr_description2/urdf) and Kinova's (Kinovarobotics/ros2_kortex) have no such file: their joints stand in the URDF.
+
+Of calibration.yaml the package ur_description makes a URDF: each entry is the origin of a joint in metres and radians,
+turning about z; the first stands in base_link_inertia, which is base_link turned half round about z and equal to the
+controller's base; tool0 is the frame of wrist_3. Source: ros-industrial/universal_robot,
+ur_description/urdf/inc/ur_macro.xacro, commit 0290bd2.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import yaml
 
-from analysis.arms.joint_origins import joint_origins, joint_senses, metres_and_rpy
+from analysis.arms.urdf_text import joint_origins, joint_senses, metres_and_rpy
 from analysis.kinematics.arm import Arm, Array, arm_of, transform
-from rigs.errors import FileError
+from rigs.errors import FileError, UseError
 from rigs.schema.robot import Pose, Robot
 from rigs.text import plain
 
@@ -128,3 +135,38 @@ def _between(nominal: Arm, layout: Layout) -> list[Array]:
 
 def _frame(origin: Origin) -> Array:
     return transform(Pose(xyz_mm=origin[:3], rpy_deg=origin[3:]))
+
+
+LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+"""The entries of the file, from the base."""
+NOT_THE_CONTROLLERS = "rig_not_of_the_controller"
+"""The hash where none is given. The driver compares it with the checksum of the calibration inside the controller and
+reports at each start that they differ, which is true."""
+_HASH = re.compile(r"calib_\d{1,20}")
+"""As the driver makes it: a number of 64 bits."""
+_TWISTS_DEG = (0.0, 90.0, 0.0, 0.0, 90.0, -90.0)
+"""alpha of all arms of the maker (its DH parameters for calculations of kinematics and dynamics, as modified ones)."""
+_MOST_DEG = 5.0
+"""No arm is bent so far; those of other makers differ by right angles."""
+
+
+def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, remarks: Sequence[str] = ()) -> str:
+    """Return calibration.yaml of an arm.
+
+    where: the rig file, for errors. calibration_hash: that of the file which the driver's own tool extracted. remarks:
+    lines at the head. Raises FileError for an arm of another kind, UseError for a hash that is none.
+    """
+    if calibration_hash is not None and not _HASH.fullmatch(calibration_hash):
+        problem = f"{calibration_hash!r} is not a hash of the driver"
+        raise UseError("--hash", problem, "copy it from the file that the driver extracted: calib_ and digits")
+    off_deg = np.abs(np.degrees(arm.alpha) - _TWISTS_DEG)
+    if (off_deg > _MOST_DEG).any() or -1 in joint_senses(arm, where, "calibration.yaml"):
+        problem = "the arm is not built as one of Universal Robots, for whose driver calibration.yaml is"
+        raise FileError(f"{where}, robot.axes", problem, "leave out --for ur-driver: a URDF describes any arm")
+    kinematics: dict[str, object] = {}
+    for link, T in zip(LINKS, joint_origins(arm), strict=True):
+        xyz, rpy = metres_and_rpy(T)
+        kinematics[link] = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*xyz, *rpy), strict=True))
+    kinematics["hash"] = calibration_hash or NOT_THE_CONTROLLERS
+    head = "".join(f"# {plain(remark)}\n" for remark in remarks)
+    return head + yaml.safe_dump({"kinematics": kinematics}, sort_keys=False)

@@ -15,8 +15,16 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.arms.joint_origins import RAIL_JOINT, joint_origins, joint_senses, rail_way
-from analysis.arms.urdf_text import add_remarks, numbers_text, require_names, xml_text
+from analysis.arms.urdf_text import (
+    RAIL_JOINT,
+    add_remarks,
+    joint_origins,
+    joint_senses,
+    numbers_text,
+    rail_way,
+    require_names,
+    xml_text,
+)
 from analysis.kinematics.arm import RAIL_MM, Arm, Array
 from rigs.schema.robot import JointAxis, Robot
 

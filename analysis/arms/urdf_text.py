@@ -1,6 +1,7 @@
 """An arm as a URDF, `world` → `base_link` → `link_1` … `link_n` → `flange` → `tool`, and as a macro of xacro.
 
-Joints have the names, senses and limits of the rig file and turn by the angles that the controller reports. A rail is a
+Joints have the names, senses and limits of the rig file and turn by the angles that the controller reports: each about
+z of a frame that stands fixed in the frame before, as in the files of ROS drivers (`driver_kinematics`). A rail is a
 prismatic joint between `rail_base`, which stands in the world, and `base_link`. A rig file knows masses and their
 centres, and no moments of inertia or torques: these are written as zero, and say so.
 
@@ -17,10 +18,58 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from analysis.arms.joint_origins import RAIL_JOINT, joint_origins, joint_senses, metres_and_rpy, rail_way
-from analysis.kinematics.arm import RAIL_MM, Arm, Array
+from analysis.kinematics.arm import RAIL_MM, Arm, Array, roll_pitch_yaw
 from rigs.errors import FileError
 from rigs.schema.robot import Robot
+
+RAIL_JOINT = "rail"
+"""The name of the joint that is a rail."""
+_ZERO = 1e-15
+"""Metres and rad below which a number is the rounding of zero; a thousandth of what a file may differ from its arm."""
+
+
+def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
+    """Return 1 or -1 for each joint (6): the sense in which its axis turns with the controller's angle.
+
+    Raises FileError where an axis turns with the angle of another joint, or by another ratio. kind: of file.
+    """
+    senses = np.sign(np.diag(arm.coupling))
+    if not np.array_equal(arm.coupling, np.diag(senses)) or not senses.all():
+        wrong = (arm.coupling != np.diag(senses)).any(axis=1) | (senses == 0)
+        axis = int(np.flatnonzero(wrong)[0]) + 1
+        problem = f"axis {axis} does not turn with joint {axis} alone and one to one, and {kind} has no way to say so"
+        remedy = (
+            "in a copy, set coupling to its signs, and turn the controller's angles into those of the axes beforehand"
+        )
+        raise FileError(f"{where}, robot.coupling", problem, remedy)
+    return [int(sense) for sense in senses]
+
+
+def joint_origins(arm: Arm) -> Array:
+    """Return the frames (6, 4, 4) of the joints, in mm, each in the frame that the joint before it moves; all joint
+    angles zero."""
+    c, s = np.cos(arm.offset), np.sin(arm.offset)
+    turned = np.tile(np.eye(4), (len(arm.a), 1, 1))
+    turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = c, -s, s, c
+    return np.asarray(arm.links_at_zero @ turned)
+
+
+def rail_way(arm: Arm) -> Array:
+    """Return the direction (3,) of an arm's rail in the frame of its base."""
+    assert arm.rail is not None  # noqa: S101 - asked for rails alone
+    way: Array = arm.T_world_base[:3, :3].T @ arm.rail
+    return way / np.linalg.norm(way)
+
+
+def metres_and_rpy(T: Array) -> tuple[list[float], list[float]]:
+    """Return x, y, z in metres and roll, pitch, yaw in rad of a frame (4, 4) in mm."""
+    xyz, rpy = T[:3, 3] / 1000.0, roll_pitch_yaw(T)
+    return [_written(value) for value in xyz], [_written(value) for value in rpy]
+
+
+def _written(value: float) -> float:
+    return 0.0 if abs(value) < _ZERO else float(value)
+
 
 _RAIL_M_S = 1.0
 """What is written as the rail's speed, which a rig file does not know and a URDF must have."""

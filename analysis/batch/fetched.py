@@ -12,8 +12,7 @@ from pathlib import Path
 
 from analysis.batch.outcomes import Item, Value
 from analysis.batch.remote_path import RemotePath
-from analysis.batch.remote_store import entries, explained, opened
-from analysis.batch.run_files import is_read
+from analysis.batch.remote_store import entries, explained, is_read, opened
 from daq.store.ledger import to_recover
 from daq.store.run_directory import removed_at_signals
 from rigs.errors import CellError, FileError, RigError

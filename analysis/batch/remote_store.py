@@ -1,12 +1,13 @@
-"""Stores of files elsewhere, through fsspec: what lies in a directory, and every failure as one line.
+"""Stores of files elsewhere, through fsspec: what lies in a directory, which of it is a run, and every failure as one
+line.
 
 fsspec is an extra, and each protocol has a package of its own, whose errors are of many kinds. They are sorted
 here by what a person can do: install something, check the URL, ask for the right to read, or wait for the network.
 
-The runs below a URL are known by listing alone. An object store lists a thousand objects in one request, whatever
-directories their names form, so it is asked once for all; elsewhere each directory is a request. A process of its own
-asks: the packages of stores start threads, which a process that forks later must not have, and one that waits for a
-store is ended by Ctrl-C at once.
+The runs below a URL are known by listing alone, by the names of their files. An object store lists a thousand objects
+in one request, whatever directories their names form, so it is asked once for all; elsewhere each directory is a
+request. A process of its own asks: the packages of stores start threads, which a process that forks later must not
+have, and one that waits for a store is ended by Ctrl-C at once.
 """
 
 from __future__ import annotations
@@ -21,9 +22,34 @@ from typing import Any
 from analysis.batch.outcomes import Failed
 from analysis.batch.processes import in_processes
 from analysis.batch.remote_path import RemotePath
-from analysis.batch.run_files import NO_RUNS, is_run
+from daq.store.durable import TEMPORARY
+from daq.store.ledger import LEDGER
+from daq.store.manifest import MANIFEST, OF_A_RUN
+from daq.store.marks import MARKS
+from rigs.calibration import CALIBRATION
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError, RigError
+
+NO_RUNS = "lost+found"
+"""What a file system puts at its top, for root alone."""
+_CHUNKS = (".parquet", ".arrow")
+
+
+def is_run(names: Iterable[str]) -> bool:
+    """Whether files of these names make a directory a run, however damaged: one without a manifest may have its
+    ledger."""
+    return not OF_A_RUN.isdisjoint(names)
+
+
+def has_figures(name: str) -> bool:
+    """Whether figures follow from a file; marks, which say that a run was exported or is kept, change none."""
+    return name in (MANIFEST, LEDGER) or name.endswith(_CHUNKS)
+
+
+def is_read(name: str) -> bool:
+    """Whether reading or verifying a run looks at a file."""
+    return has_figures(name) or name == MARKS or name.endswith((TEMPORARY, CALIBRATION))
+
 
 _PACKAGES = {"s3": "s3fs", "sftp": "sshfs", "ssh": "sshfs"}
 """The packages by which fsspec opens the protocols for which rig has an extra."""

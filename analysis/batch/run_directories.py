@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from analysis.batch.remote_path import RemotePath
-from analysis.batch.run_files import NO_RUNS
+from analysis.batch.remote_store import NO_RUNS
 from daq.store.manifest import is_run
 from rigs.errors import FileError
 

@@ -1,4 +1,4 @@
-"""The command `rig`: its entry point, and how it ends. Each command is a file, which `commands` lists and imports."""
+"""The command `rig`: its entry point, and how it ends. `commands` lists each command and imports its file."""
 
 from __future__ import annotations
 

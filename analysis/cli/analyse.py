@@ -43,8 +43,7 @@ def analyse(
     scheduler: Scheduler = None,
 ) -> None:
     """Evaluate runs of any test (gauges, poses, touches, paths); every figure has its uncertainty."""
-    from analysis.cli.run_paths import runs_below
-    from analysis.cli.several import end_with, evaluated, over_runs, worst
+    from analysis.cli.several import end_with, evaluated, over_runs, runs_below, worst
 
     paths = runs_below(runs, scheduler)
     if as_lines:
@@ -75,7 +74,7 @@ def _show(results: Sequence[Result], *, as_json: bool, plot: Path | None, each: 
 
         truths = compare(results, truth)
     if plot:
-        from analysis.cli.progress import progress_of
+        from analysis.cli.console import progress_of
         from analysis.reporting.run_pictures import save_all_pictures
 
         with progress_of("drawing the pictures"):

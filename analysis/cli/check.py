@@ -1,4 +1,7 @@
-"""`rig check RIG` or `rig check RUN…`: whether a rig file is good, and whether runs are what they are labelled as."""
+"""`rig example DIR`, the shipped rig files, to start from; `rig interfaces`, what a rig file can name, and how sure we
+are of each; `rig check RIG` or `rig check RUN…`, whether a rig file is good, and whether runs are what they are
+labelled as.
+"""
 
 from __future__ import annotations
 
@@ -47,8 +50,7 @@ def check(
 
 def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
     """Hold runs of one robot against every convention. Ends with exit code 3 where one is contradicted."""
-    from analysis.cli.run_paths import runs_below
-    from analysis.cli.several import end_with, over_runs, worst
+    from analysis.cli.several import end_with, over_runs, runs_below, worst
     from analysis.conventions.check import check_runs
     from analysis.traces.loading import load_measured
 
@@ -87,7 +89,7 @@ def _check_rig(rig_file: str) -> None:
     import datetime as dt
 
     from analysis.cli.several import end_with, worst
-    from analysis.geometry.feasible import feasible_tests
+    from analysis.geometry.programs import feasible_tests
     from analysis.noise.certificate import doubts_of
     from analysis.reporting.origins import begins_with, in_calibration
     from rigs.load import find, load
@@ -112,3 +114,36 @@ def _check_rig(rig_file: str) -> None:
     for error in errors:
         say_error(error)
     end_with(worst(errors))
+
+
+@command(app, "rig example rigs")
+def example(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Directory for the files; it is created if it does not exist.")
+    ],
+) -> None:
+    """Write the shipped rig files, and what their emulated cells hide, into a directory: copies to start from."""
+    from analysis.files.write import holding, write_all_new
+    from rigs.load import shipped, shipped_effects
+
+    sources = [*shipped().values(), *shipped_effects().values()]
+    for path in write_all_new(folder, {source.name: holding(source.read_bytes()) for source in sources}):
+        say(str(path))
+
+
+@command(app, "rig interfaces")
+def interfaces(
+    as_json: AsJson = False,
+) -> None:
+    """List the gauge and robot interfaces: instruments, line settings, source of the protocol, and what is in doubt."""
+    from dataclasses import asdict
+
+    from analysis.reporting.listings import interfaces_table
+    from analysis.reporting.plain_console import PlainConsole
+    from rigs.interfaces import known
+
+    drivers = known()
+    if as_json:
+        say_json({"interfaces": [asdict(driver) for driver in drivers]})
+    else:
+        PlainConsole().print(interfaces_table(drivers))

@@ -17,7 +17,7 @@ from rigs.errors import FileError, RigPlace, UseError
 if TYPE_CHECKING:
     from analysis.cli.fitted_test import FittedTest, RigFile
     from analysis.setting_up.driven_circle import DrivenCircle
-    from analysis.traces.robot_motion import RobotMotion
+    from analysis.traces.loading import RobotMotion
     from daq.store import Run
     from rigs.edit import Values
     from rigs.rig import Rig
@@ -56,14 +56,19 @@ def fit(
     lead the robot while rigd runs, and press Ctrl-C at the end.
     """
     from analysis.cli.fitted_test import print_or_write, rig_file_to_write
-    from analysis.cli.run_paths import distinct
+    from analysis.cli.several import distinct
     from analysis.setting_up.driven_circle import driven_circle
+    from analysis.traces.loading import motion_in
 
     if bool(runs) == live:
         problem = "both runs and --live are given" if live else "nothing is given to fit"
         raise UseError("rig circle fit", problem, "give run directories, or --live")
     named = rig_file_to_write(rig_file, write)
-    motions, to = _watched(named) if live else _recorded(distinct(runs or []), named)
+    if live:
+        motions, to = _watched(named)
+    else:
+        recorded, to = _of_one_robot(distinct(runs or []), named)
+        motions = [motion_in(run) for run in recorded]
     print_or_write(_as_test(driven_circle(motions, to.rig)), to, write=write, as_json=as_json)
 
 
@@ -86,27 +91,21 @@ def fit_ball(
     ball as the centre of its circle.
     """
     from analysis.cli.fitted_test import print_or_write, rig_file_to_write
-    from analysis.cli.run_paths import distinct
-    from daq.store import read_run
+    from analysis.cli.several import distinct
 
-    named = rig_file_to_write(rig_file, write)
-    read = [read_run(path) for path in distinct(runs)]
-    to = named or _rig_of(read[0])
-    for run in read:
-        _check_same_robot(str(run.path), _rig_in(run), to.rig)
+    read, to = _of_one_robot(distinct(runs), rig_file_to_write(rig_file, write))
     print_or_write(_ball_of(read, to.rig), to, write=write, as_json=as_json)
 
 
-def _recorded(paths: Iterable[Path], named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
-    """The motions of run directories, and the rig. Raises FileError where a run is of another robot."""
-    from analysis.traces.robot_motion import motion_in
+def _of_one_robot(paths: Iterable[Path], named: RigFile | None) -> tuple[list[Run], RigFile]:
+    """The runs of directories, and the rig. Raises FileError where a run is of another robot."""
     from daq.store import read_run
 
     runs = [read_run(path) for path in paths]
     to = named or _rig_of(runs[0])
     for run in runs:
         _check_same_robot(str(run.path), _rig_in(run), to.rig)
-    return [motion_in(run) for run in runs], to
+    return runs, to
 
 
 def _rig_of(run: Run) -> RigFile:
@@ -133,7 +132,7 @@ def _check_same_robot(where: str, run_rig: Rig, rig: Rig) -> None:
 def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     """What the robot does until Ctrl-C, and the rig: that of the daemon where none is named."""
     from analysis.cli.fitted_test import RigFile, u_written
-    from analysis.live.joint_watch import watched_motion
+    from analysis.live.daemon_source import watched_motion
     from analysis.setting_up.driven_circle import driven_circle
     from daq.service.client import Client, find_socket
     from rigs.load import parse
@@ -177,7 +176,7 @@ def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
     from analysis.cli.fitted_test import FittedTest
     from analysis.setting_up.driven_circle import driven_circle
     from analysis.setting_up.touched_ball import touched_ball
-    from analysis.traces.robot_motion import motion_in
+    from analysis.traces.loading import motion_in
     from rigs.schema.vocabulary import CIRCLES
 
     circles = [run.manifest.test in CIRCLES for run in runs]

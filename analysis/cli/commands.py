@@ -97,10 +97,16 @@ JOBS = {
 """The commands by what a person wants to do, in the order of the work, each with the first paragraph of its help."""
 
 _FILES = {
-    **dict.fromkeys(("status", "metrics"), "record"),
-    **dict.fromkeys(("keep", "verify", "recover"), "runs"),
+    **dict.fromkeys(("status", "metrics", "automatic"), "record"),
+    **dict.fromkeys(("keep", "relabel", "verify", "recover"), "runs"),
+    **dict.fromkeys(("example", "interfaces"), "check"),
+    **dict.fromkeys(("import-urdf", "export-urdf"), "arms"),
+    **dict.fromkeys(("replay", "simulate"), "emulate"),
     "ball": "circle",
     "import": "import_",
+    "logs": "doctor",
+    "versions": "calibrate",
+    "window": "live",
 }
 """The file of a command that is not called like it."""
 

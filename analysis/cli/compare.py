@@ -67,7 +67,7 @@ def compare(
 
     With two rig files in place of runs: show how far apart two arms of one model are, pose by pose.
     """
-    from analysis.cli.run_paths import runs_below
+    from analysis.cli.several import runs_below
 
     if len(runs) == _ARMS and all(path.suffix in (".yaml", ".yml") and path.is_file() for path in runs):
         if against or rig_file or plot or unseen:
@@ -81,7 +81,7 @@ def compare(
         _before_and_after(runs, runs_below(against), as_json)
         return
     import analysis
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from analysis.reporting import comparison_report
     from analysis.reporting.plain_console import PlainConsole
 
@@ -102,8 +102,8 @@ def compare(
 
 
 def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bool) -> None:
-    from analysis.cli.progress import progress_of
-    from analysis.cli.run_paths import distinct
+    from analysis.cli.console import progress_of
+    from analysis.cli.several import distinct
     from analysis.history.before_after import differences
     from analysis.history.screen import as_differences
     from analysis.reporting.plain_console import PlainConsole
@@ -117,7 +117,7 @@ def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bo
 
 
 def _arms(first: Path, second: Path, as_json: bool) -> None:
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from analysis.correction.arms_apart import arms_apart
     from analysis.reporting.listings import arms_apart_tables
     from analysis.reporting.plain_console import PlainConsole

@@ -113,11 +113,11 @@ def correct(
 ) -> None:
     """Write joint zeros, link constants, corrected targets and programs, each only where the effects support it."""
 
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from analysis.correction.controller_entries import scale_of
     from analysis.correction.correct import correct_rig, target_errors
     from analysis.correction.corrected_program import Programs, frames_of, start_of
-    from analysis.correction.refusal import hold_verdict
+    from analysis.correction.support import hold_verdict
     from analysis.reporting import correction_report
     from analysis.reporting.plain_console import PlainConsole
     from rigs.errors import FileError, UseError

@@ -58,9 +58,8 @@ def diagnose(
 ) -> None:
     """Find where simulation and measurement differ, name the missing effects, and verify that they close the gap."""
     import analysis
-    from analysis.cli.progress import progress_of
-    from analysis.cli.run_paths import load_runs
-    from analysis.cli.several import end_with, worst
+    from analysis.cli.console import progress_of
+    from analysis.cli.several import end_with, load_runs, worst
     from rigs.load import load
 
     if output:  # before anything is computed; what writes pictures is imported for it alone, as it takes half a second
@@ -93,7 +92,7 @@ def diagnose(
 
 def by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:
     """The runs that names are looked for in, those held out, and those unseen. Raises UseError without the first."""
-    from analysis.cli.run_paths import runs_below
+    from analysis.cli.several import runs_below
 
     every, judges, elsewhere = ([run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen))
     used = [path for path in every if path not in {*judges, *elsewhere}]
@@ -133,7 +132,7 @@ def _write(
     """Write the page, or the directory; the rig file with what was missing comes last there. `by_use` are the runs
     used, those held out, and those unseen."""
     from analysis import evaluate_runs
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from analysis.reporting.diagnosis_report import write
     from analysis.reporting.html_page import is_page
     from analysis.reporting.page.report import gather
@@ -158,7 +157,7 @@ def _write(
 
 def _as_arguments(used: Sequence[Path], held_out: Sequence[Path], unseen: Sequence[Path]) -> str:
     """Runs as arguments that mean the same runs from here: the directory, where all of its runs have a use."""
-    from analysis.cli.run_paths import runs_below
+    from analysis.cli.several import runs_below
 
     directory, current = used[0].parent, Path.cwd()
     is_whole = len(used) > 1 and {path.resolve() for path in runs_below([directory])} <= {*used, *held_out, *unseen}

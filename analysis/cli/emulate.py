@@ -1,16 +1,25 @@
-"""`rig emulate RIG`: a cell to try everything on, without hardware."""
+"""Without hardware: `rig emulate` serves a cell to try everything on, `rig replay` says again to the real daemon what a
+cell once said, and `rig simulate` writes what the gauges would read.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say
-from analysis.cli.options import RigArgument, maker_option
-from rigs.schema.vocabulary import MakerName
+from analysis.cli.options import RigArgument, direction_option, maker_option
+from rigs.schema.vocabulary import CIRCLES, OF_ISO9283, Direction, MakerName, SimulatedTest, TestName
+
+if TYPE_CHECKING:
+    from queue import SimpleQueue
+
+    from daq.emulators import Replay
+
 
 HiddenEffects = Annotated[
     str | None,
@@ -63,3 +72,114 @@ def emulate(
         directory, lambda event: say(event.as_line if as_json else event.text), has_person=has_keyboard()
     )
     raise typer.Exit(exit_code)
+
+
+@command(app, "rig replay cell.log cell.yaml -o replayed")
+def replay(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="File that `rigd --capture` wrote.")],
+    rig_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="RIG", autocompletion=completion.rig_files, help="Rig file that the capture was made with."
+        ),
+    ],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for rig.yaml.")] = Path("replayed"),
+) -> None:
+    """Serve the instruments of a capture on ptys and local ports, at the times of the capture, until its end.
+
+    Writes rig.yaml, the rig file with these ports in it, for rigd. The time
+    of all of them begins with the daemon's first word. A run that is
+    recorded while one is out of step is marked, and rig analyse refuses it.
+    """
+    from analysis.emulation.served_cell import MARKS, locked_cell, rig_file_of_cell, serve
+    from daq.emulators import Replay
+    from daq.store import durable
+    from daq.wire.capture import read_capture
+    from rigs.errors import FileError
+    from rigs.load import load
+
+    rig, text = load(rig_file)
+    path = rig_file_of_cell(directory)
+    capture = read_capture(log)
+    lock = locked_cell(directory)
+    try:
+        played = Replay.open(rig, capture, directory / MARKS)
+        for name, content in rig.beside.items():
+            durable.replace(directory / name, content)
+        durable.replace(path, played.rig_text(text).encode())
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+
+    def attend(ends: SimpleQueue[int]) -> int:
+        for name, port in played.cell.ports.items():
+            say(f"{name}: {port}")
+        if capture.cut:
+            say(f"{log}: ends in the middle of a line; that line is ignored", err=True)
+        say(f"ready; next: rigd {path}")
+        return _end(played, ends)
+
+    exit_code, sent = serve(played.cell, lock, attend)
+    for name, count in sent.items():
+        say(f"{name}: {count} pieces sent, {played.steps[name].words()}")
+    if played.restarts:
+        say(f"restarts from the beginning, because the host left a connection before its end: {played.restarts}")
+    if played.unmarked:
+        raise FileError(
+            str(directory), f"cannot mark the runs that are out of step: {played.unmarked}", "give another --output"
+        )
+    doubt = "; was it captured with another rig file?" if played.otherwise else ""
+    say(f"{played.otherwise} pieces from the host differ from the capture{doubt}")
+    raise typer.Exit(exit_code)
+
+
+def _end(played: Replay, ends: SimpleQueue[int]) -> int:
+    """The exit code, once all is said or a signal has come."""
+    from queue import Empty
+
+    while not played.done:
+        try:
+            return ends.get(timeout=0.1)
+        except Empty:
+            continue
+    return 0
+
+
+@command(app, "rig simulate ur10e --test yaw --times 3 -o simulated")
+def simulate(
+    rig_file: RigArgument,
+    test: Annotated[SimulatedTest, typer.Option(help="Test to simulate.")],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the runs to.")],
+    direction: Annotated[Direction | None, direction_option("Direction of yaw and roll; default: both")] = None,
+    times: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs in each direction.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the first run; each further run adds 1.")] = 0,
+    effects: HiddenEffects = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables instead of run directories.")] = False,
+) -> None:
+    """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run.
+
+    iso9283 are two runs: the poses of the cube and the paths, as a tracker sees them.
+    """
+    from functools import partial
+    from itertools import product
+
+    import analysis
+    from analysis.cli.console import progress_of
+    from analysis.files.write import write_csv, write_new
+
+    directions: tuple[Direction | None, ...] = (direction,) if direction else ("acw", "cw")
+    if test not in CIRCLES:
+        if direction:
+            raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
+        directions = (None,)
+    tests: tuple[TestName, ...] = OF_ISO9283 if test == "iso9283" else (test,)
+    for number, way, kind in product(range(seed, seed + times), directions, tests):
+        with progress_of(f"simulating {test}, seed {number}"):
+            run = analysis.simulate(rig_file, kind, way, seed=number, effects=effects)
+            path = directory / run.path
+            if csv:
+                path = path.with_suffix(".csv")
+                directory.mkdir(parents=True, exist_ok=True)
+                write_new(path, partial(write_csv, run.to_table()))
+            else:
+                analysis.save_run(run, path)
+        say(path)

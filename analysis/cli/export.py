@@ -54,7 +54,7 @@ def _export(path: Path, to: Format, output: Path) -> None:
     """Write one file, and mark the run as exported; a map is no export of its readings."""
     from functools import partial
 
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from analysis.files.mcap_export import write_mcap
     from analysis.files.write import holding, write_csv, write_new, write_parquet, write_xlsx
     from analysis.traces.loading import measured_of

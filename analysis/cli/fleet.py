@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_json
+from analysis.cli.console import CountedProgress, say, say_json
 from analysis.cli.options import AsJson, Jobs, Scheduler, location
-from analysis.cli.progress import CountedProgress
 
 if TYPE_CHECKING:
     from analysis.fleet.gather import Fleet, Progress
@@ -101,7 +100,7 @@ def _own_catalogue(directory: Path, until: ExitStack) -> Path:
 def _write(plant: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:
     """Write what was asked for."""
     if parquet:
-        from analysis.fleet.table import write_figures
+        from analysis.fleet.screen import write_figures
 
         write_figures(plant, parquet)
         say(f"table: {parquet}", err=True)

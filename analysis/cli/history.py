@@ -11,9 +11,8 @@ import typer
 
 from analysis.cli import completion
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_json
+from analysis.cli.console import CountedProgress, say, say_json
 from analysis.cli.options import AsJson, Jobs, Scheduler, location
-from analysis.cli.progress import CountedProgress
 
 if TYPE_CHECKING:
     from analysis.history.collect import Collected, Workers

@@ -75,8 +75,8 @@ def import_(
     complete, and nothing is imported.
     """
     from analysis import read_table, save_run
+    from analysis.cli.console import progress_of
     from analysis.cli.import_map import mapped_run, needs_map
-    from analysis.cli.progress import progress_of
     from analysis.files.bags import file_of
     from analysis.files.table_map import MAPPED
     from analysis.files.write import refuse_existing

@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analysis.cli.console import say
-from analysis.cli.progress import progress_of
+from analysis.cli.console import progress_of, say
 from analysis.files.imports import is_plain, propose_map, read_mapped
 from analysis.files.map_proposal import Proposal, Question, Reading
 from analysis.files.table_map import MAPPED, TableMap, load_map, map_text, value_text

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli.commands import app, command
-from analysis.cli.console import say, say_json
-from analysis.cli.progress import progress_of
+from analysis.cli.console import progress_of, say, say_json
 from rigs.schema.vocabulary import MeasuredBy
 
 if TYPE_CHECKING:

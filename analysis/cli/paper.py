@@ -29,7 +29,7 @@ def paper(
 ) -> None:
     """Simulate and evaluate the tests of the paper, and show its figures beside those computed here."""
 
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from analysis.paper.rows import as_object, as_table, rows_of
     from analysis.reporting.plain_console import PlainConsole
     from rigs.load import load

@@ -44,8 +44,7 @@ def parts(
 ) -> None:
     """Write the parts of touches and of the link as STL, with a drawing and a list of what to buy."""
     from analysis.files.write import holding, write_all_new
-    from analysis.parts.drawing import drawing
-    from analysis.parts.sheet import sheet
+    from analysis.parts.sheet import drawing, sheet
     from analysis.parts.sizes import Bought, parts_of, remarks_of
     from rigs.load import load
 

@@ -124,7 +124,7 @@ def plan(
 
 
 def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_json: bool) -> None:
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from analysis.inference.plan import plan as planned
     from analysis.reporting import plan_report
 
@@ -139,7 +139,7 @@ def _plan(rig: Rig, tests: Sequence[TestName], runs: int, level: float, *, as_js
 def _propose(
     rig: Rig, text: str, tests: Sequence[TestName], runs: int, minutes: float, output: Path | None, *, as_json: bool
 ) -> None:
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from analysis.inference.proposal import propose as proposed
     from analysis.reporting import proposal_report
 
@@ -183,7 +183,7 @@ def _plan_poses(
     as_json: bool,
 ) -> None:
     """Plan poses, say what they will show, and write them and their program where a directory is given."""
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from analysis.inference.pose_plan import planned_poses
     from rigs.load import load, named_by
 
@@ -232,7 +232,7 @@ def _write(rig: Rig, planned: PlannedPoses, directory: Path, maker: MakerName | 
     """The table of the poses, whose rows a tracker's are joined to, and the program."""
     from analysis.files.write import holding, write_all_new
     from analysis.makers.writing import encoded_programs, programs_of
-    from analysis.robot_programs.examine import demand_of
+    from analysis.robot_programs.plan import demand_of
     from analysis.robot_programs.planned import poses_plan
 
     files = {"poses.csv": holding(planned.csv().encode())}

@@ -66,11 +66,11 @@ def program(
     anyway: Anyway = False,
 ) -> None:
     """Write the robot programs of a test, after a check of limits, singularities and turns; the robot is not moved."""
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from analysis.correction.target_path import compensated_plans
     from analysis.makers.writing import feedback_note, programs_of, write_programs
     from analysis.robot_programs.compensated import table_of
-    from analysis.robot_programs.examine import demand_lines, demand_of
+    from analysis.robot_programs.plan import demand_lines, demand_of
     from analysis.robot_programs.planned import LONGEST_ARC_DEG, plans_of
     from rigs.errors import UseError
     from rigs.load import load, named_by
@@ -109,10 +109,10 @@ def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwel
     """Write the programs, say what the arm does in them, and how what the tracker wrote is imported."""
     import numpy as np
 
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from analysis.geometry.iso_cube import cube_of
     from analysis.makers.writing import programs_of, write_programs
-    from analysis.robot_programs.examine import demand_lines, demand_of, seconds_of
+    from analysis.robot_programs.plan import demand_lines, demand_of, seconds_of
     from analysis.robot_programs.planned import PERCENTS, cube_plan, path_plan
     from rigs.load import named_by
 

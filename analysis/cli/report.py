@@ -43,14 +43,12 @@ def report(
     """Write one page: the verdict against the limits, what is wrong and what to do, then every test with pictures.
 
     The page needs no other file and no network, and prints to A4. A run that cannot be evaluated is named on it."""
+    from analysis.cli.console import progress_of
     from analysis.cli.diagnose import with_commands_here
-    from analysis.cli.progress import progress_of
-    from analysis.cli.run_paths import runs_below, say_doubts
-    from analysis.cli.several import end_with, evaluated, worst
+    from analysis.cli.several import end_with, evaluated, runs_below, say_doubts, worst
     from analysis.reporting.html_page import hold_page, hold_pdf, is_pdf
     from analysis.reporting.page.report import gather
-    from analysis.reporting.page.trace import Heading
-    from analysis.reporting.page.write_page import write_page
+    from analysis.reporting.page.write_page import Heading, write_page
     from rigs.load import load
 
     heading = Heading(serial, customer, order)

@@ -1,4 +1,6 @@
-"""`rig runs`, `rig keep`, `rig recover`, `rig verify`: which runs there are, which stay, and whether they are whole."""
+"""`rig runs`, `rig keep`, `rig relabel`, `rig recover`, `rig verify`: which runs there are, which stay and under which
+label, and whether they are whole.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,9 @@ import typer
 
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import Jobs, Runs, RunsBelow, Scheduler
+from analysis.cli.options import Jobs, Runs, RunsBelow, Scheduler, direction_option
 from analysis.cli.several import end_with, for_each, over_runs, worst
+from rigs.schema.vocabulary import Direction, DrivenTest
 
 if TYPE_CHECKING:
     from daq.store import Verdict
@@ -25,7 +28,7 @@ def runs(
     """List runs with size and age, whether they were exported, and whether they are kept."""
     import time
 
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from analysis.reporting.listings import run_row, runs_table
     from daq.store import survey
 
@@ -85,7 +88,7 @@ def recover(paths: Runs) -> None:
 
 
 def _recover(path: Path) -> None:
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
     from daq.store import judge
     from daq.store import recover as recover_run
     from rigs.errors import FileError
@@ -119,7 +122,7 @@ def verify(
     scheduler: Scheduler = None,
 ) -> None:
     """Report which runs are whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
-    from analysis.cli.run_paths import runs_below
+    from analysis.cli.several import runs_below
 
     not_whole = []
 
@@ -148,3 +151,34 @@ def judged(path: Path) -> Verdict:
     with fetched(path) as directory:
         verdict = judge(directory)
     return replace(verdict, path=path, problems=tuple(named(problem, directory, path) for problem in verdict.problems))
+
+
+@command(app, "rig relabel runs/lap-3 --direction cw")
+def relabel(
+    paths: Runs,
+    test: Annotated[
+        DrivenTest | None,
+        typer.Option(help="Test that the robot drove; default: unchanged."),
+    ] = None,
+    direction: Annotated[
+        Direction | None, direction_option("Direction that the circle was driven in; default: unchanged")
+    ] = None,
+    operator: Annotated[str | None, typer.Option(help="Name of the person who measured; default: unchanged.")] = None,
+    placement: Annotated[
+        str | None,
+        typer.Option(help="Your name for where the instrument or the ball stood, '' for none; default: unchanged."),
+    ] = None,
+) -> None:
+    """Correct the labels of runs; their ledgers keep the old labels."""
+    from daq.store import relabel as relabel_run
+
+    if test is None and direction is None and operator is None and placement is None:
+        raise typer.BadParameter("give --test, --direction, --operator or --placement")
+
+    def correct(path: Path) -> None:
+        manifest = relabel_run(path, test=test, direction=direction, operator=operator, placement=placement)
+        words = " ".join(filter(None, (manifest.test, manifest.direction)))
+        place = f" at {manifest.placement}" if manifest.placement else ""
+        say(f"{path}: {words}{place}, measured by {manifest.operator or 'an unnamed operator'}")
+
+    for_each(paths, correct)

@@ -1,4 +1,6 @@
-"""Several runs or files in one command: a failure costs only its own part, and the exit code reports it."""
+"""Several runs or files in one command, as a person types them: each once, with its doubts on standard error before
+anything is computed; a failure costs only its own part, and the exit code reports it.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from analysis.cli.console import say, say_error
 from rigs.errors import RigError
 
 if TYPE_CHECKING:
-    from analysis import Result
+    from analysis import Measured, Result
 
 
 def for_each(paths: Iterable[Path], work: Callable[[Path], None]) -> None:
@@ -89,7 +91,7 @@ def _watched(
     outcomes: Iterator[Outcome[Item, Value]], runs: Sequence[Item], doing: str, *, is_still: bool
 ) -> Iterator[Outcome[Item, Value]]:
     """The outcomes, with what is being waited for on a terminal."""
-    from analysis.cli.progress import progress_of
+    from analysis.cli.console import progress_of
 
     for number, run in enumerate(runs, 1):
         count = f" ({number} of {len(runs)})" if len(runs) > 1 else ""
@@ -128,3 +130,38 @@ def evaluated(
         scheduler=scheduler,
     )
     return [result for _, result in sorted(results.items())], errors
+
+
+def distinct(paths: Iterable[Path]) -> dict[Path, None]:
+    """Each path once, in the order given."""
+    return dict.fromkeys(path.resolve() for path in paths)
+
+
+def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path]:
+    """The runs that the paths stand for; absolute for a cluster, whose workers have directories of their own."""
+    from analysis.batch.run_directories import run_directories
+    from analysis.cli.console import progress_of
+
+    with progress_of("listing the runs", is_still=True):
+        return [run if scheduler is None else run.absolute() for run in run_directories(paths)]
+
+
+def load_runs(
+    paths: Iterable[Path], *, jobs: int = 1, scheduler: str | None = None
+) -> tuple[list[Measured], list[RigError]]:
+    """The runs that can be read, their doubts written to standard error, and the errors of the others."""
+    from analysis.traces.loading import load_measured
+
+    runs: list[Measured] = []
+    errors = over_runs(load_measured, list(paths), runs.append, doing="reading", jobs=jobs, scheduler=scheduler)
+    say_doubts(runs)
+    return runs, errors
+
+
+def say_doubts(runs: Iterable[Measured]) -> None:
+    """Print what a person should know of each run before it is used, on standard error."""
+    from analysis.conventions.check import doubts_of
+
+    for run in runs:
+        for doubt in doubts_of(run):
+            say(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from analysis.conventions.finding import Convention, Finding
-from analysis.conventions.gauge_order import ORDER, SIGN
-from analysis.conventions.gauge_sign import repeat_findings, sign_findings
+from analysis.conventions.gauge_sign import ORDER, SIGN, repeat_findings, sign_findings
 from analysis.conventions.joints import JOINTS, joint_findings
 from analysis.conventions.lost_poses import DUPLICATES, WILDNESS
 from analysis.conventions.place import PLACE, SOURCE, STAMPS, STANDS, stand_findings

@@ -20,7 +20,7 @@ import numpy as np
 
 from analysis.conventions.finding import Finding, Misfit
 from analysis.conventions.joints import CLEARLY, FEWEST, RIGHT_MM, left_mm
-from analysis.conventions.off_path import Off, far_rows, off_circle, off_places, steps
+from analysis.conventions.place import Off, far_rows, off_circle, off_places, steps
 from analysis.geometry.circle import frame_of
 from analysis.kinematics.arm import Array, arm_of, forward, rail_mm, without_setup
 from analysis.kinematics.limits import impossible_rad

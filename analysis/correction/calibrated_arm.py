@@ -22,10 +22,9 @@ from analysis.correction.pose_uncertainty import (
 from analysis.correction.support import supports
 from analysis.correction.work import left_out_mm, tool_poses
 from analysis.kinematics.arm import Array, Mask, arm_of
-from analysis.kinematics.in_part import nearest, turned_rad
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
-from analysis.kinematics.newton import newton
+from analysis.kinematics.newton import newton, newton_in_part, turned_rad
 from analysis.model.predict import Model, model_of
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -141,7 +140,7 @@ class CalibratedArm:
         """Those of an arm of fewer axes at the place of a pose (4, 4), the least turned; of turns that are alike those
         near others."""
         starts = self._starts(near)
-        nominal, solved = nearest(self._model.arm, np.repeat(pose[None], len(starts), axis=0), starts)
+        nominal, solved = newton_in_part(self._model.arm, np.repeat(pose[None], len(starts), axis=0), starts)
         seeds = nominal[solved][np.unique(nominal[solved].round(_ALIKE_DIGITS), axis=0, return_index=True)[1]]
         poses = np.repeat(pose[None], len(seeds), axis=0)
         angles, solved = reached_angles(self._model, poses, seeds)

@@ -19,15 +19,13 @@ from analysis.correction.pose_uncertainty import (
     pose_uncertainty,
     where_known,
 )
-from analysis.correction.refusal import why_nothing
-from analysis.correction.support import Support
+from analysis.correction.support import Support, why_nothing
 from analysis.correction.work import left_out_mm, rest_effects, tool_poses, used_effects, work_or_spread
 from analysis.inference.observation import BEYOND_MM, outside_coverage
 from analysis.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of, forward, pose_error, rail_mm
-from analysis.kinematics.in_part import nearest, turned_rad
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
-from analysis.kinematics.newton import newton
+from analysis.kinematics.newton import newton, newton_in_part, turned_rad
 from analysis.makers.target import Reason
 from analysis.model.predict import Model, model_of
 from rigs.rig import Rig
@@ -149,7 +147,7 @@ def reached_angles(model: Model, wanted: Array, q: Array) -> tuple[Array, Mask]:
     (n, 4, 4), lengths in mm, and for which (n,) there are any. The nominal arm is near `wanted` at q. With fewer than
     six axes the tool is at the place, turned as nearly as it can."""
     if model.arm.axes < DRIVEN_AXES:
-        return nearest(model.arm, wanted, q, lambda angles: tool_poses(model, angles))
+        return newton_in_part(model.arm, wanted, q, lambda angles: tool_poses(model, angles))
     command, angles, reached_wanted = wanted.copy(), q.copy(), np.zeros(len(q), dtype=bool)
     rows = np.arange(len(q))
     for _ in range(_ROUNDS):

@@ -14,7 +14,7 @@ from analysis.correction.plays import known_plays
 from analysis.correction.work import apart_mm, rms_um, work_angles
 from analysis.kinematics.arm import Arm
 from analysis.model.predict import Model, geometric_part, is_geometric
-from analysis.traces.friction import Friction
+from analysis.traces.condition import Friction
 from rigs.effects import Effect
 from rigs.errors import UseError
 from rigs.rig import Rig

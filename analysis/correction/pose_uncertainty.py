@@ -20,7 +20,7 @@ from analysis.correction.support import Support
 from analysis.correction.work import TaughtFrame, tool_poses, used_effects
 from analysis.inference.observation import BEYOND_DEG
 from analysis.kinematics.arm import RAIL_MM, Array, Mask, pose_error
-from analysis.measures.parameters import parameter_label
+from analysis.measures.quantity import parameter_label
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, driven, model_of
 from analysis.model.scene import apply

@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from analysis.correction.corrected_targets import Corrected
-from analysis.correction.refusal import ANYWAY, hold_verdict, why_nothing
+from analysis.correction.support import ANYWAY, hold_verdict, why_nothing
 from analysis.files.cells import TableFileError, TableProblem, value
 from analysis.files.read import MOST_BYTES
 from analysis.kinematics.arm import RAIL_MM, Array, roll_pitch_yaw

@@ -16,8 +16,7 @@ from typing import get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.emulation.controller import Controller
-from analysis.emulation.driving import Driven, drive
+from analysis.emulation.driving import Controller, Driven, drive
 from analysis.kinematics.arm import Array, arm_of
 from analysis.makers import maker_by, maker_of_file
 from analysis.makers.emulated import Machine, Pose, ProgramError

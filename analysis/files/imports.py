@@ -15,8 +15,7 @@ from analysis.files.map_proposal import Proposal, propose
 from analysis.files.mapped import MappedPoses, poses_of, table_by
 from analysis.files.pose_bag import stands_of_bag
 from analysis.files.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
-from analysis.files.read import read_file, read_whole
-from analysis.files.sequence import check_sequence
+from analysis.files.read import check_sequence, read_file, read_whole
 from analysis.files.table_map import MAPPED, TableMap, map_text
 from analysis.geometry.iso_cube import cube_of
 from analysis.measures.evaluate import hold_alive

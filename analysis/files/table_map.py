@@ -9,7 +9,6 @@ import re
 from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
 from pydantic import Field, StringConstraints, ValidationError, model_validator
 
 from rigs.errors import FileError
@@ -17,7 +16,7 @@ from rigs.files import read_bytes
 from rigs.problems import RigFileError, problems_of
 from rigs.schema.part import Part
 from rigs.schema.vocabulary import TestName
-from rigs.yaml_text import read_yaml
+from rigs.yaml_text import flow, read_yaml
 
 _MOST_BYTES = 100_000
 MAPPED: TestName = "pose"
@@ -175,25 +174,20 @@ def map_text(table_map: TableMap, open_keys: dict[str, list[str]] | None = None)
         if key in questions:
             lines += [*_choices(key, questions[key]), f'{key}: "{OPEN}"']
         elif not isinstance(value, dict):
-            lines.append(f"{key}: {_flow(value)}")
+            lines.append(f"{key}: {flow(value)}")
         else:
             lines.append(f"{key}:")
             for name, entry in value.items():
                 place = f"{key}.{name}"
                 lines += [f"  {line}" for line in _choices(place, questions[place])] if place in questions else []
-                lines.append(f"  {_flow(name)}: {_flow(OPEN if place in questions else entry)}")
+                lines.append(f"  {flow(name)}: {flow(OPEN if place in questions else entry)}")
     return "\n".join(lines) + "\n"
 
 
 def value_text(value: Part | None) -> str:
     """Return the value of a key of a map as it stands there, in one line."""
-    return "null" if value is None else _flow(value.model_dump(mode="json", exclude_none=True))
+    return "null" if value is None else flow(value.model_dump(mode="json", exclude_none=True))
 
 
 def _choices(place: str, words: list[str]) -> list[str]:
     return [f"# {OPEN} {place}: {words[0]}", *(f"#   {line}" for line in words[1:])]
-
-
-def _flow(value: object) -> str:
-    text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
-    return text.strip().removesuffix("\n...").strip()

@@ -1,9 +1,14 @@
-"""The robots of a plant on a terminal and as JSON."""
+"""The robots of a plant on a terminal and as JSON; and every figure of every run as one Parquet file: a row a figure,
+for DuckDB, pandas and Power BI.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict
+from datetime import UTC
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +16,17 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.fleet.gather import Fleet
+from analysis.fleet.catalogue import Key
+from analysis.fleet.gather import Fleet, collected_in
 from analysis.fleet.state import ORDER, Attention, State
 from analysis.frames import for_json
+from analysis.history.collect import Collected
+from analysis.history.records import Record, escaped
+from analysis.history.words import without_figures
 from analysis.reporting.origins import simulated_runs
 from analysis.reporting.plain_console import whole
+from daq.store import durable
+from rigs.errors import FileError
 from rigs.text import plain
 
 WORDS: dict[Attention, str] = {
@@ -27,7 +38,6 @@ WORDS: dict[Attention, str] = {
     "unlimited": "no limits",
 }
 _STYLES: dict[Attention, str] = {"beyond": "bold red", "watch": "yellow", "unreadable": "yellow", "changed": "yellow"}
-_MOST_NAMED = 5
 
 
 def as_screen(fleet: Fleet) -> RenderableType:
@@ -83,14 +93,7 @@ def doubts_of(fleet: Fleet) -> list[str]:
     """What to know of the catalogue, and runs that are left out: those of no known robot, then each robot's."""
     left_out = [*fleet.strays]
     left_out += [(str(Path(state.folder, run)), why) for state in fleet.robots for run, why in state.without_figures]
-    lines = list(fleet.notes)
-    if left_out:
-        have, are = ("run has", "is") if len(left_out) == 1 else ("runs have", "are")
-        lines.append(f"{len(left_out)} {have} no figures and {are} left out:")
-        lines += [plain(f"  {run}: {why}") for run, why in left_out[:_MOST_NAMED]]
-        if len(left_out) > _MOST_NAMED:
-            lines.append(f"  and {len(left_out) - _MOST_NAMED} more, which --json names")
-    return lines
+    return [*fleet.notes, *without_figures(left_out)]
 
 
 def names_of(fleet: Fleet) -> list[str]:
@@ -119,3 +122,75 @@ def as_object(fleet: Fleet) -> dict[str, Any]:
         }
     )
     return plain
+
+
+def write_figures(fleet: Fleet, path: Path) -> None:
+    """Write the table, in place of a file that is there, which stays until the new one is whole; in memory is one robot
+    at a time. A run without figures has one row, whose `problem` says why.
+
+    Raises FileError where it cannot be written.
+    """
+    import pyarrow as pa  # noqa: PLC0415 - slow to import, needed for Parquet only
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    words = pa.dictionary(pa.int32(), pa.string())
+    columns = dict.fromkeys(("robot", "folder"), words) | {"run": pa.string(), "started_utc": pa.timestamp("ms")}
+    columns |= dict.fromkeys(("test", "direction", "placement", "program", "corrected", "figure"), words)
+    columns |= {"value": pa.float64(), "u": pa.float64(), "unit": words, "samples": pa.int64(), "noise": words}
+    columns |= {"watch": pa.float64(), "fail": pa.float64(), "standing": words, "problem": pa.string()}
+    schema = pa.schema(columns)
+    temporary = path.with_name(path.name + durable.TEMPORARY)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with pq.ParquetWriter(temporary, schema, compression="zstd") as file:
+            for key in sorted(fleet.digests):
+                rows = list(_rows(key, collected_in(fleet.catalogue, key)))
+                file.write_table(pa.Table.from_pylist(rows, schema))
+            strays = [_label("", "", run) | {"problem": why} for run, why in fleet.strays]
+            file.write_table(pa.Table.from_pylist(strays, schema))
+        durable.rename(temporary, path)
+    except BaseException as error:
+        with suppress(OSError):
+            temporary.unlink()
+        if isinstance(error, OSError):
+            raise FileError(str(path), error.strerror or str(error), "give another --parquet") from None
+        raise
+
+
+def _rows(key: Key, collected: Collected) -> Iterator[dict[str, Any]]:
+    folder, robot = key
+    for record in collected.broken:
+        yield _label(robot, folder, record.name) | _of_run(record) | {"problem": record.problem}
+    for record in collected.runs:
+        label = _label(robot, folder, record.name) | _of_run(record)
+        for name, quantity in record.figures.items():
+            figure = {
+                "value": quantity.value,
+                "u": quantity.u,
+                "unit": quantity.unit,
+                "samples": quantity.samples,
+                "noise": quantity.noise,
+            }
+            limit = collected.limits.of(record.test, name)
+            limited = (
+                {"watch": limit.watch, "fail": limit.fail, "standing": limit.standing(quantity.value, quantity.u)}
+                if limit
+                else {}
+            )
+            yield label | {"figure": name} | figure | limited
+
+
+def _label(robot: str, folder: str, run: str) -> dict[str, Any]:
+    return {"robot": robot, "folder": escaped(folder), "run": escaped(run)}
+
+
+def _of_run(record: Record) -> dict[str, Any]:
+    started = None
+    with suppress(ValueError):
+        started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB reads times with a zone through pytz alone
+    places = {"test": record.test, "direction": record.direction}
+    return (
+        {"started_utc": started}
+        | places
+        | {"placement": record.placement, "program": record.program, "corrected": record.corrected}
+    )

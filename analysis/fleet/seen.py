@@ -16,9 +16,8 @@ from pathlib import Path
 
 from analysis.batch.fetched import fetched, named
 from analysis.batch.remote_path import RemotePath
-from analysis.batch.remote_store import remote_runs
+from analysis.batch.remote_store import has_figures, remote_runs
 from analysis.batch.run_directories import run_directories
-from analysis.batch.run_files import has_figures
 from analysis.history.collect import REASONS
 from analysis.history.records import Record, fingerprint_of, record_of, record_without_figures
 from daq.store.retention import RunInfo, look

@@ -1,7 +1,10 @@
-"""Circles: the one of the yaw and roll tests, with its frame, the tool's nominal poses on it and the angle of a point;
-and those through three points each or nearest to many, and how points deviate from one.
+"""Circles: the one of the yaw and roll tests, with its frame, the tool's nominal poses on it, the angle of a point and
+what the gauges on the ball link read there; and those through three points each or nearest to many, and how points
+deviate from one.
 
-docs/conventions.md, "Circle test": P = C + R r(phi), z_T = -r, x_T = n, y_T = z_T × x_T (the acw tangent).
+docs/conventions.md, "Circle test": P = C + R r(phi), z_T = -r, x_T = n, y_T = z_T × x_T (the acw tangent). The link's
+disk stays perpendicular to the line from the tool P to the ball B. A gauge at offset w along e reads along z_T to the
+disk's plane: g = (s - w (l·e)) / (l·z_T), l the unit vector from P to B.
 
 Peaks of a curve that stand out are those of `scipy.signal.find_peaks`: importing that takes half a second, more than a
 diagnosis of a small run.
@@ -21,7 +24,7 @@ from analysis.kinematics.arm import Arm, Array, Integers
 from analysis.kinematics.follow import follow
 from rigs.schema.declared_tests import Circle
 from rigs.schema.scene import play
-from rigs.schema.vocabulary import Direction
+from rigs.schema.vocabulary import CircleTest, Direction
 
 
 def peaks(x: Array, prominence: float) -> Integers:
@@ -203,3 +206,28 @@ def nearest_circle(points: Array) -> CircleFrame | None:
             return None
         circle = moved(circle, radial, axial)
     return circle
+
+
+BASELINE_AXIS: dict[str, int] = {"yaw": 1, "roll": 0}
+"""Column of the tool frame along which the gauges stand apart: y_T for yaw, x_T for roll."""
+
+
+def link_readings(
+    T: Array, ball: Array, offsets_mm: Array, test: CircleTest, link_mm: float, form_mm: Array | float = 0.0
+) -> Array:
+    """Gauge readings (n, k) mm, before their zero setting, of k gauges at `offsets_mm` (k,) along the baseline.
+
+    T (n, 4, 4): link-side tool poses; ball (3,) mm in the world; link_mm: the link's constant, taken from |B - P|;
+    form_mm (n,): what the ball's form adds to that.
+    """
+    to_ball = ball - T[:, :3, 3]
+    distance = np.linalg.norm(to_ball, axis=1)
+    line = to_ball / distance[:, None]
+    along_e = np.einsum("ni,ni->n", line, T[:, :3, BASELINE_AXIS[test]])
+    along_z = np.einsum("ni,ni->n", line, T[:, :3, 2])
+    return np.asarray(((distance - link_mm + form_mm)[:, None] - along_e[:, None] * offsets_mm) / along_z[:, None])
+
+
+def link_angle(g1: Array, g2: Array, baseline_mm: float) -> Array:
+    """Angle (n,) rad between disk and tool from two readings (n,) mm: atan((g2 - g1) / b)."""
+    return np.arctan((g2 - g1) / baseline_mm)

@@ -1,4 +1,5 @@
-"""What a robot program of each test makes the controller do: nominal poses, turned into reported joint angles.
+"""What a robot program of each test makes the controller do: nominal poses, turned into reported joint angles; and in
+words, which of the tests that a rig file names its robot can do.
 
 The controller moves along the nominal path, so the reported angles follow it exactly; effects are what the link
 side adds to that.
@@ -8,15 +9,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
-from analysis.geometry.circle import SENSE, CircleFrame, frame_of
+from analysis.geometry.circle import SENSE, CircleFrame, frame_of, reversals
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles, target_poses
+from analysis.geometry.iso_cube import cube_of
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of
 from analysis.kinematics.follow import follow
 from analysis.kinematics.newton import newton
 from rigs.errors import FileError, PathError, RigPlace
+from rigs.load import named_by
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability
 from rigs.schema.vocabulary import DRIVEN_AXES, Direction
@@ -285,3 +289,57 @@ def _reach(rig: Rig, hemisphere: Hemisphere, poses: Array, names: list[str]) -> 
         remedy = "move centre_mm, lower polar_max_deg, or set posture_deg near the pole"
         raise PathError(RigPlace.of(rig.name, "tests.hemisphere"), problem, remedy, "reach")
     return q
+
+
+def feasible_tests(rig: Rig, file: str | Path) -> tuple[list[str], list[FileError]]:
+    """A line for each test that the robot can drive, and for each that it cannot an error which names the file of the
+    rig; a repeatability test needs targets that the hemisphere has."""
+    lines, errors = [], []
+    for test in (_circle_lines, _hemisphere_lines, _repeatability_lines, _iso9283_lines):
+        try:
+            with named_by(file, rig):
+                lines += test(rig)
+        except FileError as error:
+            errors.append(error)
+    return lines, errors
+
+
+def _circle_lines(rig: Rig) -> list[str]:
+    circle = rig.tests.circle
+    if circle is None:
+        return ["no circle is declared"] if rig.gauges.recorded else []
+    seconds = circle_program(rig, "acw").t_s[-1]
+    laps = "1 lap" if circle.laps == 1 else f"{circle.laps} laps and the ways back"
+    turns = reversals(circle, arm_of(rig.robot), RigPlace.of(rig.name, "tests.circle"))
+    by_axis: dict[int, list[str]] = {}
+    for turn in turns:
+        by_axis.setdefault(turn.axis, []).append(f"{np.degrees(turn.phi):.0f}°")
+    listed = "; ".join(f"{rig.robot.axis_words(axis)} {' '.join(marks)}" for axis, marks in by_axis.items())
+    return [
+        f"circle of {circle.radius_mm:g} mm: reachable, {seconds:.0f} s for {laps} in one direction",
+        f"axes turn back: {listed}",
+    ]
+
+
+def _hemisphere_lines(rig: Rig) -> list[str]:
+    hemisphere = rig.tests.hemisphere
+    if hemisphere is None:
+        return []
+    named, program = f"hemisphere of {hemisphere.radius_mm:g} mm", radial_program(rig)
+    return [f"{named}: {program.target.max()} targets in {program.orientation.max()} orientations, all reachable"]
+
+
+def _repeatability_lines(rig: Rig) -> list[str]:
+    if rig.tests.hemisphere is None:
+        return ["repeatability: needs tests.hemisphere, which its targets are of"] if rig.tests.repeatability else []
+    repeatability_targets(rig)
+    return []
+
+
+def _iso9283_lines(rig: Rig) -> list[str]:
+    if rig.tests.iso9283 is None:
+        return []
+    cube = cube_of(rig)
+    where = ", ".join(f"{coordinate:.6g}" for coordinate in cube.centre_mm)
+    origin = ", found where there is room" if cube.found else ""
+    return [f"ISO 9283 cube of {cube.side_mm:g} mm about {where} mm: reachable on its whole plane{origin}"]

@@ -22,7 +22,7 @@ from analysis.history.collect import Collected
 from analysis.history.records import Record
 from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity
-from analysis.reporting.labels import whole_label
+from analysis.reporting.texts import whole_label
 from rigs.errors import FileError, UseError
 from rigs.schema.limits import Limit, Limits, Standing
 

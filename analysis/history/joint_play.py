@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.geometry.ball_link import angle
+from analysis.geometry.circle import link_angle
 from analysis.kinematics.arm import Array, Mask
 from analysis.measures.joint_reversals import turns
 from analysis.measures.link_angle import CircleResult
@@ -243,7 +243,7 @@ class _Lap:
         model = model_of(self.rig, effects)
         way = self.way if out is None else replace(self.way, q=self.way.q + out)
         g_mm = predict(model, way, path_of(model, way), nominal_setup(self.rig, self.way))[self.inside]
-        turned = angle(g_mm[:, 0], g_mm[:, 1], 2 * self.half_mm) * self.half_mm
+        turned = link_angle(g_mm[:, 0], g_mm[:, 1], 2 * self.half_mm) * self.half_mm
         return np.concatenate([np.interp(PHI, self.phi, y, period=2 * np.pi) for y in (turned, g_mm.mean(axis=1))])
 
     def play(self, axis: int, width_deg: float) -> Array:

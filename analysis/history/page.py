@@ -16,7 +16,7 @@ from analysis.history.history import History, Series, judge
 from analysis.history.records import Record
 from analysis.history.words import against_limit, doubts, is_short, origin, remarks, sentences, too_few
 from analysis.reporting.html_page import environment, write_html
-from analysis.reporting.sheet import Sheet
+from analysis.reporting.still_chart import Sheet
 
 _MOST = 60
 """Pictures on a page, those beyond a limit and those with changes first: some 20 kB each."""

@@ -82,13 +82,18 @@ def remarks(history: History) -> list[str]:
 
 def doubts(history: History) -> list[str]:
     """Runs that have no figures, and what is to be known of the file of the history."""
-    broken = history.collected.broken
-    lines = list(history.collected.notes)
-    if broken:
-        lines.append(f"{counted(len(broken), 'run has no figures and is', 'runs have no figures and are')} left out:")
-        lines += [plain(f"  {record.name}: {record.problem}") for record in broken[:_MOST_NAMED]]
-        if len(broken) > _MOST_NAMED:
-            lines.append(f"  and {len(broken) - _MOST_NAMED} more, which --json names")
+    broken = [(record.name, record.problem) for record in history.collected.broken]
+    return [*history.collected.notes, *without_figures(broken)]
+
+
+def without_figures(runs: Sequence[tuple[str, str]]) -> list[str]:
+    """Which runs are left out as they have no figures, by name, and why; none where there are none."""
+    if not runs:
+        return []
+    lines = [f"{counted(len(runs), 'run has no figures and is', 'runs have no figures and are')} left out:"]
+    lines += [plain(f"  {name}: {why}") for name, why in runs[:_MOST_NAMED]]
+    if len(runs) > _MOST_NAMED:
+        lines.append(f"  and {len(runs) - _MOST_NAMED} more, which --json names")
     return lines
 
 

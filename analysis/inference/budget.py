@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from analysis.inference.background import Posterior
-from analysis.inference.candidates import Form
+from analysis.inference.candidates import LARGEST_FAULT, Form
 from analysis.inference.observation import GRID, ORDER_OF
 from analysis.inference.responses import Linearisation, Response, basis_of, worth
 from analysis.inference.result import LARGE_SHARE, BudgetPart, Gap, Member, Named, Rank, Share
@@ -18,7 +18,7 @@ from analysis.inference.setups import BALL_PRIOR_MM
 from analysis.inference.state import FAULT, combined_effect
 from analysis.kinematics.arm import Array, Integers
 from rigs.effects import Effect, turned
-from rigs.schema.effect import PartKind, healthy, label_of, name_of, scaled, size_field
+from rigs.schema.effect import PartKind, healthy, label_of, name_of, scaled, size_field, size_of
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The budget: every part of the gap between model and readings, so that the shares add up to one.
@@ -89,9 +89,14 @@ class Measure:
         return weighted - U @ (moves @ weighted)
 
     def without_set_up(self, changes: Array) -> Array:
-        """Return whitened changes (N,) with what set-ups absorb taken off, to be drawn."""
+        """Return whitened changes (N, …) with what set-ups absorb taken off, to be drawn."""
         _, moves = self._absorbs
-        return changes - self.linear.U @ (moves @ (self._root * changes))
+        return changes - self.linear.U @ ((moves * self._root) @ changes)
+
+    def scatter_mm(self) -> list[Array]:
+        """Return what one standard deviation of all that differs from run to run, joints, ball and stamps, adds to the
+        entries (N, c) mm of each block, with what set-ups absorb taken off."""
+        return self.linear.in_mm(self.without_set_up(np.concatenate([self.linear.Z, self.linear.stamps], axis=1)))
 
     def um(self, changes: Array) -> float:
         """Return the root mean square in µm of whitened changes (N,)."""
@@ -101,12 +106,14 @@ class Measure:
 @dataclass(frozen=True)
 class EffectChange:
     """What a fitted effect does: `change` (N,) of the whitened readings, its rms and standard uncertainty in µm, and
-    how many times as much as a healthy one does."""
+    how many times as much as a healthy one does. `apart` is the share of it by which single runs differ beyond noise
+    and scatter, as a standard uncertainty of their mean."""
 
     change: Array
     um: float
     u_um: float
     times_usual: float
+    apart: float = 0.0
 
 
 def effect_changes(result: SearchResult) -> list[EffectChange]:
@@ -129,7 +136,8 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
         shapes = {shape.field: shape.expected for shape in effect.free(result.linear.payload_kg)}
         as_usual = scaled(healthy(effect), effect.usual_times(result.built), **shapes)
         usual = measure.um(result.linear.columns([as_usual])[:, 0])
-        changes.append(EffectChange(change, um, u_um, um / usual if usual > 0 else float("inf")))
+        apart, times = runs_apart(result, k), um / usual if usual > 0 else float("inf")
+        changes.append(EffectChange(change, um, float(np.hypot(u_um, apart * um)), times, apart))
     return changes
 
 
@@ -318,6 +326,8 @@ _WIDE = 100.0
 share of interest."""
 _CHANCE = 0.05
 """Probability that set-ups that agree seem to disagree on a size. Chosen: the usual level of a test."""
+_NOTHING = 1e-300
+"""Below everything that shows, so that what shows nowhere divides by no zero."""
 
 
 @dataclass(frozen=True)
@@ -343,14 +353,19 @@ class SizesBySetUp:
         ratio is that of Birge (1932), as CODATA uses it for constants, where chance explains a disagreement in one of
         20 cases.
         """
-        from scipy.special import chdtri  # noqa: PLC0415 - slow to import
-
         if not self.setups:
             return 1.0
         weight, freedom = np.linalg.inv(self.covariance), len(self.setups) - 1
         away = self.value - (weight @ self.value).sum() / weight.sum()
         disagreement = float(away @ weight @ away)
-        return float(np.sqrt(disagreement / freedom)) if disagreement > chdtri(freedom, _CHANCE) else 1.0
+        return 1.0 if _by_chance(disagreement, freedom) else float(np.sqrt(disagreement / freedom))
+
+
+def _by_chance(energy: float, freedom: int) -> bool:
+    """Return whether noise alone makes so much of a sum of squares, in its variances, in one of 20 cases."""
+    from scipy.special import chdtri  # noqa: PLC0415 - slow to import
+
+    return energy <= float(chdtri(freedom, _CHANCE))
 
 
 def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
@@ -369,6 +384,29 @@ def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
     covariance = np.asarray(np.linalg.inv(precision + np.eye(len(slope)) / _WIDE**2), dtype=float)
     of_shown = slice(len(shown))
     return SizesBySetUp(tuple(shown), (1 + covariance @ slope)[of_shown], covariance[of_shown, of_shown])
+
+
+def runs_apart(result: SearchResult, k: int) -> float:
+    """Return the standard uncertainty of the size of name k, as a share of it, that its single runs show beyond noise
+    and scatter; 0 where chance explains how far their sizes lie apart.
+
+    Noise is alike in all directions of a band, and scatter in all joints. That of one joint that wanders on its way is
+    neither, and lies where a lag or a gear of this joint does.
+    """
+    linear, beside, change = result.linear, _beside_size(result, k), result.contributions[k]
+    weight, scatter = beside.background.weight, np.concatenate([linear.Z, linear.stamps], axis=1)
+    pull = weight * beside.left_of(change[:, None])[:, 0]
+    # The share of the size that readings show beside its prior, which is all that is known of what shows nowhere.
+    pull /= max(float(change @ pull) + (size_of(result.effects[k]) / LARGEST_FAULT) ** 2, _NOTHING)
+    freedom, shown, expected = 0, 0.0, 0.0
+    for block, rows in zip(linear.blocks, linear.rows, strict=True):
+        if block.count > 1:
+            single = block.apart_mm @ (pull[rows] / block.sd_mm)
+            shown += float(single @ single) / (block.count * (block.count - 1))
+            expected += float(np.sum(pull[rows] ** 2 / weight[rows]) + np.sum((pull[rows] @ scatter[rows]) ** 2))
+            freedom += block.count - 1
+    by_chance = not freedom or _by_chance(freedom * shown / max(expected, _NOTHING), freedom)
+    return 0.0 if by_chance else float(np.sqrt(shown - expected))
 
 
 def _beside_size(result: SearchResult, k: int) -> Posterior:

@@ -285,7 +285,7 @@ def _diagnosis_of(
         runs_to_decide=runs_to_decide(result, named) if condition == "undecided" else None,
         rig=rig,
         runs=gaps.train.runs,
-        where=places(linear.blocks, drawn[0]),
+        where=places(linear.blocks, drawn[0], measure.scatter_mm()),
         effects=tuple(named) if is_testable else (),
         remainder=remainder,
         train=gaps.train,

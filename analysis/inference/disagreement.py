@@ -83,7 +83,7 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
     staircase = Staircase(tuple(steps), curves, maps) if groups else None
     return Disagreement(
         rig,
-        places(linear.blocks, after),
+        places(linear.blocks, after, measure.scatter_mm()),
         curves_of(linear.blocks, before, after),
         maps_of(linear.blocks, before, after),
         staircase,

@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.conventions.check import findings_of
 from analysis.conventions.finding import Finding
-from analysis.conventions.gauge_order import ORDER, SIGN
+from analysis.conventions.gauge_sign import ORDER, SIGN
 from analysis.conventions.lost_poses import left_out
 from analysis.inference.observation import ObservedRun, by_socket, observe_run, part, residual_of, with_placement
 from analysis.inference.placements import split_by_frame, split_by_target, with_enough_readings

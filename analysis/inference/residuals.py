@@ -22,12 +22,12 @@ from rigs.schema.vocabulary import Direction, TestName
 
 @dataclass(frozen=True)
 class Place:
-    """A place where measurement and simulation disagree by more than the noise.
+    """A place where measurement and simulation disagree by more than the noise and what differs from run to run.
 
     `part` is `distance` (mean of the gauges) or `angle` (their difference over the baseline). `from_deg` and `to_deg`
     are circle angles, or the numbers of the first and last target for tests at targets. `joint` is the joint that
     reverses there, if one does. `rms_um` is the rms of the residual there and `sigma` the ratio of its largest value to
-    the noise.
+    both together.
     """
 
     test: TestName
@@ -197,11 +197,12 @@ _MOST = 50
 """Number of places that are reported. Chosen: pictures shade all of most cells; lists stop at the worst of them."""
 
 
-def places(blocks: Sequence[Block], left_mm: Sequence[Array]) -> tuple[Place, ...]:
-    """Return the worst places, the largest sigma first, given the residual of each block as its entries (N,) mm."""
+def places(blocks: Sequence[Block], left_mm: Sequence[Array], scatter_mm: Sequence[Array]) -> tuple[Place, ...]:
+    """Return the worst places, the largest sigma first, given the residual of each block as its entries (N,) mm, and
+    what one standard deviation of all that differs from run to run adds to them, (N, c) mm."""
     all_places: list[Place] = []
-    for block, residual in zip(blocks, left_mm, strict=True):
-        all_places += _on_circle(block, residual) if block.sampling else _at_targets(block, residual)
+    for block, residual, scattered in zip(blocks, left_mm, scatter_mm, strict=True):
+        all_places += (_on_circle if block.sampling else _at_targets)(block, residual, scattered)
     return tuple(sorted(all_places, key=lambda place: -place.sigma)[:_MOST])
 
 
@@ -214,25 +215,25 @@ def reversals_of(block: Block) -> tuple[tuple[float, int], ...]:
     return tuple((float(np.degrees(turn.phi)), turn.axis) for turn in turns(lap))
 
 
-def _on_circle(block: Block, residual: Array) -> list[Place]:
+def _on_circle(block: Block, residual: Array, scatter_mm: Array) -> list[Place]:
     table = block.table
     direction = table.kind.direction(table)
-    count = len(ORDER_OF)
-    readings = curve(np.where(ORDER_OF <= _SMOOTH, residual[:count], 0.0))
-    stamps = [curve(np.where(ORDER_OF <= _SMOOTH, column, 0.0)) for column in block.stamps_mm[:count].T]
+    drawn = np.column_stack([residual, scatter_mm])[: len(ORDER_OF)] * (ORDER_OF <= _SMOOTH)[:, None]
+    curves = [curve(column) for column in drawn.T]
     offsets = np.array([gauge.offset_mm for _, gauge in block.model.rig.gauges])
     where = reversals_of(block)
     places_there = []
     for part, entries in _PARTS:
-        values, *of_stamps = (
-            gauges.mean(axis=1) if part == "distance" else gauges[:, 1] - gauges[:, 0] for gauges in (readings, *stamps)
+        values, *others = (
+            gauges.mean(axis=1) if part == "distance" else gauges[:, 1] - gauges[:, 0] for gauges in curves
         )
+        scattered = np.reshape(others, (-1, GRID))
         # Sum and difference are unitary: the mean of the gauges has 1/sqrt 2 of the sum's noise, their difference
         # sqrt 2 of its own.
         scale = np.sqrt(0.5) if part == "distance" else np.sqrt(2)
         kept = ORDER_OF[entries] <= _SMOOTH
         alike = scale * float(np.sqrt((block.sd_mm[entries][kept] ** 2).sum() / GRID))
-        noise = np.sqrt(alike**2 + sum((stamp**2 for stamp in of_stamps), np.zeros(GRID)))
+        noise = np.sqrt(alike**2 + (scattered**2).sum(axis=0))
         for begin, end in _stretches(np.abs(values) > _SIGMA * noise):
             rows = np.arange(begin, end) % GRID
             rms = float(np.sqrt(np.mean(values[rows] ** 2)))
@@ -243,19 +244,23 @@ def _on_circle(block: Block, residual: Array) -> list[Place]:
             if part == "angle" and joint is None and b - a > 300:
                 why += f" (± {np.degrees(np.abs(values).max() / span):.4f}°)"
             places_there.append(Place(table.test, direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma))
-        for phi, joint, jump, sigma in _jumps(values, where, noise):
+        for phi, joint, jump, sigma in _jumps(values, where, alike, scattered):
             why = f"reversal: jumps by {1e3 * jump:.1f} µm"
             low, high = (phi - _NEAR_DEG) % 360, (phi + _NEAR_DEG) % 360
             places_there.append(Place(table.test, direction, part, low, high, joint, why, 1e3 * jump / 2, sigma))
     return places_there
 
 
-def _jumps(values: Array, where: Sequence[tuple[float, int]], noise: Array) -> list[tuple[float, int, float, float]]:
-    """Return the reversals at which the residual (GRID,) jumps more than elsewhere, given its noise (GRID,): circle
-    angle in degrees, joint, size of the jump, and sigma."""
+def _jumps(
+    values: Array, where: Sequence[tuple[float, int]], alike: float, scattered: Array
+) -> list[tuple[float, int, float, float]]:
+    """Return the reversals at which the residual (GRID,) jumps more than elsewhere, given its noise that is alike
+    everywhere and what one standard deviation of scatter adds (c, GRID): circle angle in degrees, joint, size of the
+    jump, and sigma."""
     step = max(1, round(_NEAR_DEG / 360 * GRID))
-    over = np.abs(np.roll(values, -step) - np.roll(values, step))
-    sigmas = over / np.hypot(np.roll(noise, -step), np.roll(noise, step))
+    over, apart = (np.roll(of, -step, axis=-1) - np.roll(of, step, axis=-1) for of in (values, scattered))
+    over = np.abs(over)
+    sigmas = over / np.sqrt(2 * alike**2 + (apart**2).sum(axis=0))
     usual = float(np.median(over))
     jumps = []
     for phi, joint in where:
@@ -299,13 +304,10 @@ def _why(where: Sequence[tuple[float, int]], values: Array, begin_deg: float, en
     return None, "all along the circle" if end_deg - begin_deg > 300 else "stretch"
 
 
-def _at_targets(block: Block, residual: Array) -> list[Place]:
-    table = block.table
-    if table.kind.of_places:
-        size = np.sqrt((residual.reshape(-1, 3) ** 2).sum(axis=1))
-        noise = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3)
-    else:
-        size, noise = np.abs(residual), block.sd_mm
+def _at_targets(block: Block, residual: Array, scatter_mm: Array) -> list[Place]:
+    table, alone = block.table, 3 if block.table.kind.of_places else 1
+    variance = block.sd_mm**2 + (scatter_mm**2).sum(axis=1)
+    size, noise = (np.sqrt(square.reshape(-1, alone).sum(axis=1)) for square in (residual**2, variance))
     number = table.kind.numbers_of(table)[block.rows]
     over = size > _SIGMA * noise
     if not over.any():

@@ -357,8 +357,8 @@ class Linearisation:
         return {name: moved_setup(self.setups[name], table, change[self.terms[name]]) for name, table in tables.items()}
 
     def in_mm(self, residual: Array) -> list[Array]:
-        """Return whitened values (N,) as the entries of each block in mm."""
-        return [residual[rows] * block.sd_mm for rows, block in zip(self.rows, self.blocks, strict=True)]
+        """Return whitened values (N, …) as the entries of each block in mm."""
+        return [(residual[rows].T * block.sd_mm).T for rows, block in zip(self.rows, self.blocks, strict=True)]
 
     def by_joint(self, axis: int, off: Callable[[Block], Array]) -> Array:
         """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6) at the samples of

@@ -13,7 +13,7 @@ from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.inference.acts import Act, Doubt, JudgedOn
 from analysis.inference.residuals import Curve, Map, Place, ResidualBand
 from analysis.inference.staircase import Staircase
-from analysis.measures.parameters import parameters_of
+from analysis.measures.quantity import parameters_of
 from analysis.model.predict import SetUp
 from rigs.calibration import CalibratedModel
 from rigs.effects import Effect

@@ -33,7 +33,7 @@ from analysis.inference.search import SearchResult
 from analysis.inference.setups import FittedRuns
 from analysis.inference.state import DRIVEN_WAVES, FAULT, series_among
 from analysis.kinematics.arm import Array
-from analysis.measures.columns import FigureColumn, figure_columns
+from analysis.measures.pooled import FigureColumn, figure_columns
 from analysis.measures.pose import SAME_RAD, groups
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, borrowers, by_test, evaluated_again, result_of
@@ -42,7 +42,7 @@ from analysis.traces.loading import Measured
 from rigs.calibration import Judged
 from rigs.errors import RigError
 from rigs.rig import Rig
-from rigs.schema.effect import is_wave, label_of, name_of, size_of
+from rigs.schema.effect import is_wave, label_of, name_of, size_field, size_of
 from rigs.schema.limits import Limit, Limits, Standing
 from rigs.schema.vocabulary import TestName
 
@@ -238,6 +238,8 @@ def _named(result: SearchResult, k: int, gain: float | None, change: EffectChang
     sizes = sizes_by_setup(result, k, result.scatter_limits_um)
     ratio = sizes.birge_ratio()
     sd = {field: ratio * sigma for field, sigma in result.fit.sd(k).items()}
+    size = size_field(effect)
+    sd[size] = float(np.hypot(sd.get(size, 0.0), change.apart * getattr(effect, size)))
     twins: list[Rival] = []  # what changes the readings in the same way
     rivals: list[Rival] = []
     for tried, likely in own_odds.rivals:

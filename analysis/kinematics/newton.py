@@ -4,9 +4,16 @@ Works for any arm; where it has more than six axes, each step is the shortest of
 converged leave the stack, so that a few hard poses do not make all of them pay.
 
 How near the arm is to a singularity, and which axes make it, shows in the same Jacobian.
+
+With five axes a tool takes a place in all three coordinates and turns in two ways (`newton_in_part`). So the place
+comes first, and the turn is the nearest of those with which the tool is there: the steps for the turn are taken among
+the motions that leave the place alone (Y. Nakamura, H. Hanafusa, T. Yoshikawa, Task-Priority Based Redundancy Control
+of Robot Manipulators, 1987). No weight of millimetres against radians decides.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,7 +24,9 @@ from analysis.kinematics.arm import (
     blocks,
     column_error,
     columns_of,
+    forward,
     forward_and_jacobian,
+    pose_error,
     tool_and_motions,
     tool_columns,
 )
@@ -217,3 +226,52 @@ def cancelling_axes(arm: Arm, q: Array) -> list[int]:
     """
     _, still = null_motion(arm, q[None])
     return [int(axis) + 1 for axis in np.flatnonzero(np.abs(still[0]) > _TAKES_PART)]
+
+
+_STILL_RAD = 1e-10
+"""Steps below which the turn is the nearest."""
+_LARGEST_STEP_IN_PART = 0.3
+_STEPS_IN_PART = 60
+_SINGULAR = 1e-6
+"""Singular values below this share of the largest are none: the tool does not move that way."""
+
+Poses = Callable[[Array], Array]
+"""The tool (n, 4, 4) at joint angles (n, axes) rad."""
+
+
+def newton_in_part(arm: Arm, targets: Array, q: Array, tool: Poses | None = None) -> tuple[Array, Mask]:
+    """From angles q (n, axes) rad towards poses `targets` (n, 4, 4): angles (n, axes) rad, and for which (n,) the tool
+    is at the place, turned as nearly as the arm can.
+
+    tool: where it really is, of an arm near the nominal one, whose Jacobian serves.
+    """
+    at, reached = q.copy(), np.zeros(len(q), dtype=bool)
+    moving = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(targets).all(axis=(1, 2)))
+    for _ in range(_STEPS_IN_PART):
+        if not len(moving):
+            break
+        error = pose_error((tool or (lambda angles: forward(arm, angles)))(at[moving]), targets[moving])
+        step = _step_in_part(forward_and_jacobian(arm, at[moving])[1][:, :, : arm.axes], error)
+        arrived = np.linalg.norm(error[:, :3], axis=1) < REACHED_MM
+        still = np.abs(step).max(axis=1) < _STILL_RAD
+        reached[moving[arrived & still]] = True
+        moving, step = moving[~(arrived & still)], step[~(arrived & still)]
+        at[moving, : arm.axes] += np.clip(step, -_LARGEST_STEP_IN_PART, _LARGEST_STEP_IN_PART)
+    return at, reached
+
+
+def turned_rad(tool: Array, targets: Array) -> Array:
+    """How far (n,) rad tools (n, 4, 4) are turned from their targets."""
+    turned: Array = np.linalg.norm(pose_error(tool, targets)[:, 3:], axis=1)
+    return turned
+
+
+def _step_in_part(jacobian: Array, error: Array) -> Array:
+    """Steps (n, axes) rad for errors (n, 6): first the place, then the turn among what leaves the place alone."""
+    J_place, J_turn = jacobian[:, :3], jacobian[:, 3:]
+    to_place = np.linalg.pinv(J_place, rcond=_SINGULAR)
+    step = np.einsum("nij,nj->ni", to_place, error[:, :3])
+    free = np.eye(jacobian.shape[2]) - to_place @ J_place
+    turn = error[:, 3:] - np.einsum("nij,nj->ni", J_turn, step)
+    step += np.einsum("nij,nj->ni", np.linalg.pinv(J_turn @ free, rcond=_SINGULAR), turn)
+    return np.asarray(step)

@@ -1,7 +1,9 @@
-"""What a running daemon sends, asked for ten times a second in a thread of its own, so that keys and screen never wait.
+"""What a running daemon sends, asked for ten times a second in a thread of its own, so that keys and screen never wait;
+or its joints alone, gathered until Ctrl-C, while a person jogs the robot or leads it around.
 
-A daemon that goes is waited for, and asked again when it is back. Asking costs its readers little: what an answer may
-hold is bounded (`daq.service.daemon`), and its whole state is asked for twice a second only.
+A daemon that goes is waited for, and asked again when it is back. Only the daemon speaks to the robot, and asking costs
+its readers little: what an answer may hold is bounded (`daq.service.daemon`), and its whole state is asked for twice a
+second only.
 """
 
 from __future__ import annotations
@@ -17,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.live.cell import cell_of
-from analysis.live.rows import GAUGES, NO_TRACKS, ROBOT, Joiner, Track
+from analysis.live.rows import GAUGES, NO_TRACKS, ROBOT, Joiner, Track, cell_of
 from analysis.live.view import Reading, Update
+from analysis.traces.loading import RobotMotion
 from daq.service.client import Client
 from rigs.errors import CellError, RigError
 from rigs.load import parse
@@ -179,3 +181,48 @@ def _further_of(streams: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
 def _track(t_ns: Array, values: Array) -> Track:
     complete = np.isfinite(values).all(axis=1)
     return Track(t_ns[complete] / 1e9, values[complete])
+
+
+_SHOW_S = 2.0
+_SILENT_DAEMON_S = 5.0
+
+
+def watched_motion(client: Client, where: str, show: Callable[[RobotMotion], None]) -> RobotMotion:
+    """The motion of the robot from now until Ctrl-C; show: called every two seconds with what there is.
+
+    Raises CellError where the daemon goes, or the robot sends no joints."""
+    times: list[Array] = []
+    angles: list[Array] = []
+    after: dict[str, int] = {name: stream["newest"] for name, stream in _samples(client, {}).items()}
+    begun_s = heard_s = shown_s = time.monotonic()
+    try:
+        while True:
+            time.sleep(_ASK_S)
+            streams = _samples(client, after)
+            after = {name: stream["newest"] for name, stream in streams.items()}
+            now_s = time.monotonic()
+            if track := tracks_of(streams).get(ROBOT):
+                times.append(track.t_s)
+                angles.append(track.values)
+                heard_s = now_s
+            if now_s - heard_s > _SILENT_DAEMON_S:
+                problem = f"the robot has sent no joints for {now_s - heard_s:.0f} s"
+                raise CellError(where, problem, "check its connection with rig status, and begin again")
+            if now_s - shown_s > _SHOW_S and times:
+                shown_s = now_s
+                show(_motion(times, angles, where))
+    except KeyboardInterrupt:
+        if not times:
+            problem = f"no joints came within {time.monotonic() - begun_s:.0f} s"
+            raise CellError(where, problem, "check the robot's connection with rig status") from None
+        return _motion(times, angles, where)
+
+
+def _samples(client: Client, after: dict[str, int]) -> dict[str, Any]:
+    streams: dict[str, Any] = client.ask("samples", after=after, rig=False)["streams"]
+    return streams
+
+
+def _motion(times: list[Array], angles: list[Array], where: str) -> RobotMotion:
+    t_s, first = np.unique(np.concatenate(times), return_index=True)
+    return RobotMotion(where, t_s - t_s[0], np.concatenate(angles)[first])

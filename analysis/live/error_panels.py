@@ -13,7 +13,7 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.live.canvas import ACW_COLOUR, CW_COLOUR, GAUGE_COLOURS, Area, Dots, direction_colour
 from analysis.live.controls import Controls
-from analysis.live.sweeps import ErrorCurve, pieces
+from analysis.live.lap import ErrorCurve, pieces
 from analysis.live.view import LiveView
 
 _MIDDLE, _REACH = 0.66, 0.3

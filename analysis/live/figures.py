@@ -8,10 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.geometry.ball_link import angle
+from analysis.geometry.circle import link_angle
 from analysis.live.controls import Units
-from analysis.live.lap import moves, speeds
-from analysis.live.sweeps import ErrorCurve
+from analysis.live.lap import ErrorCurve, moves, speeds
 from analysis.live.view import LiveView
 from rigs.schema.vocabulary import CIRCLES
 
@@ -24,7 +23,7 @@ def angle_deg(view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> floa
     if view.cell is None or not view.cell.has_angle or not {"g1", "g2"} <= view.readings.keys():
         return None
     g1, g2 = (np.array(view.readings[name].mm - zero) for name, zero in zip(("g1", "g2"), zero_mm, strict=True))
-    return float(np.degrees(angle(g1, g2, view.cell.baseline_mm)))
+    return float(np.degrees(link_angle(g1, g2, view.cell.baseline_mm)))
 
 
 def angle_name(view: LiveView) -> str:

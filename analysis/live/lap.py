@@ -1,4 +1,5 @@
-"""A lap as it is driven: the sense of motion, how far it is, how many were driven, and where the joints turn back.
+"""A lap as it is driven: the sense of motion, how far it is, how many were driven, where the joints turn back, and the
+error around the circle as it grows.
 
 A lap begins at the start angle, after the lead-in, as in `analysis.traces.laps`. The sense is known 2° after the tool
 has begun to move or turned back, which is more than the noise of any feedback.
@@ -7,6 +8,10 @@ Few wrists have two turns to give, so a robot goes back after a lap before it dr
 way of a whole lap, without having left the circle, is that way back and no lap of the other direction.
 
 Joints turn back by the rule of `analysis.measures.joint_reversals`, row by row.
+
+The error is one curve for each direction, over 720 circle angles: what is left of the angle (of the distance, with one
+gauge) without its least-squares sine, as in `analysis.measures.link_angle`. Before a lap is whole the sine is fitted to
+what there is; over less than half a lap it would take the error with it, and only the mean is taken off.
 """
 
 from __future__ import annotations
@@ -16,9 +21,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, Mask
 from analysis.live.rows import Rows
 from analysis.measures.joint_reversals import PROMINENCE_RAD
+from analysis.measures.lap_curve import at_resolution
+from analysis.measures.link_angle import Sine, sine_of
+from analysis.measures.reduction import PHI
+from analysis.noise.spectrum import NODES
 
 _TURNS_BACK_RAD = math.radians(2.0)
 _EARLY_RAD = math.radians(20.0)
@@ -172,3 +181,64 @@ def speeds(rows: Rows) -> Array:
 def moves(speed_rad_s: float) -> int:
     """Return 1 for a joint that rises, -1 for one that falls and 0 for one that stands."""
     return 0 if not abs(speed_rad_s) > _MOVES_RAD_S else int(math.copysign(1, speed_rad_s))
+
+
+_WIDEST_RAD = float(np.radians(10.0))
+"""A gap that is wider is not bridged: `rig analyse` accepts no wider one."""
+_HALF = np.pi
+
+
+@dataclass(frozen=True)
+class ErrorCurve:
+    """phi (n,) rad in order and error (n,) in rad or mm there. is_whole: over a whole lap, and then at the stated
+    resolution; less_sine: whether the sine is off, else the mean alone; band: largest less smallest error, 0 where
+    there is no curve."""
+
+    phi: Array
+    error: Array
+    is_whole: bool
+    less_sine: bool
+    band: float
+
+
+NO_CURVE = ErrorCurve(np.empty(0), np.empty(0), False, False, 0.0)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """last (NODES,): what was measured last at each circle angle since the curve was begun, nan where nothing was."""
+
+    last: Array = field(default_factory=lambda: np.full(NODES, np.nan))
+
+    def after(self, phi: Array, values: Array) -> Sweep:
+        """Return the sweep with newer values (n,) at circle angles phi (n,) rad, which take the place of older ones."""
+        good: Mask = np.isfinite(phi) & np.isfinite(values)
+        if not good.any():
+            return self
+        last = self.last.copy()
+        last[(phi[good] / (2 * np.pi) * NODES).astype(np.int64) % NODES] = values[good]
+        return replace(self, last=last)
+
+    def curve(self) -> ErrorCurve:
+        """Return the error over the circle angles that were measured."""
+        measured = np.isfinite(self.last)
+        if measured.sum() < 2:
+            return NO_CURVE
+        phi, values = PHI[measured] + np.pi / NODES, self.last[measured]
+        gaps = np.diff(phi, append=phi[0] + 2 * np.pi)
+        if gaps.max() <= _WIDEST_RAD:
+            nodes = np.interp(PHI, phi, values, period=2 * np.pi)
+            sine = Sine(*(float(part) for part in sine_of(nodes)))
+            error = at_resolution(nodes - sine(PHI))
+            return ErrorCurve(PHI, error, True, True, float(np.ptp(error)))
+        less_sine = bool(gaps[gaps <= _WIDEST_RAD].sum() > _HALF)
+        design = np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi)], axis=1)[:, : 3 if less_sine else 1]
+        error = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
+        return ErrorCurve(phi, error, False, less_sine, float(np.ptp(error)))
+
+
+def pieces(curve: ErrorCurve) -> list[slice]:
+    """Return the stretches of a curve without gaps, in order; one that spans phi = 0 comes as two."""
+    ends = [*(np.flatnonzero(np.diff(curve.phi) > _WIDEST_RAD) + 1).tolist(), len(curve.phi)]
+    begins = [0, *ends[:-1]]
+    return [slice(begin, end) for begin, end in zip(begins, ends, strict=True) if end - begin > 1]

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.live.cell import Cell, cell_of
-from analysis.live.rows import Rows
+from analysis.live.rows import Cell, Rows, cell_of
 from analysis.live.view import LiveView, Played, Reading, Update
 from analysis.traces.align import align
 from analysis.traces.csv_tables import table_from

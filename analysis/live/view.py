@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 
 from analysis.kinematics.arm import Array, Mask
-from analysis.live.cell import Cell
-from analysis.live.lap import JointMotion, JointReversal, LapProgress
-from analysis.live.rows import NO_ROWS, Rows
-from analysis.live.sweeps import Sweep
+from analysis.live.lap import JointMotion, JointReversal, LapProgress, Sweep
+from analysis.live.rows import NO_ROWS, Cell, Rows
 from rigs.schema.vocabulary import Direction, TestName
 
 _KEPT_ROWS = 6000

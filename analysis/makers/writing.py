@@ -8,8 +8,7 @@ from pathlib import Path
 
 from analysis.files.write import Writer, holding, write_all_new
 from analysis.makers import maker_by
-from analysis.robot_programs.examine import Demand
-from analysis.robot_programs.plan import Plan
+from analysis.robot_programs.plan import Demand, Plan
 from rigs.errors import FileError
 from rigs.schema.feedback import Feedback, ModbusJoints
 from rigs.schema.vocabulary import MakerName

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.conventions.path_places import measured_places
+from analysis.conventions.lost_poses import measured_places
 from analysis.geometry.iso_cube import CommandPath, Cube, PathName, paths_of
 from analysis.geometry.pose_setup import best_rigid, in_frame
 from analysis.kinematics.arm import Array

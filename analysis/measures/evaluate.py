@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from analysis.kinematics.limits import impossible_rad
 from analysis.noise.spectrum import LapNoise
 from analysis.traces.tables import Table
 from rigs.errors import FileError
@@ -66,6 +67,15 @@ def evaluate(
     Raises FileError where it is not a valid measurement of its test.
     """
     return table.kind.evaluate(table, rig, where, Instruments(u_lag_s, u_gauge_mm, like, reduced))
+
+
+def hold_joints(where: str, q: Array, remedy: str) -> None:
+    """Raise FileError for joints q (n, axes) rad that never moved, with what to do then, or are of another unit."""
+    if np.ptp(q, axis=0).max() < 1e-6:
+        raise FileError(where, "the robot stood still in all rows", remedy)
+    if most := impossible_rad(q):
+        angle = f"a joint at {np.degrees(most):.0f}° is impossible"
+        raise FileError(where, angle, "check the unit of q: files hold degrees")
 
 
 def hold_numbers(where: str, **columns: Array) -> None:

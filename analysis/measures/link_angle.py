@@ -14,11 +14,9 @@ import numpy as np
 
 from analysis.conventions.finding import Finding
 from analysis.conventions.joints import PLACE_UNKNOWN, Verdict, judged_by_path
-from analysis.conventions.off_path import Off, off_circle
-from analysis.conventions.place import STAMPS, stamp_findings
+from analysis.conventions.place import STAMPS, Off, off_circle, stamp_findings
 from analysis.conventions.units import circle_gauges, impossible
-from analysis.geometry.ball_link import angle, readings
-from analysis.geometry.circle import frame_of
+from analysis.geometry.circle import frame_of, link_angle, link_readings
 from analysis.geometry.programs import circle_laps, circle_of
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.circularity import Circularity
@@ -46,7 +44,7 @@ from rigs.schema.vocabulary import CircleTest, Direction
 
 def angle_of_gauges(g_mm: Array, baseline_mm: float) -> Array:
     """The angle (...,) rad of readings (..., 2) mm of gauges a baseline apart."""
-    return angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
+    return link_angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
 
 
 Plain = Callable[[Array, float], Mapping[str, Array]]
@@ -324,7 +322,7 @@ class CircleKind(Kind[CircleTable]):
         offsets = np.array([gauge.offset_mm for _, gauge in model.rig.gauges])
         contact = np.arctan2(to_tool @ circle.v, to_tool @ circle.u)
         scene = apply(model.effects, "setup", replace(scene, contact=contact, offsets_mm=offsets))
-        g_mm = readings(scene.T, setup.ball, scene.offsets_mm, table.test, circle.radius, scene.form_mm)
+        g_mm = link_readings(scene.T, setup.ball, scene.offsets_mm, table.test, circle.radius, scene.form_mm)
         return gauged(model, path, scene, setup, g_mm)
 
     def with_readings(self, table: CircleTable, values: Array) -> CircleTable:

@@ -1,4 +1,6 @@
-"""Several runs of one test as one figure: their mean, what differs between them, and acw against cw pair by pair.
+"""Several runs of one test as one figure: their mean, what differs between them, and acw against cw pair by pair; and
+the figures of a test side by side, a column for each direction. What is shown of figures, or judged by a limit, is of
+these columns.
 
 u of one run says how well that run's figure is known; what differs from run to run is not in it and shows only where
 runs are repeated. The mean of m runs then has Student's law with m - 1 degrees of freedom.
@@ -9,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -184,3 +187,42 @@ def _apart_mm(acw: CircleResult, cw: CircleResult) -> float:
     set-up does."""
     apart = acw.laps.frame.radius * float(np.hypot(acw.sine.a - cw.sine.a, acw.sine.b - cw.sine.b))
     return apart if apart > BALL_ELSEWHERE_MM else 0.0
+
+
+@dataclass(frozen=True)
+class FigureColumn:
+    """Figures by name, of the mean of `count` runs, of one `run`, or of `count` pairs of acw and cw.
+
+    `direction` is that of the runs, empty for pairs and where the test has none; `run` names a single run. `sd` has the
+    standard deviation between runs of the figures that were repeated.
+    """
+
+    kind: Literal["mean", "run", "pairs"]
+    direction: str
+    count: int
+    run: str
+    figures: Mapping[str, Quantity]
+    sd: Mapping[str, str]
+
+
+def figure_columns(group: Sequence[Result]) -> list[FigureColumn]:
+    """Return the columns of the runs of one test at one place."""
+    together = {mean.title: mean for mean in pooled(group) if mean.figures}
+    columns = []
+    for title in dict.fromkeys(result.title for result in group):
+        direction = title.partition(" ")[2]
+        if title in together:
+            columns.append(_column("mean", direction, len(together[title].runs), together[title].figures))
+        else:
+            runs = [result for result in group if result.title == title]
+            columns += [FigureColumn("run", direction, 1, run.name, run.figures, {}) for run in runs]
+    both = pairs_of(group)
+    return [*columns, _column("pairs", "", len(both.runs), both.figures)] if both and both.figures else columns
+
+
+def _column(
+    kind: Literal["mean", "pairs"], direction: str, count: int, of_runs: Mapping[str, Quantity | BetweenRuns]
+) -> FigureColumn:
+    pooled_runs = {name: figure for name, figure in of_runs.items() if isinstance(figure, BetweenRuns)}
+    figures = {name: figure.mean if isinstance(figure, BetweenRuns) else figure for name, figure in of_runs.items()}
+    return FigureColumn(kind, direction, count, "", figures, {name: mean.in_sd for name, mean in pooled_runs.items()})

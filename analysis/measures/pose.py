@@ -35,20 +35,18 @@ from analysis.conventions.lost_poses import (
     wild_findings,
     without_lost,
 )
-from analysis.conventions.off_path import Off
-from analysis.conventions.place import SOURCE, source_findings
+from analysis.conventions.place import SOURCE, Off, source_findings
 from analysis.conventions.units import UNITS, impossible, mirror_findings, off_in_its_unit, rail_findings, tracker
 from analysis.geometry.iso_cube import Cube, cube_of
 from analysis.geometry.pose_setup import PoseSetUp, fit_setup, frame, position_error
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, transform, without_setup
-from analysis.kinematics.limits import impossible_rad, wrapped
+from analysis.kinematics.limits import wrapped
 from analysis.measures.axis_curves import AxisCurve, axis_curves
-from analysis.measures.cube import by_pose, distance_figures, poses_of_cube
-from analysis.measures.evaluate import Instruments, hold_numbers
+from analysis.measures.evaluate import Instruments, hold_joints, hold_numbers
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
-from analysis.measures.scatter_figures import RP_VISITS, of_scatter, rp
+from analysis.measures.scatter_figures import RP_VISITS, by_pose, distance_figures, of_scatter, poses_of_cube, rp
 from analysis.measures.simulated_gauges import Simulation
 from analysis.measures.simulated_iso9283 import simulated_cube
 from analysis.measures.stops import PlaceKind, came_from_cells, came_from_of
@@ -113,7 +111,8 @@ def evaluate(
 ) -> PoseResult:
     """arm: nominal; its base and tool are replaced by the fitted, but for AP where the instrument's frame is known.
     u_mm: standard uncertainty of one coordinate of the instrument, assumed where no pose was visited again; the
-    orientation's uncertainty is nan there. cube: whose poses have figures of their own (`analysis.measures.cube`).
+    orientation's uncertainty is nan there. cube: whose poses have figures of their own
+    (`analysis.measures.scatter_figures`).
 
     figures: rms_mm, mean_mm, max_mm of the position error; rms_deg, max_deg of the orientation error where measured;
     where poses were visited again repeat_mm (pooled scatter of one coordinate), ap_mm and ap_mean_mm and, from
@@ -367,13 +366,9 @@ def _hold(table: PoseTable, where: str) -> None:
     hold_numbers(where, q=table.q, xyz_mm=table.xyz_mm)
     if table.rpy is not None:
         hold_numbers(where, rpy=table.rpy)
-    if np.ptp(table.q, axis=0).max() < 1e-6:
-        raise FileError(where, "the robot stood still in all rows", "give poses from the whole working space")
+    hold_joints(where, table.q, "give poses from the whole working space")
     if np.ptp(table.xyz_mm, axis=0).max() == 0:
         raise FileError(where, "the instrument reported the same place in all rows", "check that it follows the target")
-    if most := impossible_rad(table.q):
-        angle = f"a joint at {np.degrees(most):.0f}° is impossible"
-        raise FileError(where, angle, "check the unit of q: files hold degrees")
 
 
 class Pose(PlaceKind[PoseTable]):

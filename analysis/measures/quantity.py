@@ -1,4 +1,4 @@
-"""A figure and how well it is known."""
+"""A figure, or a parameter of an effect, and how well it is known."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.noise.cell import NoiseSource
+from rigs.effects import Effect
+from rigs.schema.effect import SEATS, label_of, size_field
 
 _TWO_SIGMA = 0.9545
 """Probability within two standard deviations of the normal law."""
@@ -146,3 +148,18 @@ def figures_of(
             figure = dataclasses.replace(figure, value=max(value - excess[name], 0.0), u=u)
         figures[name] = figure
     return figures
+
+
+def quantity_of(effect: Effect, field: str, sd: Mapping[str, float]) -> Quantity:
+    """A parameter of an effect; its standard uncertainty is 0 where it is unknown."""
+    return Quantity(float(getattr(effect, field)), sd.get(field, 0.0), effect.unit(field))
+
+
+def parameters_of(effect: Effect) -> dict[str, float]:
+    """Its numbers: sizes and shapes, and what it needs to be given, such as the order of a gear."""
+    return {key: value for key, value in effect if key not in SEATS and isinstance(value, int | float)}
+
+
+def parameter_label(effect: Effect, field: str) -> str:
+    """The label of an effect, with the field where it is not its size."""
+    return label_of(effect) if field == size_field(effect) else f"{label_of(effect)} {field}"

@@ -38,9 +38,8 @@ from analysis.measures.scatter_figures import assumed, coarse, half_width, of_sc
 from analysis.measures.simulated_gauges import visit_times
 from analysis.measures.stops import TargetKind, another_visit, hold_targets, target_count, timed
 from analysis.noise.certificate import link_excess_mm
-from analysis.noise.resolution import step_of_stops
-from analysis.noise.sphere_level import SphereLevel
-from analysis.noise.target_scatter import Scatter, scatter_of
+from analysis.noise.readings import step_of_stops
+from analysis.noise.target_scatter import Scatter, SphereLevel, scatter_of
 from analysis.noise.wild import MOST, SPREADS
 from analysis.traces.align import Aligned
 from analysis.traces.csv_tables import Rows, joint_cells

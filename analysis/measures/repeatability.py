@@ -27,7 +27,7 @@ from analysis.measures.simulated_gauges import visit_times
 from analysis.measures.stops import TargetKind, another_visit, hold_targets, timed
 from analysis.model.predict import Model, Path, stops
 from analysis.noise.cell import TARGET_MM
-from analysis.noise.resolution import step_of_stops
+from analysis.noise.readings import step_of_stops
 from analysis.noise.target_scatter import scatter_of
 from analysis.noise.wild import SPREADS, spreads_of
 from analysis.traces.align import Aligned

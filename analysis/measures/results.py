@@ -1,18 +1,22 @@
-"""From runs to their results, for every report, plot and script."""
+"""From runs to their results, for every report, plot and script; and whether a recorded run is a measurement, asked
+while the robot can still drive it again.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 from weakref import WeakValueDictionary
 
+import numpy as np
 import pyarrow as pa
 
 from analysis.batch.fetched import fetched
-from analysis.conventions.check import doubts_of
+from analysis.conventions.check import doubts_of, why_no_measurement
 from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.measures.certificate_uncertainty import with_certificates
 from analysis.measures.evaluate import Evaluated, evaluate
@@ -22,8 +26,12 @@ from analysis.measures.quantity import Quantity
 from analysis.measures.reduction import Reduced
 from analysis.measures.result_curves import JointReversal, ResultCurve, reversals_of_rig
 from analysis.noise.spectrum import LapNoise
-from analysis.traces.loading import Measured, load_measured, measured_in
+from analysis.traces.align import robot_alone
+from analysis.traces.loading import Measured, load_measured, measured_in, measured_of
 from analysis.traces.tables import CircleTable
+from daq.store import read_run
+from rigs.errors import DirectionError, FileError
+from rigs.schema.vocabulary import WITHOUT_GAUGES, Direction
 
 
 @dataclass(frozen=True)
@@ -237,3 +245,42 @@ def _same_cell(first: Result, second: Result) -> bool:
     kind = first.measured.table.kind  # without gauges there is no place that a rig file knows
     same_place = not (kind.gauges and kind.part) or getattr(rig.tests, kind.part) == getattr(its.tests, kind.part)
     return same_place and rig.robot == its.robot
+
+
+_END_S, _MOVES_RAD = 0.5, float(np.radians(0.05))
+"""A robot drives at the end of a run where a joint turns by so much in so long: five times what a stand shows."""
+
+
+@dataclass(frozen=True)
+class Fitness:
+    """What is to be said of a run that has just ended: `why` `rig analyse` would refuse it, empty where it would not;
+    the direction that the robot `drove`, where another label mends it; whether it was `still_driving` at the end."""
+
+    why: str
+    drove: Direction | None
+    still_driving: bool
+
+
+def fitness(run: Path) -> Fitness:
+    """Return whether a run can be used, and what would mend it."""
+    why, drove, still_driving = "", None, False
+    try:
+        recorded = read_run(run)
+        with suppress(FileError):
+            t_s, q, _ = robot_alone(run, recorded)
+            still_driving = bool(np.ptp(q[t_s >= t_s[-1] - _END_S], axis=0).max() > _MOVES_RAD)
+        if recorded.manifest.test not in WITHOUT_GAUGES:  # which has a table of its own
+            measured = measured_of(recorded)
+            why = why_no_measurement(measured)
+            if not why:
+                result_of(measured)
+    except DirectionError as error:
+        why, drove = error.what, error.drove
+    except FileError as error:
+        why = error.what
+    return Fitness(why, drove, still_driving)
+
+
+def why_unusable(run: Path) -> str:
+    """Return why `rig analyse` would refuse a run, or a convention shows that it is none; empty where it is good."""
+    return fitness(run).why

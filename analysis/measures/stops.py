@@ -11,8 +11,7 @@ import numpy as np
 
 from analysis.conventions.finding import Finding
 from analysis.conventions.joints import PLACE_UNKNOWN, Verdict, judged_by_path
-from analysis.conventions.off_path import Off, off_targets
-from analysis.conventions.place import PLACE, place_findings
+from analysis.conventions.place import PLACE, Off, off_targets, place_findings
 from analysis.conventions.units import target_units
 from analysis.geometry.hemisphere import hemisphere_frame, target_angles
 from analysis.geometry.programs import hemisphere_of

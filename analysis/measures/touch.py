@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.conventions.lost_poses import WILDNESS, Far, far_touches, left_out, wild_touches
-from analysis.conventions.off_path import Off, off_sockets
+from analysis.conventions.place import Off, off_sockets
 from analysis.geometry.pose_setup import socket_design
 from analysis.kinematics.arm import Arm, Array, Integers, forward
-from analysis.kinematics.limits import impossible_rad
-from analysis.measures.evaluate import Instruments, hold_numbers
+from analysis.measures.evaluate import Instruments, hold_joints, hold_numbers
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.result_curves import PoseCurve
@@ -120,11 +119,7 @@ def _hold(table: TouchTable, where: str) -> None:
     if 3 * len(table.q) <= 3 + 3 * sockets or len(table.q) < _FEWEST:
         what = f"has {len(table.q)} touches of {sockets} socket{'s' * (sockets > 1)}, too few to fit their places"
         raise FileError(where, what, f"give at least {max(_FEWEST, sockets + 2)}, in postures that differ")
-    if np.ptp(table.q, axis=0).max() < 1e-6:
-        raise FileError(where, "the robot stood still in all rows", "touch each socket in many postures")
-    if most := impossible_rad(table.q):
-        angle = f"a joint at {np.degrees(most):.0f}° is impossible"
-        raise FileError(where, angle, "check the unit of q: files hold degrees")
+    hold_joints(where, table.q, "touch each socket in many postures")
 
 
 def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:

@@ -3,7 +3,7 @@
 The angle between link and tool over circle angle phi is a sine, since the base-ball never sits in the
 circle's centre: yaw = atan2(-e_u sin + e_v cos, R - …), whose first harmonic is (-e_u sin + e_v cos)/R exactly.
 The distance, the mean of the gauges, shows the same eccentricity a second time. Where they differ grossly, a note says
-so; analysis/conventions/gauge_order.py says where the gauges may be exchanged.
+so; analysis/conventions/gauge_sign.py says where the gauges may be exchanged.
 
 Figures: band_deg (noise-corrected), amplitude_deg, shift_deg, offset_deg of the sine; eccentricity_u_mm and _v_mm of
 the base-ball from the circle's centre along u and v = n × u, eccentricity_mm its length.
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.conventions.gauge_order import ORDER, order_findings
+from analysis.conventions.gauge_sign import ORDER, order_findings
 from analysis.kinematics.arm import Array
 from analysis.measures.link_angle import SINE, AngleTest, CircleKind, CircleResult, Measure, eccentricities, sine_of
 

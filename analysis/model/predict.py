@@ -18,9 +18,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward
-from analysis.model.gravity import Load, load_of
 from analysis.model.hysteresis import Motion
-from analysis.model.scene import Scene, apply
+from analysis.model.scene import Load, Scene, apply, load_of
 from analysis.traces.tables import Table
 from rigs.effects import Effect
 from rigs.rig import Rig

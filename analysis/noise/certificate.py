@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import datetime as dt
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -129,7 +129,8 @@ def systematic(rig: Rig, g_mm: Array) -> Systematic:
 
 def doubts_of(rig: Rig, names: Sequence[str], on: dt.date) -> list[str]:
     """Return doubts about the certificates of the parts `names` on the day of a measurement."""
-    certificates = [(name, certificate) for name, certificate in _certificates(rig) if name in names]
+    parts = [*((name, gauge.certificate) for name, gauge in rig.gauges), ("ball", rig.ball), ("link", rig.link)]
+    certificates = [(name, certificate) for name, certificate in parts if certificate is not None and name in names]
     overdue = [
         f"{name}: certificate {certificate.number} was valid until {certificate.due}, and this is of {on}; "
         "have it calibrated"
@@ -139,11 +140,6 @@ def doubts_of(rig: Rig, names: Sequence[str], on: dt.date) -> list[str]:
     if rig.temperature is None and any(certificate.coefficient_per_c for _, certificate in certificates):
         overdue.append("the rig file does not say how warm the cell is: 20 ± 5 °C is assumed; give temperature")
     return overdue
-
-
-def _certificates(rig: Rig) -> Iterator[tuple[str, Certificate]]:
-    named = [*((name, gauge.certificate) for name, gauge in rig.gauges), ("ball", rig.ball), ("link", rig.link)]
-    yield from ((name, certificate) for name, certificate in named if certificate is not None)
 
 
 def _growth(certificate: Certificate, temperature: Temperature | None) -> float:

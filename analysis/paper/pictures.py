@@ -8,7 +8,6 @@ The runs behind all of them are simulated, and then evaluated like any others.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -22,15 +21,11 @@ from matplotlib.figure import FigureBase
 from analysis.api import CircleCurve, RadialCurve, RepeatabilityCurve, Result, evaluate
 from analysis.kinematics.arm import Array
 from analysis.measures.result_curves import JointReversal
-from analysis.measures.simulated_gauges import Noise
 from analysis.paper.published import NOMINAL_RADIUS_MM, datum_and_play, gears
 from analysis.paper.rows import DIRECTIONS, Row, eccentric, written
 from analysis.paper.simulated_tests import SCATTER, joint_lap, repeats, typical_seed
-from analysis.reporting.sheet import Sheet
-from analysis.simulation.simulate import simulate
-from analysis.traces.csv_tables import columns_of
-from analysis.traces.loading import measured_of
-from daq.store import table_run
+from analysis.reporting.still_chart import Sheet
+from analysis.simulation.simulate import simulated_run
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
@@ -63,45 +58,24 @@ class SimulatedFigures:
 def figures_of(rig: Rig, rig_text: str) -> SimulatedFigures:
     """Simulate every run. Raises FileError where the robot cannot do a test."""
 
+    def result(test: TestName, direction: Direction | None, effects: Sequence[Effect], of: Rig = rig) -> Result:
+        return evaluate(simulated_run(of, rig_text, test, direction, None, effects))
+
     def both(test: TestName, effects: Sequence[Effect]) -> dict[Direction, Result]:
-        return {direction: _result(rig, rig_text, test, direction, effects) for direction in DIRECTIONS}
+        return {direction: result(test, direction, effects) for direction in DIRECTIONS}
 
     seed = typical_seed(repeats(rig, rig.effects))
     phi, q = joint_lap(rig)
     return SimulatedFigures(
         yaw=both("yaw", rig.effects),
-        eccentric=_result(eccentric(rig), rig_text, "yaw", "acw", ()),
+        eccentric=result("yaw", "acw", (), eccentric(rig)),
         joints=JointLap(np.degrees(phi), np.degrees(q), tuple(axis.name for axis in rig.robot.axes)),
         yaw_datum_and_play=both("yaw", datum_and_play(rig.effects)),
         roll=both("roll", rig.effects),
-        sphere=_result(rig, rig_text, "radial", None, rig.effects),
-        sphere_gears=_result(rig, rig_text, "radial", None, gears(rig.effects)),
-        repeatability=_result(rig, rig_text, "repeatability", None, rig.effects, seed, SCATTER),
+        sphere=result("radial", None, rig.effects),
+        sphere_gears=result("radial", None, gears(rig.effects)),
+        repeatability=evaluate(simulated_run(rig, rig_text, "repeatability", None, seed, noise=SCATTER)),
     )
-
-
-def _result(
-    rig: Rig,
-    rig_text: str,
-    test: TestName,
-    direction: Direction | None,
-    effects: Sequence[Effect],
-    seed: int | None = None,
-    noise: Noise | None = None,
-) -> Result:
-    """One simulated run, evaluated."""
-    run = table_run(
-        Path(f"{test}-{direction}"),
-        columns_of(simulate(rig, test, direction, seed, effects, noise)),
-        test=test,
-        direction=direction,
-        rig_name=rig.name,
-        rig_text=rig_text,
-        operator="rig paper",
-        source="simulated",
-        source_sha256=hashlib.sha256(repr(effects).encode()).hexdigest(),
-    )
-    return evaluate(measured_of(run))
 
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}

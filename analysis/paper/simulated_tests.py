@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.geometry.ball_link import angle
+from analysis.geometry.circle import link_angle
 from analysis.geometry.programs import hemisphere_of
 from analysis.kinematics.arm import Array
 from analysis.measures import radial, repeatability, roll, yaw
 from analysis.measures.link_angle import fit_sine
 from analysis.measures.simulated_gauges import Noise
-from analysis.simulation.simulate import simulate
+from analysis.simulation.simulate import noise_seed, simulate
 from analysis.traces.laps import laps_of
 from analysis.traces.tables import CircleTable, RadialTable, RepeatabilityTable
 from rigs.effects import Effect
@@ -80,7 +80,7 @@ def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
     lap = laps_of(table, rig, rig.name).first
     phi = lap.phi % (2 * np.pi)
     order = np.argsort(phi)
-    y = angle(lap.g_mm[:, 0], lap.g_mm[:, 1], rig.gauges.baseline_mm)[order]
+    y = link_angle(lap.g_mm[:, 0], lap.g_mm[:, 1], rig.gauges.baseline_mm)[order]
     phi = phi[order]
     plain = yaw.plain_figures if table.test == "yaw" else roll.plain_figures
     return SimulatedLap(phi, y, y - fit_sine(phi, y)(phi), plain(phi, y, lap.frame.radius))
@@ -105,7 +105,7 @@ def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str
     """uni_mm and bi_mm, (seeds,) each, of as many simulated repeatability tests."""
     readings = []
     for seed in range(seeds):
-        table = simulate(rig, "repeatability", None, seed, effects, SCATTER)
+        table = simulate(rig, "repeatability", None, noise_seed(seed, None), effects, SCATTER)
         assert isinstance(table, RepeatabilityTable)  # noqa: S101 - by the test's name
         # Readings (targets, 2, rounds) mm of the sides out and in; the simulated table is complete and in order.
         targets = len(np.unique(table.target))

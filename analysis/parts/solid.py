@@ -42,15 +42,6 @@ class Solid:
         a, b, c = self.triangles.transpose(1, 0, 2)
         return float((a * np.cross(b, c)).sum() / 6)
 
-    @property
-    def open_edges(self) -> int:
-        """How many edges have no partner that runs the other way: 0 of a closed surface."""
-        ways = np.concatenate([self.faces[:, [k, (k + 1) % 3]] for k in range(3)])
-        single, counts = np.unique(ways, axis=0, return_counts=True)
-        back = {(int(b), int(a)) for a, b in single.tolist()}
-        lonely = sum((int(a), int(b)) not in back for a, b in single.tolist())
-        return lonely + int((counts > 1).sum())
-
     def stl(self) -> bytes:
         """The surface as a binary STL, in mm."""
         triangles = self.triangles

@@ -16,14 +16,12 @@ from rich.text import Text
 from analysis.inference.compare import Compared, Comparison
 from analysis.reporting.diagnosis_picture import disagreement_picture
 from analysis.reporting.diagnosis_screen import places_table
-from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.model_charts import compared_chart
 from analysis.reporting.plain_console import right, whole
 from analysis.reporting.run_pictures import distinctly_named
-from analysis.reporting.sheet import Sheet, as_png
 from analysis.reporting.stairs import stairs_of_model, stairs_table
-from analysis.reporting.still_chart import part_of
-from analysis.reporting.texts import texts_of
+from analysis.reporting.still_chart import Sheet, as_png, part_of
+from analysis.reporting.texts import LEADING, in_order, label, texts_of
 
 if TYPE_CHECKING:
     from analysis.files.write import Writer

@@ -16,13 +16,12 @@ from rich.text import Text
 
 from analysis.correction.correct import GAIN_UM, Corrections
 from analysis.correction.corrected_targets import Corrected
-from analysis.correction.refusal import ANYWAY, why_nothing
-from analysis.correction.support import CONSTANTS, corrected_table
+from analysis.correction.support import ANYWAY, CONSTANTS, corrected_table, why_nothing
 from analysis.correction.target_path import corrected_columns
 from analysis.kinematics.arm import Array
 from analysis.makers import maker_by
 from analysis.makers.reading import with_remark
-from analysis.measures.parameters import quantity_of
+from analysis.measures.quantity import quantity_of
 from analysis.model.predict import model_of
 from analysis.reporting import controller_report, program_report
 from analysis.reporting.controller_report import base_note, rounded_um, short

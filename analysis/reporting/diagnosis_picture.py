@@ -20,9 +20,8 @@ from analysis.reporting.answer_words import AnswerWords
 from analysis.reporting.chart import Chart
 from analysis.reporting.model_charts import MOST_MAPS, maps_of, strand_charts, target_chart
 from analysis.reporting.run_pictures import draw_hemisphere
-from analysis.reporting.sheet import Part, Sheet
 from analysis.reporting.stairs import Stairs, left_words, stairs_of, stairs_of_model
-from analysis.reporting.still_chart import part_of
+from analysis.reporting.still_chart import Part, Sheet, part_of
 from analysis.reporting.texts import texts_of
 
 _WIDTH = 11.0

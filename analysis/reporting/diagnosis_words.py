@@ -7,8 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from analysis.inference.residuals import Curve, Place, ResidualBand
 from analysis.inference.result import ODDS, Gap, Member, Named, Remains, Rival
-from analysis.measures.parameters import parameters_of, quantity_of
-from analysis.measures.quantity import Quantity
+from analysis.measures.quantity import Quantity, parameters_of, quantity_of
 from analysis.reporting.texts import Texts
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig

@@ -24,7 +24,7 @@ from analysis.inference.expected import (
 from analysis.inference.plan import Detectability, Pair, Plan, SeparatingTest
 from analysis.inference.result import ODDS
 from analysis.inference.state import FAULT
-from analysis.measures.parameters import quantity_of
+from analysis.measures.quantity import quantity_of
 from analysis.reporting.plain_console import right, whole
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of

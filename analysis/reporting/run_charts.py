@@ -11,12 +11,12 @@ import numpy as np
 from analysis.geometry.iso_cube import FROM_CENTRE, cube_of
 from analysis.kinematics.arm import Array, Mask, arm_of
 from analysis.measures.axis_curves import AxisCurve
-from analysis.measures.cube import poses_of_cube
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.pose import PoseResult
 from analysis.measures.reduction import PHI
 from analysis.measures.result_curves import CircleCurve, PathCurve, PoseCurve, RadialCurve, RepeatabilityCurve
 from analysis.measures.results import Result
+from analysis.measures.scatter_figures import poses_of_cube
 from analysis.reporting.chart import Chart, Frame, Line, Picture, Role, SphereChart, marks_of
 from analysis.reporting.texts import Texts
 from rigs.schema.vocabulary import DRIVEN_AXES

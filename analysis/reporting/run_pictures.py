@@ -21,11 +21,9 @@ from analysis.measures.reduction import PHI
 from analysis.measures.result_curves import PoseCurve
 from analysis.measures.results import Result, by_test
 from analysis.reporting.chart import Chart, Line, Picture, SphereChart, marks_of
-from analysis.reporting.labels import LEADING, label
 from analysis.reporting.run_charts import target_charts
-from analysis.reporting.sheet import Sheet, as_png
-from analysis.reporting.still_chart import part_of
-from analysis.reporting.texts import texts_of
+from analysis.reporting.still_chart import Sheet, as_png, part_of
+from analysis.reporting.texts import LEADING, label, texts_of
 from rigs.text import counted
 
 _GREY = "#777777"

@@ -14,16 +14,18 @@ from rich.text import Text
 
 from analysis.measures.pooled import Pooled, pairs_of, pooled
 from analysis.measures.results import Result, by_test
-from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.plain_console import right, whole
-from analysis.reporting.run_object import TruthComparison, all_agree, verdict
-from analysis.reporting.run_words import (
+from analysis.reporting.run_object import (
+    TruthComparison,
+    all_agree,
     eccentricities_in_words,
     lag_in_words,
     pairs_in_words,
+    verdict,
     warmth_in_words,
     what_u_is,
 )
+from analysis.reporting.texts import LEADING, in_order, label
 
 
 @dataclass(frozen=True)

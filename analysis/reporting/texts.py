@@ -1,4 +1,5 @@
-"""The fixed texts in a language: `analysis/templates/texts.LANGUAGE.yaml`, the same keys in each.
+"""The fixed texts in a language: `analysis/templates/texts.LANGUAGE.yaml`, the same keys in each; and what the figures
+are called where people read them, in which order.
 
 The page has them in its language, screen and picture in English. What the analysis says in words of its own, as doubts
 and remedies, stays English.
@@ -6,6 +7,7 @@ and remedies, stays English.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -13,8 +15,127 @@ from typing import Literal, get_args
 
 import yaml
 
-from analysis.reporting.labels import label
 from rigs.schema.robot import Robot
+
+LEADING = frozenset({"band_deg", "band_mm", "uni_mm", "bi_mm", "rms_mm", "radius_mm", "line_at_mm"})
+"""Printed bold: what the paper reports."""
+
+_LABELS = {
+    "band_deg": "error band",
+    "max_at_deg": "  largest at φ",
+    "min_at_deg": "  smallest at φ",
+    "amplitude_deg": "sine amplitude r",
+    "shift_deg": "sine shift α",
+    "offset_deg": "sine offset A",
+    "eccentricity_mm": "eccentricity",
+    "eccentricity_u_mm": "  along u (φ = 0°)",
+    "eccentricity_v_mm": "  along v (φ = 90°)",
+    "range_deg": "range with the sine",
+    "range_max_at_deg": "  largest at φ",
+    "range_min_at_deg": "  smallest at φ",
+    "distance_eccentricity_mm": "eccentricity by distance",
+    "distance_eccentricity_u_mm": "  along u (φ = 0°)",
+    "distance_eccentricity_v_mm": "  along v (φ = 90°)",
+    "circular_deviation_mm": "circular deviation G",
+    "hysteresis_mean_deg": "hysteresis, mean",
+    "hysteresis_max_deg": "hysteresis, largest",
+    "hysteresis_max_at_deg": "  at φ",
+    "hysteresis_mean_mm": "hysteresis of the distance, mean",
+    "hysteresis_max_mm": "hysteresis of the distance, H",
+    "radius_mm": "least-squares sphere, radius",
+    "centre_x_mm": "  centre x from the ball",
+    "centre_y_mm": "  centre y from the ball",
+    "centre_z_mm": "  centre z from the ball",
+    "band_mm": "error band about the sphere",
+    "held_radius_mm": "radius, centre held",
+    "held_band_mm": "error band, centre held",
+    "spread_mm": "range over orientations, largest",
+    "spread_mean_mm": "range over orientations, mean",
+    "uni_mm": "uni-directional range",
+    "uni_mean_mm": "  mean over targets",
+    "bi_mm": "bi-directional range",
+    "bi_mean_mm": "  mean over targets",
+    "ap_mm": "accuracy AP (ISO 9283)",
+    "ap_mean_mm": "  mean",
+    "rp_mm": "repeatability RP (ISO 9283)",
+    "rp_mean_mm": "  mean",
+    "r_out_mm": "R↓ from outside (ISO 230-2)",
+    "r_in_mm": "R↑ from inside (ISO 230-2)",
+    "r_mm": "bi-directional R (ISO 230-2)",
+    "reversal_mm": "reversal value |B|, largest",
+    "reversal_mean_mm": "reversal value B, mean",
+    "rms_mm": "position error, rms",
+    "mean_mm": "  mean",
+    "max_mm": "  largest",
+    "rms_deg": "orientation error, rms",
+    "max_deg": "  largest",
+    "spat_mm": "single-point articulation, 2 s (ASME B89.4.22)",
+    "socket_distance_mm": "distance of the sockets, if the arm has no error",
+    "repeat_mm": "scatter of one coordinate",
+    "ap_p1_mm": "AP of P1",
+    "rp_p1_mm": "RP of P1",
+    "ap_p2_mm": "AP of P2",
+    "rp_p2_mm": "RP of P2",
+    "ap_p3_mm": "AP of P3",
+    "rp_p3_mm": "RP of P3",
+    "ap_p4_mm": "AP of P4",
+    "rp_p4_mm": "RP of P4",
+    "ap_p5_mm": "AP of P5",
+    "rp_p5_mm": "RP of P5",
+    "ad_mm": "distance accuracy AD, P2 to P4",
+    "rd_mm": "distance repeatability RD",
+    "line_at_mm": "path accuracy AT, line (ISO 9283)",
+    "line_rt_mm": "path repeatability RT, line",
+    "circle_at_mm": "AT, large circle",
+    "circle_rt_mm": "RT, large circle",
+    "small_circle_at_mm": "AT, small circle",
+    "small_circle_rt_mm": "RT, small circle",
+    "corner_round_mm": "cornering round-off CR",
+    "corner_overshoot_mm": "corner overshoot CO",
+    "f_max_mm": "radial deviation F, largest (ISO 230-4)",
+    "f_min_mm": "radial deviation F, smallest",
+    "d_mm": "mean radial deviation D, both directions",
+    "speed_mm_s": "speed along the path",
+    **{
+        f"axis{axis}_{figure}_deg": f"axis {axis}, {text}"
+        for axis in range(1, 8)
+        for figure, text in (("bidirectional", "bidirectional deviation E"), ("reversal", "reversal (play)"))
+    },
+    **{f"friction_j{axis}_a": f"friction of axis {axis}" for axis in range(1, 7)},
+    "ap_a_deg": "accuracy AP a, about x",
+    "ap_b_deg": "accuracy AP b, about y",
+    "ap_c_deg": "accuracy AP c, about z",
+    "rp_a_deg": "repeatability RP a, about x",
+    "rp_b_deg": "repeatability RP b, about y",
+    "rp_c_deg": "repeatability RP c, about z",
+}
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Names of figures in the order of the labels, each once, so that a line's details stand under it; others last."""
+    place = {name: k for k, name in enumerate(_LABELS)}
+    return sorted(dict.fromkeys(names), key=lambda name: place.get(name, len(place)))
+
+
+def label(name: str) -> str:
+    """The label of a figure in a table, indented below the line of which it is a detail; its name where none was
+    given."""
+    return _LABELS.get(name, name)
+
+
+def whole_label(name: str, label: Callable[[str], str] = label) -> str:
+    """The label of a figure by itself: a detail after what it is a detail of, as `position error, largest`."""
+    text_of_figure, above = label(name).strip(), ""
+    for known_name, text in _LABELS.items():
+        above = above if text.startswith(" ") else known_name
+        if known_name == name:
+            break
+    if not label(name).startswith(" "):
+        return text_of_figure
+    # The place of the largest is a detail of that; a mean stands beside the rms.
+    of = label(above) if name.endswith("_at_deg") else label(above).partition(", ")[0]
+    return f"{of}, {text_of_figure}"
+
 
 Language = Literal["en", "de", "ko"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array, roll_pitch_yaw
-from analysis.robot_programs.examine import Demand
-from analysis.robot_programs.plan import Comment, Dwell, Hold, Move, Plan, Signal, Step, start_of
+from analysis.robot_programs.plan import Comment, Demand, Dwell, Hold, Move, Plan, Signal, Step, start_of
 from rigs.errors import FileError
 
 MM_DECIMALS = 7

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from analysis.emulation.keyboard import CellEvent
-from analysis.measures.usable import why_unusable
+from analysis.emulation.served_cell import CellEvent
+from analysis.measures.results import why_unusable
 from analysis.session.plan import Program
 from analysis.session.processes import Child, Talking
 from analysis.session.state import Emulated, Stage, Step
@@ -441,7 +441,8 @@ class EmulatedHands:
         self._entered, self._start_cell = list(entered), start_cell
         self._child: Talking | None = None
         self._events: queue.SimpleQueue[CellEvent] = queue.SimpleQueue()
-        self._visits = 0
+        # One that goes on after a cut has other noise: with the same its runs would repeat those before exactly.
+        self._visits = len(list((directory / "runs").glob("*")))
         self._waits, self._may_go_on, self._is_busy = False, False, False
 
     def set_up(self, stage: Stage, rig_file: Path) -> Path:

@@ -21,8 +21,7 @@ from analysis.inference.plan import further_tests, places, with_circle
 from analysis.inference.plan import plan as plan_tests
 from analysis.inference.proposal import SET_UP_MIN
 from analysis.makers.writing import encoded_programs, programs_of
-from analysis.robot_programs.examine import demand_of, seconds_of
-from analysis.robot_programs.plan import Plan
+from analysis.robot_programs.plan import Plan, demand_of, seconds_of
 from analysis.robot_programs.planned import LONGEST_ARC_DEG, plans_of
 from analysis.session.state import MAIN, Aim, Purpose, Stage, Step
 from daq.store.manifest import DrivenWith

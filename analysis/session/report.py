@@ -6,8 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from analysis.api import diagnose, evaluate_runs
-from analysis.reporting.page.report import BeforeAfter, gather
-from analysis.reporting.page.verdict import judge
+from analysis.reporting.page.report import BeforeAfter, gather, judge
 from analysis.reporting.page.write_page import write_page
 from analysis.session.answer import Driven, path_error
 from analysis.session.correct import CORRECTIONS, reading_deg

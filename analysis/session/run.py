@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from analysis.files.write import holding, write_all_over
-from analysis.measures.usable import why_unusable
+from analysis.measures.results import why_unusable
 from analysis.session import guide
 from analysis.session.answer import Inference, Infers, StartInference
 from analysis.session.cell import Driver, EmulatedHands, Hands, LiveDriver, Person, Rigd, Screen, StartRigd

@@ -18,8 +18,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from analysis.emulation.keyboard import CellEvent, Keyboard
 from analysis.emulation.pendant import Pendant
+from analysis.emulation.served_cell import CellEvent, Keyboard
 from analysis.session.answer import Inference
 from analysis.session.cell import Rigd
 from analysis.session.state import Answer

@@ -15,8 +15,7 @@ from typing import Literal
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.robot_programs.examine import angles_along
-from analysis.robot_programs.plan import Dwell, Move, Plan, end_of, start_of
+from analysis.robot_programs.plan import Dwell, Move, Plan, angles_along, end_of, start_of
 from analysis.traces.stands import FLICKER_DEG
 
 NEAR_DEG = 1.0

@@ -17,7 +17,7 @@ from analysis.geometry.circle import (
     nearest_circle,
 )
 from analysis.kinematics.arm import Arm, Array, Integers, Mask, forward
-from analysis.traces.robot_motion import RobotMotion
+from analysis.traces.loading import RobotMotion
 from analysis.traces.stands import Stand, stands_of
 from rigs.errors import FileError
 

@@ -24,7 +24,7 @@ from analysis.setting_up.circle_rows import (
     on_circle,
 )
 from analysis.setting_up.touched_ball import circle_through_stands, distinct, is_jogged
-from analysis.traces.robot_motion import RobotMotion
+from analysis.traces.loading import RobotMotion
 from analysis.traces.stands import STOOD_RAD
 from rigs.edit import Values
 from rigs.errors import FileError

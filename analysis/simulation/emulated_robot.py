@@ -20,14 +20,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.geometry.ball_link import angle
-from analysis.geometry.circle import SENSE, frame_of
+from analysis.geometry.circle import SENSE, frame_of, link_angle
 from analysis.geometry.programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
 from analysis.kinematics.arm import Array, arm_of
 from analysis.measures.link_angle import planted_setup
 from analysis.measures.yaw import plain_figures
-from analysis.model.gravity import load_of, pull
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
+from analysis.model.scene import load_of, pull
 from analysis.noise.certificate import as_shown, link_excess_mm
 from analysis.traces.tables import CircleTable, RadialTable
 from daq import clock
@@ -390,7 +389,7 @@ def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
         # The first lap: the ways back between laps pass the same angles, with every play on its other side.
         ahead = SENSE[direction] * (trace.phi - start)
         lap = slice(int(np.argmax(ahead >= 0)), int(np.argmax(ahead >= 2 * np.pi)))
-        y = angle(trace.g_mm[lap, 0], trace.g_mm[lap, 1], rig.gauges.baseline_mm)
+        y = link_angle(trace.g_mm[lap, 0], trace.g_mm[lap, 1], rig.gauges.baseline_mm)
         figures[direction] = plain_figures(trace.phi[lap], y, frame_of(circle_of(rig)).radius)
     planted = {
         "eccentricity_mm": list(circle_of(rig).eccentricity_mm),

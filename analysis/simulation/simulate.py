@@ -33,6 +33,11 @@ def simulate(
     return kind_named(test).simulated(rig, direction, Simulation(seed, effects, noise))
 
 
+def noise_seed(seed: int, direction: Direction | None) -> int:
+    """The seed of the noise of a run: one for each direction, as the same would give both the same noise."""
+    return 2 * seed + (direction == "cw")
+
+
 def simulated_run(
     rig: Rig,
     rig_text: str,
@@ -48,8 +53,7 @@ def simulated_run(
     of those of the rig. The run holds the rig file, which need not know the effects that were simulated; its source
     says the seed.
     """
-    # One seed for both directions must not give them the same noise.
-    draw = None if seed is None else 2 * seed + (direction == "cw")
+    draw = None if seed is None else noise_seed(seed, direction)
     run = table_run(
         Path("-".join(filter(None, [test, direction, "exact" if seed is None else f"{seed:03d}"]))),
         columns_of(simulate(rig, test, direction, draw, effects, noise)),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from analysis.conventions.finding import Finding
     from analysis.conventions.joints import Verdict
     from analysis.conventions.lost_poses import Far
-    from analysis.conventions.off_path import Off
+    from analysis.conventions.place import Off
     from analysis.kinematics.arm import Arm, Array, Integers, Mask
     from analysis.measures.evaluate import Evaluated, Instruments
     from analysis.measures.simulated_gauges import Simulation

@@ -1,4 +1,6 @@
-"""A run as it is analysed: its table, its rig, and what a person should know before trusting it."""
+"""A run as it is analysed: its table, its rig, and what a person should know before trusting it; or, whatever its
+gauges read, what the robot reported in it, which is all that is needed to find where it drove.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +14,7 @@ import pyarrow as pa
 
 from analysis.batch.fetched import fetched
 from analysis.frames import Tabular
+from analysis.kinematics.arm import Array
 from analysis.noise.certificate import (
     NO_CERTIFICATE,
     Systematic,
@@ -21,17 +24,18 @@ from analysis.noise.certificate import (
     systematic,
 )
 from analysis.noise.certificate import doubts_of as certificate_doubts
-from analysis.traces.align import align
+from analysis.traces.align import align, robot_alone
 from analysis.traces.condition import NOT_SHOWN, Condition, condition_of
 from analysis.traces.csv_tables import columns_of, table_from, u_lag_s_of
 from analysis.traces.kind import kind_named
 from analysis.traces.stands import one_row_a_stand
 from analysis.traces.table_layout import RAIL
-from analysis.traces.tables import Table
+from analysis.traces.tables import CircleTable, Table
 from daq.store import Run, read_run
 from rigs.errors import FileError
 from rigs.load import calibrated_beside, parse
 from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction
 
 SIMULATED = "simulated, "
 """What the source of a simulated table begins with; the seed follows."""
@@ -205,3 +209,28 @@ def _doubts(run: Run) -> list[str]:
     if sha256(manifest.rig_text.encode()).hexdigest() != manifest.rig_sha256:
         doubts.append("the rig file in its manifest has been changed since (SHA-256)")
     return doubts
+
+
+@dataclass(frozen=True)
+class RobotMotion:
+    """Reported angles q (n, 6) rad at times t_s (n,) s; where: its name in messages; direction: that of its label, if
+    it has one; doubts in words."""
+
+    where: str
+    t_s: Array
+    q: Array
+    direction: Direction | None = None
+    doubts: tuple[str, ...] = ()
+
+
+def motion_in(run: Run) -> RobotMotion:
+    """The motion of a run, recorded, imported or simulated. Raises FileError where it holds none."""
+    path, direction = run.path, run.manifest.direction
+    if run.table is None:
+        t_s, q, doubts = robot_alone(path, run)
+        return RobotMotion(str(path), t_s, q, direction, doubts)
+    table = table_from(run.table, run.manifest.test, direction, str(path))
+    if not isinstance(table, CircleTable):
+        problem = f"is a {run.manifest.test} table: it has single readings and no motion"
+        raise FileError(str(path), problem, "give a run of the circle, or a recorded run")
+    return RobotMotion(str(path), table.t_s, table.q, direction)

@@ -1,4 +1,6 @@
-"""The pages by their addresses."""
+"""The pages by their addresses, in the languages of the report; what the analysis says in its own words stays
+English.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +11,13 @@ import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import yaml
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -28,19 +31,36 @@ from analysis.reporting.html_page import environment
 from analysis.reporting.texts import LANGUAGES, Language
 from analysis.reporting.texts import texts_of as report_texts
 from analysis.session.state import Place
-from analysis.window.board import MOST_VIEWERS, Follow
 from analysis.window.controls import Controls
 from analysis.window.guard import COOKIE, Gate, Guard, form_of
-from analysis.window.made import Made, Wanted
-from analysis.window.metrics import metrics_of
-from analysis.window.shelf import MOST_SHOWN, Shelf, Shown
-from analysis.window.table_file import WRITERS
-from analysis.window.texts import NAMES, language_of, texts_of
-from analysis.window.watcher import Watcher
+from analysis.window.made import WRITERS, Made, Wanted
+from analysis.window.shelf import MOST_SHOWN, Shelf, Shown, metrics_of
+from analysis.window.watcher import MOST_VIEWERS, Follow, Watcher
 from daq.service.trust import tcp_user
 from rigs.distribution import version
 from rigs.errors import CellError, RigError
 from rigs.schema.vocabulary import makers
+
+NAMES: dict[Language, str] = {"en": "English", "de": "Deutsch", "ko": "한국어"}
+
+
+@cache
+def words_of(language: Language) -> dict[str, str]:
+    """Return the texts of a language by key."""
+    file = resources.files("analysis") / "templates" / "window" / f"texts.{language}.yaml"
+    words: dict[str, str] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return words
+
+
+def language_of(chosen: str, accepted: str) -> Language:
+    """Return the language that a person has chosen, else the first of those that the browser accepts (RFC 9110,
+    12.5.4, in their order), else English."""
+    for tag in (chosen, *(part.partition(";")[0].strip() for part in accepted[:200].split(","))):
+        for language in LANGUAGES:
+            if tag.lower().partition("-")[0] == language:
+                return language
+    return "en"
+
 
 log = logging.getLogger("uvicorn.error")
 LANGUAGE = "rig_window_lang"
@@ -193,7 +213,7 @@ class _Pages:
             raise HTTPException(404)
         shown = self._window.shelf.run(request.path_params["name"])
         arguments = (str(shown.path.resolve()), f"{{out}}/table.{kind}")
-        made = self._window.made.get(Wanted("analysis.window.table_file", arguments, (shown.path,)))
+        made = self._window.made.get(Wanted("analysis.window.made", arguments, (shown.path,)))
         if made is None:
             return self._wait(request)
         return FileResponse(made / f"table.{kind}", filename=f"{shown.name}.{kind}")
@@ -301,7 +321,7 @@ class _Pages:
         return Response(text, media_type=kind, headers={"cache-control": "no-cache"})
 
     async def refused(self, request: Request, error: HTTPException) -> Response:
-        texts = texts_of(self._language(request))
+        texts = words_of(self._language(request))
         key = error.detail if error.detail in texts else f"status_{error.status_code}"
         return self._page(request, "message.html", error.status_code, message=texts.get(key, error.detail))
 
@@ -313,7 +333,7 @@ class _Pages:
 
     def _page(self, request: Request, template: str, status: int = 200, **values: Any) -> Response:
         language = self._language(request)
-        window, texts = self._window, texts_of(language)
+        window, texts = self._window, words_of(language)
         html = self._templates.get_template(f"window/{template}").render(
             t=texts,
             lang=language,

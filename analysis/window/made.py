@@ -1,6 +1,7 @@
 """Pages, pictures and tables that commands make for a browser: in processes of their own, one after the other.
 
 So an hour of diagnosis neither delays the live page nor the recorder, and what a page shows is what the command writes.
+A table is written without marking the run as exported, as `rig export` would: what a browser keeps may be lost.
 """
 
 from __future__ import annotations
@@ -8,17 +9,22 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import sys
 import threading
 from collections import OrderedDict
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+from analysis.files.write import Writer, write_csv, write_new, write_parquet, write_xlsx
 from analysis.session.processes import Child
+from analysis.traces.loading import load_measured
 from daq import clock
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
-from rigs.errors import CellError, FileError
+from rigs.errors import CellError, FileError, RigError
+from rigs.text import plain
 
 MOST_WAITING = 8
 _MOST_KEPT = 40
@@ -125,3 +131,18 @@ class Made:
             arguments = [argument.replace("{out}", str(out)) for argument in making.arguments]
             log = self._directory / f"{key}.log"
             self._current = key, Child.start(making.module, "rig", arguments, log, nice=_NICE), clock.now_s()
+
+
+WRITERS = {"csv": write_csv, "parquet": write_parquet, "xlsx": write_xlsx}
+
+
+def main() -> None:
+    """Write the table of a run (first argument) to a file (second), in the format that its suffix names."""
+    run, file = (Path(argument) for argument in sys.argv[1:3])
+    try:
+        table = load_measured(run).to_table()
+        write: Writer = partial(WRITERS[file.suffix[1:]], table)
+        write_new(file, write)
+    except RigError as error:
+        print(plain(str(error)), file=sys.stderr)
+        sys.exit(error.exit_code)

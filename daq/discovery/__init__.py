@@ -5,8 +5,7 @@ tried with its own read request and with nothing else: what a conversation opens
 a sensor stream, is left out unless a person has named the instrument. What a robot's port is sent is in `robots`.
 """
 
-from daq.discovery.attempts import named_attempts
-from daq.discovery.reports import FoundGauge, PortReport, RobotReport
+from daq.discovery.attempts import FoundGauge, PortReport, RobotReport, named_attempts
 from daq.discovery.robots import ADDRESSES, joints_of, search_robot
 from daq.discovery.search import Wanted, ports_here, search
 from daq.discovery.watch import Watch, pushed

@@ -23,8 +23,7 @@ from pydantic import ValidationError
 from daq import clock, feedback
 from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import NO_LINE, ROBOT, robot_stream
-from daq.discovery.attempts import Probing, Sends
-from daq.discovery.reports import OF_THE_INSTRUMENT, RobotReport, evidence_of
+from daq.discovery.attempts import OF_THE_INSTRUMENT, Probing, RobotReport, Sends, evidence_of
 from daq.doctor.finding import condition_in, stopped_by
 from daq.doctor.trial import Trial, try_line
 from daq.protocol.conversation import Arrival, Fault, FaultKind

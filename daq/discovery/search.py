@@ -23,8 +23,7 @@ from daq import clock, gauges
 from daq.acquisition.host_clock import StallWatch
 from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import Stream
-from daq.discovery.attempts import Attempt, Probing, Sends, attempts
-from daq.discovery.reports import FoundGauge, PortReport, evidence_of
+from daq.discovery.attempts import Attempt, FoundGauge, PortReport, Probing, Sends, attempts, evidence_of
 from daq.doctor.computer import examine_port
 from daq.doctor.finding import Verdict
 from daq.doctor.trial import Trial, try_line

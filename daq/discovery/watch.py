@@ -11,7 +11,7 @@ from types import TracebackType
 
 from daq.acquisition.stream_buffer import samples_of
 from daq.acquisition.streams import Stream
-from daq.discovery.reports import FoundGauge
+from daq.discovery.attempts import FoundGauge
 from daq.discovery.search import LISTEN_S, host_of, join_started
 from daq.protocol.conversation import Item
 from daq.wire.links import LinkLost

@@ -23,25 +23,52 @@ from daq.wire.links import Link, LinkLost
 from daq.wire.session import run_conversation
 
 _ACCEPT_S = 0.2
+_AGAIN_S = 0.2
+_CONNECT_S = 1.0
+_HOST = "127.0.0.1"
 
 
-class TcpPort:
-    """Listens on loopback at a free port and serves each client that connects."""
+class _Port:
+    """One conversation at a time, by a fresh device each. `port` is what the rig file names."""
 
-    @classmethod
-    def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpPort:
-        """Listen at a free port."""
-        return cls(socket.create_server(("127.0.0.1", 0)), device, jitter_ms)
-
-    def __init__(self, server: socket.socket, device: Callable[[], Conversation], jitter_ms: float) -> None:
+    def __init__(self, port: str, device: Callable[[], Conversation], jitter_ms: float) -> None:
+        self.port = port
         self._device = device
         self._jitter_ms = jitter_ms
         self._hang_up = clock.Event()
         self.plugged = clock.Event()
         self.plugged.set()
+
+    def hang_up(self) -> None:
+        """End the present conversation; the next one begins soon."""
+        self._hang_up.set()
+
+    def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
+        """Speak until `stop`, or until the peer is gone (no process has its UDP port), and close the socket."""
+
+        def ended() -> bool:
+            return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
+
+        if sock.type == socket.SOCK_STREAM:
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setblocking(False)
+        with contextlib.closing(Link("emulated", sock.fileno(), sock.close)) as link, contextlib.suppress(LinkLost):
+            late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
+            run_conversation(late, self._device(), lambda _: None, ended)
+
+
+class TcpPort(_Port):
+    """Listens on loopback at a free port and serves each client that connects."""
+
+    @classmethod
+    def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpPort:
+        """Listen at a free port."""
+        return cls(socket.create_server((_HOST, 0)), device, jitter_ms)
+
+    def __init__(self, server: socket.socket, device: Callable[[], Conversation], jitter_ms: float) -> None:
         self._server = server
-        self._address = self._server.getsockname()
-        self.port = f"tcp://127.0.0.1:{self._address[1]}"
+        self._address = server.getsockname()
+        super().__init__(f"tcp://{_HOST}:{self._address[1]}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
         """Serve until `stop` is set; when a connection ends, the next is accepted."""
@@ -66,29 +93,8 @@ class TcpPort:
                 self._hang_up.clear()
                 self._converse(sock, stop)
 
-    def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
-        def ended() -> bool:
-            return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
 
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        sock.setblocking(False)
-        link = Link("emulated", sock.fileno(), sock.close)
-        late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
-        with contextlib.suppress(LinkLost):
-            run_conversation(late, self._device(), lambda _: None, ended)
-        link.close()
-
-    def hang_up(self) -> None:
-        """End the present connection; the next one is served again."""
-        self._hang_up.set()
-
-
-_AGAIN_S = 0.2
-_CONNECT_S = 1.0
-_HOST = "127.0.0.1"
-
-
-class TcpCaller:
+class TcpCaller(_Port):
     """Calls a port of the host on loopback. `port` is what the rig file names: a port that was free."""
 
     @classmethod
@@ -99,38 +105,19 @@ class TcpCaller:
 
     def __init__(self, number: int, device: Callable[[], Conversation], jitter_ms: float) -> None:
         self._number = number
-        self._device = device
-        self._jitter_ms = jitter_ms
-        self._hang_up = clock.Event()
-        self.plugged = clock.Event()
-        self.plugged.set()
-        self.port = f"tcp://{_HOST}:{number}"
+        super().__init__(f"tcp://{_HOST}:{number}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
         """Serve until `stop` is set; when a connection ends or is refused, call again."""
         while not stop.is_set():
             if self.plugged.wait(_AGAIN_S):
                 self._hang_up.clear()
-                with contextlib.suppress(OSError, LinkLost):
+                with contextlib.suppress(OSError):
                     self._converse(socket.create_connection((_HOST, self._number), _CONNECT_S), stop)
             stop.wait(_AGAIN_S)
 
-    def hang_up(self) -> None:
-        """End the present connection, and call again soon."""
-        self._hang_up.set()
 
-    def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
-        def ended() -> bool:
-            return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
-
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        sock.setblocking(False)
-        with contextlib.closing(Link("emulated", sock.fileno(), sock.close)) as link:
-            late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
-            run_conversation(late, self._device(), lambda _: None, ended)
-
-
-class UdpPort:
+class UdpPort(_Port):
     """A UDP port on loopback. `port` is what the rig file names: a free port of the host if the controller calls."""
 
     @classmethod
@@ -140,14 +127,9 @@ class UdpPort:
             return cls(int(sock.getsockname()[1]), device, calls, jitter_ms)
 
     def __init__(self, number: int, device: Callable[[], Conversation], calls: bool, jitter_ms: float) -> None:
-        self._device = device
-        self._jitter_ms = jitter_ms
         self._calls = calls
-        self._hang_up = clock.Event()
-        self.plugged = clock.Event()
-        self.plugged.set()
         self._number = number
-        self.port = f"udp://{_HOST}:{self._number}"
+        super().__init__(f"udp://{_HOST}:{number}", device, jitter_ms)
 
     def serve(self, stop: clock.Event) -> None:
         """Serve until `stop` is set; when a conversation ends, the next begins."""
@@ -160,10 +142,6 @@ class UdpPort:
                     self._converse(sock, stop)
             stop.wait(_AGAIN_S)
 
-    def hang_up(self) -> None:
-        """End the conversation there is; the next one begins soon."""
-        self._hang_up.set()
-
     def _found_peer(self, sock: socket.socket, stop: clock.Event) -> bool:
         """Whether there is somebody to speak to before `stop`; the socket is then connected to him."""
         if self._calls:
@@ -174,18 +152,6 @@ class UdpPort:
                 sock.connect(sock.recvfrom(1, socket.MSG_PEEK)[1])
                 return True
         return False
-
-    def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
-        def ended() -> bool:
-            return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
-
-        sock.setblocking(False)
-        link = Link("emulated", sock.fileno(), sock.close)
-        late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
-        try:
-            run_conversation(late, self._device(), lambda _: None, ended)
-        except LinkLost:
-            return  # no process has the peer's port: the daemon has not started, or has ended
 
 
 def _bound(number: int) -> socket.socket:

@@ -18,8 +18,8 @@ import struct
 from collections.abc import Mapping, Sequence
 
 from daq.feedback import Read
-from daq.protocol.conversation import Device, FaultKind, Host, Step
-from daq.protocol.positions import Order, Pace, Position, Positions, Refused
+from daq.protocol.conversation import Device, FaultKind, Host
+from daq.protocol.positions import Order, Position, Positions, Refused, SteadyDevice
 from daq.protocol.streamed import Streamed
 from rigs.schema.condition import ProgramState
 from rigs.schema.feedback import ABBEGM
@@ -124,7 +124,7 @@ def host(feedback: ABBEGM) -> Host:
 
 def device(feedback: ABBEGM, read: Read) -> Device:
     """Return the controller's side of the conversation."""
-    return _EGMController(read)
+    return _EGMController(read, RATE_HZ)
 
 
 def _decode(data: bytes) -> Position | Refused:
@@ -148,39 +148,18 @@ def _state_in(message: Sequence[Field], number: int, meanings: Mapping[int, floa
     return float(meanings.get(number_in(message_in(message, number) or [], 1), math.nan))
 
 
-class _EGMController:
+class _EGMController(SteadyDevice):
     """The controller while it streams."""
 
     EPOCH_S = 1_700_000_000
     """Its clock when it begins."""
 
-    def __init__(self, read: Read) -> None:
-        self.sent = 0
-        self._read = read
-        self._start_ns = 0
-        self._pace = Pace(RATE_HZ, 0)
-
-    def connected(self, now_ns: int) -> Step:
-        self._start_ns = now_ns
-        self._pace = Pace(RATE_HZ, now_ns)
-        return Step(wake_ns=now_ns)
-
-    def received(self, data: bytes, now_ns: int) -> Step:
-        return Step(wake_ns=self._pace.next_ns)
-
-    def tick(self, now_ns: int) -> Step:
-        """Send one datagram; a tick that is late is followed by the next at once."""
-        instant_ns = self._pace.step(now_ns)
-        send = b"" if instant_ns is None else self._message(instant_ns)
-        return Step(send, wake_ns=self._pace.next_ns)
-
     def _message(self, instant_ns: int) -> bytes:
-        passed_us = round((instant_ns - self._start_ns) / 1000)
+        passed_us = round((instant_ns - self._connected_ns) / 1000)
         header = integer(1, self.sent) + integer(2, passed_us // 1000 % 2**32) + integer(3, _DATA)
         *angles_deg, program, motors = self._read(instant_ns)
         joints = nested(1, doubles(1, angles_deg))
         clock = integer(1, self.EPOCH_S + passed_us // 1_000_000) + integer(2, passed_us % 1_000_000)
-        self.sent += 1
         condition = nested(_MOTORS, integer(1, 1 if motors else 2))
         condition += nested(_RAPID, integer(1, 2 if program == ProgramState.RUNNING else 1))
         return nested(1, header) + nested(2, joints + nested(4, clock)) + condition

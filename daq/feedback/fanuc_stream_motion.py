@@ -31,7 +31,7 @@ from daq.feedback import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Step
 from daq.protocol.framing import Message
 from daq.protocol.numerals import plausible
-from daq.protocol.positions import Order, Pace, Position, Positions, Refused
+from daq.protocol.positions import Order, Pace, Position, Positions, Refused, SteadyDevice
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.condition import SafetyState
 from rigs.schema.feedback import FANUCStreamMotion
@@ -144,22 +144,15 @@ class _StreamMotionClient:
         return Reaction(send=start_packet(max(1, min(available, NEWEST))))
 
 
-class _StreamMotionController:
+class _StreamMotionController(SteadyDevice):
     """The controller: the status each cycle, from the request on until it is asked to stop."""
 
     STAMP_START_MS = 86_400_000
     SAMPLING_MS = 8
 
     def __init__(self, version: int, read: Read) -> None:
-        self.sent = 0
+        super().__init__(read)
         self._version = version
-        self._read = read
-        self._connected_ns = 0
-        self._pace: Pace | None = None
-
-    def connected(self, now_ns: int) -> Step:
-        self._connected_ns = now_ns
-        return Step()
 
     def received(self, data: bytes, now_ns: int) -> Step:
         if self._version > 1 and len(data) == _CAPABILITY.size and data[:4] == ASK_VERSION[:4]:
@@ -169,17 +162,9 @@ class _StreamMotionController:
             self._pace = Pace(RATE_HZ, now_ns)
         elif len(data) == _REQUEST.size and data[:4] == STOP[:4]:
             self._pace = None
-        return self._step(b"")
+        return self._step()
 
-    def tick(self, now_ns: int) -> Step:
-        """Send one packet; a tick that is late is followed by the next at once."""
-        instant_ns = self._pace.step(now_ns) if self._pace else None
-        return self._step(b"" if instant_ns is None else self._status(instant_ns))
-
-    def _step(self, send: bytes) -> Step:
-        return Step(send, wake_ns=self._pace.next_ns if self._pace else None)
-
-    def _status(self, instant_ns: int) -> bytes:
+    def _message(self, instant_ns: int) -> bytes:
         stamp_ms = (self.STAMP_START_MS + round((instant_ns - self._connected_ns) / 1e6)) % 2**32
         shown = self._read(instant_ns)
         safety, motors = shown[6:8]
@@ -189,7 +174,6 @@ class _StreamMotionController:
         numbers = [*[0.0] * 9, *_nine(shown[:6]), *_nine(shown[8:])]
         kind = status_type(self._version)
         head = (kind, self._version, self.sent % 2**32)
-        self.sent += 1
         if kind == 0:
             return _STATUS[kind].pack(*head, state[0], 0, 0, 0, 0, stamp_ms, *numbers)
         forces = () if kind == 202 else (*[0.0] * 6, 0xFFFFFFFF)

@@ -22,7 +22,7 @@ from daq.feedback import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Step
 from daq.protocol.framing import Message
 from daq.protocol.numerals import number, plausible
-from daq.protocol.positions import Order, Pace, Position, Positions, Refused
+from daq.protocol.positions import Order, Position, Positions, Refused, SteadyDevice
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.feedback import KUKARSI
 
@@ -106,55 +106,44 @@ class _RSIDialect(Positions):
         return Reaction((*reaction.items, *late), answer)
 
 
-class _RSIController:
+class _RSIController(SteadyDevice):
     """The controller with its program running: a datagram a cycle, and a count of the answers that are not there."""
 
     IPOC_START = 4_208_000
 
     def __init__(self, feedback: KUKARSI, read: Read) -> None:
-        self.sent = 0
+        super().__init__(read, 1000 / feedback.cycle_ms)
         self._feedback = feedback
-        self._read = read
-        self._start_ns = 0
-        self._pace = Pace(1000 / feedback.cycle_ms, 0)
+        self._ticked_ns = 0
         self._awaited: dict[int, int] = {}
         """IPOC and time of what was sent and is not answered yet."""
         self._delays = 0
-
-    def connected(self, now_ns: int) -> Step:
-        self._start_ns = now_ns
-        self._pace = Pace(1000 / self._feedback.cycle_ms, now_ns)
-        return Step(wake_ns=now_ns)
 
     def received(self, data: bytes, now_ns: int) -> Step:
         for ipoc in list(self._awaited):
             if data == _answer(self._feedback.sentype, str(ipoc)):
                 del self._awaited[ipoc]
                 self._delays = 0
-        return Step(wake_ns=self._pace.next_ns)
+        return self._step()
 
     def tick(self, now_ns: int) -> Step:
-        """Send one datagram; a tick that is late is followed by the next at once."""
-        instant_ns = self._pace.step(now_ns)
-        if instant_ns is None:
-            return Step(wake_ns=self._pace.next_ns)
+        self._ticked_ns = now_ns
+        return super().tick(now_ns)
+
+    def _message(self, instant_ns: int) -> bytes:
         for ipoc, sent_ns in list(self._awaited.items()):
-            if now_ns - sent_ns >= self._feedback.cycle_ms * 1_000_000:
+            if self._ticked_ns - sent_ns >= self._feedback.cycle_ms * 1_000_000:
                 del self._awaited[ipoc]
                 self._delays += 1
-        ipoc = self.IPOC_START + round((instant_ns - self._start_ns) / 1e6)
+        ipoc = self.IPOC_START + round((instant_ns - self._connected_ns) / 1e6)
         if not self._feedback.onlysend:
-            self._awaited[ipoc] = now_ns
-        self.sent += 1
+            self._awaited[ipoc] = self._ticked_ns
         shown = self._read(instant_ns)
         joints = " ".join(f'A{axis}="{angle:.5f}"' for axis, angle in enumerate(shown[:6], 1))
         condition = "".join(map(_element, self._feedback.condition.values(), shown[6:]))
         pose = " ".join(f'{name}="0.00000"' for name in "XYZABC")
         delay = f'<Delay D="{self._delays}"/><IPOC>{ipoc}</IPOC>'
-        return Step(
-            f'<Rob Type="KUKA"><RIst {pose}/><AIPos {joints}/>{condition}{delay}</Rob>'.encode(),
-            wake_ns=self._pace.next_ns,
-        )
+        return f'<Rob Type="KUKA"><RIst {pose}/><AIPos {joints}/>{condition}{delay}</Rob>'.encode()
 
 
 def _element(tag: str, value: float) -> str:

@@ -17,10 +17,10 @@ from __future__ import annotations
 import math
 
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
+from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Framer, Lines, Message
 from daq.protocol.numerals import are_angles, number, plausible
-from daq.protocol.positions import DatagramLines, Pace
+from daq.protocol.positions import DatagramLines, SteadyDevice
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.condition import CONDITION
 from rigs.schema.feedback import CLOCK_FIELDS, SIGNAL, LineFeed, columns_beside_joints
@@ -106,42 +106,28 @@ def _garbled(message: Message, why: str) -> Reaction:
     return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
 
 
-class _Program:
+class _Program(SteadyDevice):
     """The program on the controller; its clock is zero when the link opens."""
 
+    IS_STREAM = True
+
     def __init__(self, feedback: LineFeed, read: Read) -> None:
-        self.sent = 0
+        super().__init__(read, RATE_HZ)
         self._feedback = feedback
         self._beside = columns_beside_joints(feedback)
-        self._read = read
-        self._start_ns = 0
-        self._pace = Pace(RATE_HZ, 0)
 
-    def connected(self, now_ns: int) -> Step:
-        self._start_ns = now_ns
-        self._pace = Pace(RATE_HZ, now_ns)
-        return Step(wake_ns=now_ns)
-
-    def received(self, data: bytes, now_ns: int) -> Step:
-        return Step(wake_ns=self._pace.next_ns)
-
-    def tick(self, now_ns: int) -> Step:
-        lines = [self._line(instant_ns) for instant_ns in self._pace.due(now_ns)]
-        self.sent += len(lines)
-        return Step("".join(lines).encode(), wake_ns=self._pace.next_ns)
-
-    def _line(self, instant_ns: int) -> str:
+    def _message(self, instant_ns: int) -> bytes:
         shown = self._read(instant_ns)
         parts = []
         for name in self._feedback.fields:
             if name == "_":
                 parts.append("0")
             elif name in CLOCK_FIELDS:
-                clock = (instant_ns - self._start_ns) * 1e-9 / _CLOCK_S[name]
+                clock = (instant_ns - self._connected_ns) * 1e-9 / _CLOCK_S[name]
                 parts.append(format(clock, _CLOCK_FORMAT[name]))
             elif name in self._beside:
                 parts.append(format(shown[6 + self._beside.index(name)], "g"))
             else:
                 angle = shown[int(name[1]) - 1]
                 parts.append(f"{angle:.5f}" if name.endswith("_deg") else f"{math.radians(angle):.7f}")
-        return self._feedback.separator.join(parts) + "\r\n"
+        return (self._feedback.separator.join(parts) + "\r\n").encode()

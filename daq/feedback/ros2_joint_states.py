@@ -21,7 +21,7 @@ from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
 from daq.protocol.framing import Message
 from daq.protocol.numerals import are_angles
-from daq.protocol.positions import Datagrams, Pace
+from daq.protocol.positions import Datagrams, Pace, SteadyDevice
 from daq.protocol.streamed import Reaction, Streamed
 from daq.protocol.websocket import LIMIT, WebSocketDevice, WebSocketHost
 from rigs.schema.feedback import ROS2JointStates
@@ -143,22 +143,15 @@ def _fault(message: Message, kind: FaultKind, detail: str) -> Reaction:
     return Reaction((Fault(kind, message.last_byte_ns, detail),))
 
 
-class _Bridge:
+class _Bridge(SteadyDevice):
     """A rosbridge server, and behind it a driver that publishes a hand's joint as well, all in an order of its own."""
 
     EPOCH_S = 1_700_000_000
     """Its clock when it begins."""
 
     def __init__(self, feedback: ROS2JointStates, read: Read) -> None:
-        self.sent = 0
+        super().__init__(read)
         self._feedback = feedback
-        self._read = read
-        self._start_ns = 0
-        self._pace: Pace | None = None
-
-    def connected(self, now_ns: int) -> Step:
-        self._start_ns = now_ns
-        return Step()
 
     def received(self, data: bytes, now_ns: int) -> Step:
         try:
@@ -167,18 +160,11 @@ class _Bridge:
             asked = {}
         if isinstance(asked, dict) and asked.get("op") == "subscribe" and asked.get("topic") == self._feedback.topic:
             self._pace = Pace(RATE_HZ, now_ns)
-        return Step(wake_ns=self._pace.next_ns if self._pace else None)
+        return self._step()
 
-    def tick(self, now_ns: int) -> Step:
-        """Send one message; a tick that is late is followed by the next at once."""
-        if self._pace is None:
-            return Step()
-        instant_ns = self._pace.step(now_ns)
-        if instant_ns is None:
-            return Step(wake_ns=self._pace.next_ns)
-        self.sent += 1
+    def _message(self, instant_ns: int) -> bytes:
         angles_deg = self._read(instant_ns)
-        passed_ns = instant_ns - self._start_ns
+        passed_ns = instant_ns - self._connected_ns
         stamp = {"sec": self.EPOCH_S + passed_ns // 10**9, "nanosec": passed_ns % 10**9}
         state = {
             "header": {"stamp": stamp, "frame_id": "base_link"},
@@ -187,7 +173,4 @@ class _Bridge:
             "velocity": [],
             "effort": [],
         }
-        return Step(
-            json.dumps({"op": "publish", "topic": self._feedback.topic, "msg": state}).encode(),
-            wake_ns=self._pace.next_ns,
-        )
+        return json.dumps({"op": "publish", "topic": self._feedback.topic, "msg": state}).encode()

@@ -38,7 +38,7 @@ from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
 from daq.protocol.framing import Message, Sized
 from daq.protocol.numerals import are_angles, plausible
-from daq.protocol.positions import Pace, SteadySteps
+from daq.protocol.positions import Pace, SteadyDevice, SteadySteps
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.condition import CURRENTS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES, ProgramState, SafetyState
 from rigs.schema.feedback import URRTDE, RTDESignal, condition_columns
@@ -334,7 +334,7 @@ def _refused(detail: str, message: Message) -> Reaction:
     return Reaction((Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail),), hang_up=True)
 
 
-class _RTDEController:
+class _RTDEController(SteadyDevice):
     """The robot: the fields asked for at the rate asked for, one packet a period however late a tick."""
 
     CLOCK_START_S = 1000.0
@@ -342,23 +342,17 @@ class _RTDEController:
     SOFTWARE = (5, 11, 0, 0)
     """Its version: major, minor, bugfix, build."""
     MIN_RATE_HZ, MAX_RATE_HZ = 0.01, 500.0
+    IS_STREAM = True
 
     def __init__(self, feedback: URRTDE, read: Read) -> None:
-        self.sent = 0
-        self._read = read
+        super().__init__(read)
         self._place = feedback.signal
         self._condition = condition_columns(feedback)
         older = dict.fromkeys(OLDER.values(), "INT32") if feedback.condition else {}
         self._known = {**_recipe(feedback).types, **older}
         self._frames = packets()
-        self._connected_ns = 0
         self._recipe = Recipe({})
         self._rate_hz = 0.0
-        self._pace: Pace | None = None
-
-    def connected(self, now_ns: int) -> Step:
-        self._connected_ns = now_ns
-        return Step()
 
     def received(self, data: bytes, now_ns: int) -> Step:
         answers = b""
@@ -367,16 +361,6 @@ class _RTDEController:
                 return Step(answers, hang_up=True)
             answers += self._answer(message.data[2:3], message.data[3:], now_ns)
         return self._step(answers)
-
-    def tick(self, now_ns: int) -> Step:
-        if self._pace is None:
-            return Step()
-        packets = [self._data(instant_ns) for instant_ns in self._pace.due(now_ns)]
-        self.sent += len(packets)
-        return self._step(b"".join(packets))
-
-    def _step(self, send: bytes) -> Step:
-        return Step(send, wake_ns=self._pace.next_ns if self._pace else None)
 
     def _answer(self, kind: bytes, payload: bytes, now_ns: int) -> bytes:
         if kind == b"V":
@@ -405,7 +389,7 @@ class _RTDEController:
         self._pace = None
         return bytes([good]) + ",".join(types).encode()
 
-    def _data(self, instant_ns: int) -> bytes:
+    def _message(self, instant_ns: int) -> bytes:
         clock_s = self.CLOCK_START_S + (instant_ns - self._connected_ns) * 1e-9
         shown = self._read(instant_ns)
         fields: dict[str, Numbers] = {"timestamp": (clock_s,), "actual_q": tuple(map(math.radians, shown[:6]))}

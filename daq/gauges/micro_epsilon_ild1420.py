@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from daq.gauges import Read
 from daq.protocol.conversation import NO_SAMPLES, NO_TIME, Arrival, Device, Fault, FaultKind, Host, Samples, Step
 from daq.protocol.framing import Lines, Message
-from daq.protocol.positions import Pace
+from daq.protocol.positions import Pace, SteadyDevice
 from daq.protocol.streamed import QuicklyStreamed, Reaction, split
 from daq.protocol.texts import Reading, Trouble, items_of
 from rigs.schema.gauges import MicroEpsilonILD1420
@@ -163,18 +163,15 @@ def _mm(x: float | NDArray[np.int64], gauge: MicroEpsilonILD1420) -> Any:
     return (102 / 65520 * x - 1) / 100 * gauge.range_mm - gauge.zero_mm
 
 
-class _Sensor:
+class _Sensor(SteadyDevice):
     """The instrument, at a measuring rate of 1 kHz."""
 
-    def __init__(self, gauge: MicroEpsilonILD1420, read: Read) -> None:
-        self.sent = 0
-        self._gauge = gauge
-        self._read = read
-        self._commands = Lines(b"\n")
-        self._pace: Pace | None = None
+    IS_STREAM = True
 
-    def connected(self, now_ns: int) -> Step:
-        return Step()
+    def __init__(self, gauge: MicroEpsilonILD1420, read: Read) -> None:
+        super().__init__(read)
+        self._gauge = gauge
+        self._commands = Lines(b"\n")
 
     def received(self, data: bytes, now_ns: int) -> Step:
         answer = b""
@@ -183,18 +180,12 @@ class _Sensor:
             answer += (_START.strip() if starts else b"E01 Unknown command") + b"\r\n->"
             if starts and self._pace is None:
                 self._pace = Pace(_RATE_HZ, now_ns)
-        return Step(answer, wake_ns=self._pace.next_ns if self._pace else None)
+        return self._step(answer)
 
-    def tick(self, now_ns: int) -> Step:
-        if self._pace is None:
-            return Step()
-        values = b"".join(self._value(at_ns) for at_ns in self._pace.due(now_ns))
-        return Step(values, wake_ns=self._pace.next_ns)
-
-    def _value(self, now_ns: int) -> bytes:
-        distance_mm = self._read(now_ns)[0] + self._gauge.zero_mm
+    def _message(self, instant_ns: int) -> bytes:
+        distance_mm = self._read(instant_ns)[0] + self._gauge.zero_mm
         x = (distance_mm / self._gauge.range_mm * 100 + 1) * 65520 / 102
         good = math.isfinite(x) and 0 <= round(x) <= 65520
         code = round(x) if good else _NO_PEAK
-        self.sent += good
+        self.sent -= not good  # an error is no reading
         return bytes(tag << 6 | code >> 6 * tag & 0x3F for tag in (_LOW, _MIDDLE, _HIGH))

@@ -212,6 +212,22 @@ class Shaped(Protocol):
     shapes: list[HeldShape]
 
 
+class PassesShapes:
+    """A conversation whose shapes are those of what it asks by: a dialect or another conversation, which has none if
+    its numbers have no text."""
+
+    _asked: object
+
+    @property
+    def shapes(self) -> list[HeldShape]:
+        return self._asked.shapes if isinstance(self._asked, Shaped) else []
+
+    @shapes.setter
+    def shapes(self, shapes: list[HeldShape]) -> None:
+        if isinstance(self._asked, Shaped):
+            self._asked.shapes = shapes
+
+
 def hand_on(earlier: object, later: object) -> None:
     """Have a conversation know the shapes that one before it on its link has learned: a plug that was pulled changes
     no gauge, and one whose in/mm was pressed meanwhile is noticed."""

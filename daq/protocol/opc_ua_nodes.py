@@ -1,4 +1,5 @@
-"""Finding a robot in the address space of an OPC UA server, by the browse names of OPC 40010-1.
+"""Finding a robot in the address space of an OPC UA server, by the browse names of OPC 40010-1, and its condition
+there, in the columns and codes of `rigs.schema.condition`.
 
     Objects / DeviceSet / <system> / MotionDevices / <robot> / Axes / <axis> / ParameterSet / ActualPosition
                                                              / ParameterSet / SpeedOverride, InControl
@@ -8,9 +9,7 @@
                                    / Controllers / <controller> / TaskControls / <task> / TaskControlOperation
 
 What is in angle brackets is named by the maker, so it is browsed for. Functions here are talks: they yield requests of
-asyncua's types and are sent the responses.
-
-A session with an OPC UA server and a subscription in it are talks too.
+asyncua's types and are sent the responses. A session with a server and a subscription in it are talks too.
 
 The session is anonymous and only reads. The server samples each axis at the interval asked for and keeps the values of
 up to a second; each has its stamp, so that nothing depends on when the server sends them. A value is sent whenever its
@@ -27,10 +26,66 @@ from typing import Any, TypeVar
 
 from asyncua import ua
 
+from daq.protocol.numerals import plausible
 from daq.protocol.opc_ua import CHUNK, CHUNKS, LIMIT
-from daq.protocol.opc_ua_condition import FRONT, READY, STATE
-from rigs.schema.condition import TEMPERATURES
+from rigs.schema.condition import MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES, ProgramState, SafetyState
 from rigs.schema.feedback import OPCUARobotics, are_nodes
+
+MODE, EMERGENCY, PROTECTIVE = "OperationalMode", "EmergencyStop", "ProtectiveStop"
+DRIVES, OVERRIDE, MASS = "InControl", "SpeedOverride", "Mass"
+STATE, READY = "CurrentState", "ReadySubstateMachine.CurrentState"
+FRONT = (MODE, EMERGENCY, PROTECTIVE, DRIVES, OVERRIDE)
+"""Browse names in the parameter sets of robot and safety state."""
+_MANUAL_REDUCED = 1
+"""OperationalModeEnumeration: MANUAL_REDUCED_SPEED."""
+_STATES = {"Executing": ProgramState.RUNNING, "Ready": ProgramState.STOPPED, "Idle": ProgramState.STOPPED}
+"""States of the TaskControlStateMachineType. A server may translate them; then they are not known."""
+_SUSPENDED = "Suspended"
+"""State of the ReadySubstateMachineType in which a program was stopped in its midst."""
+
+
+def condition_of(shown: Mapping[str, Any]) -> dict[str, float]:
+    """Return all columns of the condition. shown: values by browse name (temperatures by column); nan: not shown."""
+    state, drives = shown.get(STATE), shown.get(DRIVES)
+    program = float(_STATES.get(state, math.nan)) if isinstance(state, str) else math.nan
+    if state == "Ready" and shown.get(READY) == _SUSPENDED:
+        program = float(ProgramState.PAUSED)
+    motors = float(drives) if isinstance(drives, bool) else math.nan
+    columns = {PROGRAM: program, SAFETY: _safety(shown), MOTORS: motors}
+    columns |= {SPEED: _number(shown.get(OVERRIDE)), PAYLOAD: _number(shown.get(MASS))}
+    return columns | {name: _number(shown.get(name)) for name in TEMPERATURES}
+
+
+def shown_of(condition: Mapping[str, float]) -> dict[str, Any]:
+    """Return what a controller shows of a condition, the other way round: by browse name."""
+    program, safety = condition[PROGRAM], condition[SAFETY]
+    return {
+        MODE: _MANUAL_REDUCED if safety == SafetyState.REDUCED else 3,
+        EMERGENCY: safety == SafetyState.EMERGENCY_STOP,
+        PROTECTIVE: safety == SafetyState.PROTECTIVE_STOP,
+        DRIVES: condition[MOTORS] == 1,
+        OVERRIDE: condition[SPEED],
+        MASS: condition[PAYLOAD],
+        STATE: "Executing" if program == ProgramState.RUNNING else "Ready",
+        READY: _SUSPENDED if program == ProgramState.PAUSED else "AtProgramStart",
+    } | {name: condition[name] for name in TEMPERATURES}
+
+
+def _safety(shown: Mapping[str, Any]) -> float:
+    """Both stops have to be shown for a robot to be called free of them."""
+    emergency, protective = shown.get(EMERGENCY), shown.get(PROTECTIVE)
+    if emergency is True:
+        return float(SafetyState.EMERGENCY_STOP)
+    if protective is True:
+        return float(SafetyState.PROTECTIVE_STOP)
+    if emergency is not False or protective is not False:
+        return math.nan
+    return float(SafetyState.REDUCED if shown.get(MODE) == _MANUAL_REDUCED else SafetyState.NORMAL)
+
+
+def _number(value: Any) -> float:
+    return plausible(float(value)) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+
 
 T = TypeVar("T")
 Talk = Generator[Any, Any, T]
@@ -57,7 +112,7 @@ class Unfit(Exception):
 @dataclass(frozen=True)
 class RobotNodes:
     """Where a robot is read. axes: of the positions of q1 … q6; deg_per_unit: of each; condition: the nodes of what is
-    shown of its condition, by the names of `daq.protocol.opc_ua_condition`."""
+    shown of its condition, by the names of `daq.protocol.opc_ua_nodes`."""
 
     axes: tuple[Any, ...]
     deg_per_unit: tuple[float, ...]

@@ -33,8 +33,21 @@ from daq.protocol.opc_ua import (
     decoded,
     type_of,
 )
-from daq.protocol.opc_ua_condition import DRIVES, EMERGENCY, MASS, MODE, OVERRIDE, PROTECTIVE, READY, STATE, shown_of
-from daq.protocol.opc_ua_nodes import CELSIUS, DEGREE, KILOGRAM, OBJECTS
+from daq.protocol.opc_ua_nodes import (
+    CELSIUS,
+    DEGREE,
+    DRIVES,
+    EMERGENCY,
+    KILOGRAM,
+    MASS,
+    MODE,
+    OBJECTS,
+    OVERRIDE,
+    PROTECTIVE,
+    READY,
+    STATE,
+    shown_of,
+)
 from daq.protocol.positions import Pace
 from rigs.schema.condition import TEMPERATURES, UNDISTURBED
 from rigs.schema.feedback import OPCUARobotics, are_nodes, condition_columns

@@ -17,8 +17,7 @@ from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
 from daq.protocol.framing import Message
 from daq.protocol.numerals import are_angles
 from daq.protocol.opc_ua import NO_STAMP
-from daq.protocol.opc_ua_condition import condition_of
-from daq.protocol.opc_ua_nodes import RobotNodes, read_request
+from daq.protocol.opc_ua_nodes import RobotNodes, condition_of, read_request
 from rigs.schema.feedback import OPCUARobotics, condition_columns
 
 _AXES = 6

@@ -39,7 +39,7 @@ from typing import Protocol
 
 from daq.protocol.conversation import NO_TIME, Bursts, Fault, FaultKind, Item, Step, has_fault
 from daq.protocol.framing import Framer, Message
-from daq.protocol.numerals import HeldShape, Shaped
+from daq.protocol.numerals import PassesShapes
 
 STIR = 50
 STIR_NS = 17_000_000
@@ -139,14 +139,14 @@ class PolledDialect(Protocol):
         """Return the meaning of a message as an answer to the request of that time."""
 
 
-class Polled:
+class Polled(PassesShapes):
     """The host's side of an instrument that answers requests."""
 
     def __init__(
         self, dialect: PolledDialect, timeout_s: float, rate_hz: float = math.inf, *, shared: bool = False
     ) -> None:
         """shared: whether others are asked on the line in between; then `tick` is what lets it ask."""
-        self._dialect = dialect
+        self._asked = self._dialect = dialect
         self._shared = shared
         self._period_ns = round(1e9 / rate_hz)
         self._timeout_s = timeout_s
@@ -168,16 +168,6 @@ class Polled:
     def asking(self) -> bool:
         """Whether a request is on the line."""
         return self._requested_ns != NO_TIME
-
-    @property
-    def shapes(self) -> list[HeldShape]:
-        """The shapes that its gauges' numbers are held to; none where they have no text."""
-        return self._dialect.shapes if isinstance(self._dialect, Shaped) else []
-
-    @shapes.setter
-    def shapes(self, shapes: list[HeldShape]) -> None:
-        if isinstance(self._dialect, Shaped):
-            self._dialect.shapes = shapes
 
     def connected(self, now_ns: int) -> Step:
         self._stirring.begin(now_ns)
@@ -294,25 +284,16 @@ class Polled:
         return [Fault(FaultKind.LATE, now_ns, detail, count)]
 
 
-class AskedByLine:
+class AskedByLine(PassesShapes):
     """The host's side. exchange: one that shares its line, so that it asks when it is let."""
 
     def __init__(self, exchange: Polled, off_ns: int) -> None:
-        self._exchange = exchange
+        self._asked = self._exchange = exchange
         self._off_ns = off_ns
         self._wake_ns = self._free_ns = 0
         """When the exchange is due, and when DTR may go off again."""
         self._on_ns: int | None = None
         """When DTR goes on again; None while it is."""
-
-    @property
-    def shapes(self) -> list[HeldShape]:
-        """The shapes that its gauges' numbers are held to; none where they have no text."""
-        return self._exchange.shapes
-
-    @shapes.setter
-    def shapes(self, shapes: list[HeldShape]) -> None:
-        self._exchange.shapes = shapes
 
     def connected(self, now_ns: int) -> Step:
         return self._after(self._exchange.connected(now_ns), now_ns)

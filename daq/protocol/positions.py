@@ -10,7 +10,7 @@ and reported as LATE: its time has passed, and a clock that runs backwards would
 again. What is missing is a SKIPPED fault with the count; so a sample that was overtaken is reported as missing first
 and as late when it comes.
 
-A device of constant rate speaks by an absolute schedule, of which no period drifts or is lost (`Pace`).
+A device of constant rate (`SteadyDevice`) speaks by an absolute schedule: no period drifts or is lost (`Pace`).
 
 A controller that was asked for a rate may keep to a lower one: one of 125 Hz that is asked for 500 sends all it has,
 and nothing of it is missing. So a stamp is compared with the step that the controller makes itself: the asked one as
@@ -20,10 +20,12 @@ soon as it was seen once, else the least of the first steps.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
-from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample, Step
 from daq.protocol.framing import Message
 from daq.protocol.numerals import are_angles
 from daq.protocol.streamed import Reaction
@@ -189,6 +191,45 @@ class Pace:
         """Return every instant up to now that was not given before."""
         while (instant := self.step(now_ns)) is not None:
             yield instant
+
+
+class SteadyDevice(ABC):
+    """A device that sends what it reads at a steady rate: from when its link opens if `unasked_hz` says how often, else
+    while a request has set its pace."""
+
+    IS_STREAM = False
+    """Whether a step sends all messages that are due. Else it sends one, as a datagram is, and if that was late the
+    next follows at once."""
+
+    def __init__(self, read: Callable[[int], Sequence[float]], unasked_hz: float | None = None) -> None:
+        self.sent = 0
+        self._read = read
+        self._unasked_hz = unasked_hz
+        self._connected_ns = 0
+        self._pace: Pace | None = None
+
+    def connected(self, now_ns: int) -> Step:
+        self._connected_ns = now_ns
+        if self._unasked_hz:
+            self._pace = Pace(self._unasked_hz, now_ns)
+        return self._step()
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        return self._step()
+
+    def tick(self, now_ns: int) -> Step:
+        send = b""
+        for instant_ns in islice(self._pace.due(now_ns) if self._pace else (), None if self.IS_STREAM else 1):
+            send += self._message(instant_ns)
+            self.sent += 1
+        return self._step(send)
+
+    def _step(self, send: bytes = b"") -> Step:
+        return Step(send, wake_ns=self._pace.next_ns if self._pace else None)
+
+    @abstractmethod
+    def _message(self, instant_ns: int) -> bytes:
+        """What it sends of this instant."""
 
 
 _FIRST = 25

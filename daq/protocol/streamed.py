@@ -12,7 +12,7 @@ from typing import Protocol
 
 from daq.protocol.conversation import Arrival, Bursts, Fault, FaultKind, Item, Samples, Step
 from daq.protocol.framing import Framer, Message
-from daq.protocol.numerals import HeldShape, Shaped
+from daq.protocol.numerals import PassesShapes
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,26 +44,16 @@ class StreamedDialect(Protocol):
         """Return what to do about a silence."""
 
 
-class Streamed:
+class Streamed(PassesShapes):
     """The host's side of a peer that sends by itself."""
 
     def __init__(self, dialect: StreamedDialect, timeout_s: float) -> None:
-        self._dialect = dialect
+        self._asked = self._dialect = dialect
         self._timeout_s = timeout_s
         self._timeout_ns = round(timeout_s * 1e9)
         self._bursts = Bursts()
         self._wake_ns = 0
         self._over = False
-
-    @property
-    def shapes(self) -> list[HeldShape]:
-        """The shapes that its gauges' numbers are held to; none where they have no text."""
-        return self._dialect.shapes if isinstance(self._dialect, Shaped) else []
-
-    @shapes.setter
-    def shapes(self, shapes: list[HeldShape]) -> None:
-        if isinstance(self._dialect, Shaped):
-            self._dialect.shapes = shapes
 
     def connected(self, now_ns: int) -> Step:
         self._wake_ns = now_ns + self._timeout_ns

@@ -9,9 +9,8 @@ has one chunk, `table-0001.parquet`. `marks.json` says whether the run was expor
 from daq.store.imported import table_run, write_table_run
 from daq.store.ledger import Chunk, Relabelling
 from daq.store.manifest import Manifest, load_manifest
-from daq.store.marks import mark_exported, mark_kept
+from daq.store.marks import mark_exported, mark_kept, relabel
 from daq.store.recover import Recovery, recover
-from daq.store.relabel import relabel
 from daq.store.retention import RunInfo, survey
 from daq.store.run import Run, chunks_of, closed_manifest, is_unclosed, read_run
 from daq.store.run_directory import NearlyFull

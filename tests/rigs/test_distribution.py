@@ -23,6 +23,8 @@ requirements = [
 ]
 """
 """Of uv 0.13 after two parts were added; what the next command does not name, uv removes."""
+BENEATH = getattr(sys, "_base_executable", "python3")
+"""The Python of which this environment was made: on a path with the environment first, `python3` has no pip."""
 OF_A_PROGRAM = [
     ("pipx_metadata.json", "", f"add it: pipx inject {NAME} 'asyncua<2.2,>=2.1' lxml"),
     ("uv-receipt.toml", "", f"add it: uv tool install --with 'asyncua<2.2,>=2.1' --with lxml {NAME}"),
@@ -34,7 +36,7 @@ OF_A_PROGRAM = [
         "add it: uv tool install --with weasyprint --with 'lxml>=5' --with 'asyncua<2.2,>=2.1' --with lxml "
         "'/tmp/rig metrology.whl'",
     ),
-    ("pyvenv.cfg", "", f"add it: python3 -m pip --python {sys.executable} install 'asyncua<2.2,>=2.1' lxml"),
+    ("pyvenv.cfg", "", f"add it: {BENEATH} -m pip --python {sys.executable} install 'asyncua<2.2,>=2.1' lxml"),
     ("pip.py", "", f"add it: {sys.executable} -m pip install 'asyncua<2.2,>=2.1' lxml"),
 ]
 

@@ -6,8 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from analysis.geometry.ball_link import readings
-from analysis.geometry.circle import SENSE, frame_of
+from analysis.geometry.circle import SENSE, frame_of, link_readings
 from analysis.geometry.programs import radial_program
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.kinematics.follow import follow
@@ -38,7 +37,7 @@ def circle_values(test: TestName, direction: Direction) -> tuple[Array, Array, A
     arm, frame = arm_of(rig().robot), frame_of(circle)
     q = follow(arm, frame.poses(phi), np.radians(circle.posture_deg), "test")[order]
     ball = frame.centre + np.array(circle.eccentricity_mm)
-    g_mm = readings(forward(arm, q), ball, np.array([25.0, -25.0]), "roll" if test == "roll" else "yaw", 70.0)
+    g_mm = link_readings(forward(arm, q), ball, np.array([25.0, -25.0]), "roll" if test == "roll" else "yaw", 70.0)
     assert SENSE[direction] * np.diff(frame.angle(forward(arm, q)[:, :3, 3])).sum() > 0
     return np.arange(len(phi)) * 0.1, q, g_mm
 

@@ -21,7 +21,7 @@ from analysis.window.app import Window, app_of
 from analysis.window.controls import Controls
 from analysis.window.guard import Gate
 from analysis.window.made import Made
-from analysis.window.serve import listening, server_of
+from analysis.window.run import listening, server_of
 from analysis.window.shelf import Shelf
 from analysis.window.watcher import Watcher
 from rigs.errors import CellError

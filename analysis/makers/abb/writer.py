@@ -13,10 +13,10 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.makers.writing import ProgramWriter
-from analysis.robot_programs.examine import Demand
 from analysis.robot_programs.plan import (
     ACCELERATION_MM_S2,
     Arc,
+    Demand,
     JointMove,
     Line,
     Move,

@@ -20,9 +20,9 @@ import numpy as np
 
 from analysis.kinematics.arm import Arm
 from analysis.makers.writing import BY_ITSELF, ProgramWriter
-from analysis.robot_programs.examine import Demand
 from analysis.robot_programs.plan import (
     Arc,
+    Demand,
     JointMove,
     Line,
     Move,

@@ -14,11 +14,11 @@ import numpy as np
 
 from analysis.kinematics.arm import Arm, Array
 from analysis.makers.writing import ProgramWriter
-from analysis.robot_programs.examine import Demand
 from analysis.robot_programs.plan import (
     ACCELERATION_MM_S2,
     ZONE_MM,
     Arc,
+    Demand,
     JointMove,
     Line,
     Move,

@@ -10,11 +10,11 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.makers.writing import BY_ITSELF, ProgramWriter
-from analysis.robot_programs.examine import Demand
 from analysis.robot_programs.plan import (
     ACCELERATION_MM_S2,
     ZONE_MM,
     Arc,
+    Demand,
     Hold,
     JointMove,
     Line,

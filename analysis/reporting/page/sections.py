@@ -8,20 +8,17 @@ from typing import get_args
 
 import numpy as np
 
-from analysis.measures.columns import figure_columns
 from analysis.measures.joint_reversals import apart, turns
 from analysis.measures.link_angle import CircleResult
-from analysis.measures.pooled import pairs_of, pooled
+from analysis.measures.pooled import figure_columns, pairs_of, pooled
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, by_test
 from analysis.reporting.chart import Picture
-from analysis.reporting.labels import LEADING, in_order
 from analysis.reporting.model_charts import simulated_charts
-from analysis.reporting.page.report import Report
-from analysis.reporting.page.verdict import title_of
+from analysis.reporting.page.report import Report, title_of
 from analysis.reporting.run_charts import circle_charts, joint_chart, target_charts
-from analysis.reporting.run_words import eccentricities_in_words, figure_in_words, lag_in_words, what_u_is
-from analysis.reporting.texts import Texts
+from analysis.reporting.run_object import eccentricities_in_words, figure_in_words, lag_in_words, what_u_is
+from analysis.reporting.texts import LEADING, Texts, in_order
 from rigs.schema.vocabulary import TestName
 
 _UNPLACED_DEG = 15.0

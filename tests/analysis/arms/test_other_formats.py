@@ -19,7 +19,7 @@ from analysis.correction.exported_arm import friction_nm, joint_traits, torques_
 from analysis.correction.work import tool_poses
 from analysis.kinematics.arm import Array
 from analysis.model.predict import geometric_arm, model_of
-from analysis.traces.friction import Friction
+from analysis.traces.condition import Friction
 from rigs.arms import load_arm
 from rigs.effects import Backlash, Compliance
 from rigs.errors import FileError, UseError

@@ -11,8 +11,8 @@ import pytest
 import yaml
 from pytransform3d.urdf import UrdfTransformManager
 
+from analysis.arms.driver_kinematics import LINKS, NOT_THE_CONTROLLERS, ur_driver_text
 from analysis.arms.robot_section import flange_poses
-from analysis.arms.ur_driver import LINKS, NOT_THE_CONTROLLERS, ur_driver_text
 from analysis.arms.urdf import import_urdf
 from analysis.arms.urdf_text import urdf_text
 from analysis.correction.work import tool_poses

@@ -129,7 +129,7 @@ def test_the_extended_rig_simulates_and_nothing_more_is_missing(
     done = _rig("diagnose", *cell.runs, cell.runs[0], "--rig", extended)
     assert done.exit_code == 0, (done.output, done.exception)
     plain = " ".join(done.stdout.split())
-    assert plain.startswith("Little is missing in the model: most of what is left differs from run to run, and ")
+    assert plain.startswith("Nothing is missing in the model any more; what is left differs from run to run.")
     assert "A calibration leaves" not in plain and done.stderr == ""
     assert f"{len(cell.runs)} runs" in done.stdout
 

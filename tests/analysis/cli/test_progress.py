@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.cli.progress import progress_of
+from analysis.cli.console import progress_of
 from tests.support.command_line import ran
 from tests.support.store_cases import finished
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.conventions.finding import Finding
-from analysis.conventions.gauge_order import ORDER
+from analysis.conventions.gauge_sign import ORDER
 from analysis.conventions.lost_poses import DUPLICATES, WILDNESS
 from analysis.conventions.place import PLACE, STAMPS
 from analysis.conventions.units import unit_findings

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from analysis.correction.correct import correct_rig
-from analysis.correction.refusal import ANYWAY
+from analysis.correction.support import ANYWAY
 from rigs.calibration import Judged
 from rigs.load import load
 from tests.support.command_line import ran

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.emulation.controller import Controller
+from analysis.emulation.driving import Controller
 from analysis.makers.emulated import COUNTS_PER_DEG, GEAR_RATIO
 from rigs.errors import FileError
 from rigs.schema.vocabulary import MakerName

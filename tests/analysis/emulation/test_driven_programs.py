@@ -19,7 +19,7 @@ from analysis.emulation.pendant import Pendant
 from analysis.geometry.programs import circle_program
 from analysis.makers.writing import programs_of, write_programs
 from analysis.reporting import correction_report
-from analysis.robot_programs.examine import demand_of
+from analysis.robot_programs.plan import demand_of
 from analysis.robot_programs.planned import plans_of
 from analysis.simulation.emulated_robot import Trace
 from rigs.effects import Effect, Found, JointOffset, LinkGeometry

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.geometry.circle import frame_of, reversals
-from analysis.geometry.feasible import feasible_tests
-from analysis.geometry.programs import circle_laps, circle_of, circle_program, lap
+from analysis.geometry.programs import circle_laps, circle_of, circle_program, feasible_tests, lap
 from analysis.kinematics.arm import arm_of, forward
 from analysis.simulation.emulated_robot import trace
 from rigs.errors import FileError

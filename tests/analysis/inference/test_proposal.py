@@ -11,8 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from analysis.geometry.feasible import feasible_tests
-from analysis.geometry.programs import circle_program
+from analysis.geometry.programs import circle_program, feasible_tests
 from analysis.inference import proposal as proposals
 from analysis.inference.blocks import Block
 from analysis.inference.expected import FormInformation, expected_posterior, planned_blocks

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from analysis.inference.blocks import Block, blocks_of
+from analysis.inference.budget import Measure
 from analysis.inference.candidates import candidates_for, columns_for
 from analysis.inference.expected import planned_blocks
 from analysis.inference.noise import Repeated, RunScatter, stamp_noise
@@ -226,9 +227,8 @@ def test_every_search_allows_for_it() -> None:
 def test_what_stamps_add_is_no_place() -> None:
     linear, rng = _linear((PLAY,), 4), np.random.default_rng(2)
     shown = [block.stamps_mm @ rng.standard_normal(block.stamps_mm.shape[1]) for block in linear.blocks]
-    assert places(linear.blocks, shown) == ()
-    without = [replace(block, stamps_mm=block.stamps_mm[:, :0]) for block in linear.blocks]
-    assert places(without, shown)
+    assert places(linear.blocks, shown, Measure(linear).scatter_mm()) == ()
+    assert places(linear.blocks, shown, [block.stamps_mm[:, :0] for block in linear.blocks])
 
 
 def test_planned_repeats_have_less_of_it() -> None:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from datetime import date
 from functools import cache
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from analysis.inference import diagnose as verdicts
 from analysis.inference import search as engine
 from analysis.inference import state as selection_state
+from analysis.inference.budget import runs_apart
 from analysis.inference.candidates import Candidate, candidates_for
 from analysis.inference.diagnose import diagnose, doubts_of_limits
 from analysis.inference.prepared_runs import prepare_runs
@@ -209,6 +212,28 @@ def test_rivals_that_the_circle_cannot_part_are_ambiguous_with_a_next_test() -> 
         assert rival.sd[size_field(rival.effect)] > 0
     assert found.next_test and found.next_test.expected_sigma > 3 and found.next_test.why
     assert any({"joint_offset 5", "link_geometry 6.a"} <= set(group) for group in found.groups)
+
+
+def _with_runs(result: SearchResult, apart: float, count: int = 40) -> SearchResult:
+    """The result of runs that differ by their noise, and in the size of the first name by so much of it."""
+    rng, linear, change = np.random.default_rng(7), result.linear, result.contributions[0]
+    simulated = []
+    for one, rows in zip(linear.simulated, linear.rows, strict=True):
+        drawn = np.sqrt(count) * rng.standard_normal((count, len(change[rows])))
+        drawn += apart * rng.standard_normal((count, 1)) * change[rows]
+        block = replace(one.block, apart_mm=(drawn - drawn.mean(axis=0)) * one.block.sd_mm, count=count)
+        simulated.append(replace(one, block=block))
+    changed = copy(result)
+    whole = replace(result.selection, linear=replace(linear, simulated=tuple(simulated)))
+    object.__setattr__(changed, "selection", whole)
+    return changed
+
+
+def test_a_size_that_single_runs_show_apart_is_as_uncertain_as_their_mean() -> None:
+    """As of a joint that wanders on its way: neither noise that is alike everywhere nor scatter of all joints."""
+    assert runs_apart(_with_runs(_searched(), 0.0), 0) == 0.0
+    expected = 0.3 / np.sqrt(40) / np.sqrt(len(_searched().linear.blocks))
+    assert runs_apart(_with_runs(_searched(), 0.3), 0) == pytest.approx(expected, rel=0.4)
 
 
 def test_a_swing_that_begins_anew_with_every_run_is_named() -> None:

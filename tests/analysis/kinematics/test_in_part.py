@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import minimize
 
 from analysis.kinematics.arm import Arm, Array, arm_of, forward, forward_and_jacobian
-from analysis.kinematics.in_part import nearest, turned_rad
+from analysis.kinematics.newton import newton_in_part, turned_rad
 from rigs.arms import load_arm
 
 WIDOWX = arm_of(load_arm("widowx-250").robot)
@@ -29,7 +29,7 @@ def postures(arm: Arm, count: int) -> Array:
 def test_a_pose_that_the_arm_has_is_taken_whole(arm: Arm) -> None:
     q = postures(arm, 20)
     wanted = forward(arm, q)
-    found, reached = nearest(arm, wanted, q + np.random.default_rng(1).uniform(-0.05, 0.05, q.shape))
+    found, reached = newton_in_part(arm, wanted, q + np.random.default_rng(1).uniform(-0.05, 0.05, q.shape))
     assert reached.all()
     np.testing.assert_allclose(forward(arm, found), wanted, atol=1e-6)
 
@@ -40,7 +40,7 @@ def test_the_place_is_taken_and_the_turn_is_the_nearest_that_is_left(arm: Arm) -
     q = postures(arm, 2)
     wanted = forward(arm, q)
     wanted[:, :3, :3] = wanted[:, :3, :3] @ turned_about([0.06, -0.05, 0.08])
-    found, reached = nearest(arm, wanted, q)
+    found, reached = newton_in_part(arm, wanted, q)
     assert reached.all()
     np.testing.assert_allclose(forward(arm, found)[:, :3, 3], wanted[:, :3, 3], atol=1e-6)
     for at, pose in zip(found, wanted, strict=True):
@@ -64,7 +64,7 @@ def turned_about(vector: list[float]) -> Array:
 def test_a_place_out_of_reach_is_not_taken() -> None:
     far = np.eye(4)[None].copy()
     far[0, :3, 3] = [2000, 0, 0]
-    assert not nearest(WIDOWX, far, postures(WIDOWX, 1))[1].any()
+    assert not newton_in_part(WIDOWX, far, postures(WIDOWX, 1))[1].any()
 
 
 def test_where_the_tool_really_is_decides() -> None:
@@ -77,7 +77,7 @@ def test_where_the_tool_really_is_decides() -> None:
         return T
 
     q = postures(WIDOWX, 5)
-    found, reached = nearest(WIDOWX, forward(WIDOWX, q), q, really)
+    found, reached = newton_in_part(WIDOWX, forward(WIDOWX, q), q, really)
     assert reached.all()
     np.testing.assert_allclose(really(found)[:, :3, 3], forward(WIDOWX, q)[:, :3, 3], atol=1e-6)
     assert forward_and_jacobian(WIDOWX, found)[1].shape[2] == 5

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from analysis import evaluate, load_run
-from analysis.live.cell import cell_of
 from analysis.live.controls import UNITS, Controls
 from analysis.live.figures import angle_deg, figures, phi_deg, plain_line, shown_curves
 from analysis.live.played_run import played_run
-from analysis.live.rows import Rows
+from analysis.live.rows import Rows, cell_of
 from analysis.live.screen import screen
 from analysis.live.view import Event, LiveView, Reading, Update
 from analysis.measures.joint_reversals import turns

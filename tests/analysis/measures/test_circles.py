@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from analysis.conventions.place import place_findings, stamp_findings
-from analysis.geometry.ball_link import readings
-from analysis.geometry.circle import CircleFrame, Reversal, frame_of, reversals
+from analysis.geometry.circle import CircleFrame, Reversal, frame_of, link_readings, reversals
 from analysis.geometry.programs import circle_of, circle_program, drive
 from analysis.kinematics.arm import arm_of, forward
 from analysis.measures import circularity, direction_pair, roll, yaw
@@ -16,7 +15,7 @@ from analysis.measures.evaluate import evaluate
 from analysis.measures.joint_reversals import apart, beside, turns
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.reduction import reduced
-from analysis.reporting.run_words import figure_in_words
+from analysis.reporting.run_object import figure_in_words
 from analysis.simulation.simulate import simulate
 from analysis.traces.laps import Laps, laps_of
 from analysis.traces.tables import CircleTable
@@ -46,7 +45,7 @@ def _said(result: CircleResult) -> tuple[str, ...]:
 
 
 def _ball(test: str, ball: tuple[float, float, float]) -> np.ndarray:
-    return readings(FRAME.poses(PHI), np.array(ball), OFFSETS, test, 70.0)
+    return link_readings(FRAME.poses(PHI), np.array(ball), OFFSETS, test, 70.0)
 
 
 def test_roll_tells_the_balls_height_and_the_eccentricity_gives_no_sine() -> None:
@@ -169,7 +168,7 @@ def _table() -> tuple[CircleTable, Rig]:
     program = circle_program(rig, "acw")
     poses = forward(arm_of(rig.robot), program.q)
     ball = frame_of(circle_of(rig)).centre + BALL
-    return CircleTable("yaw", "acw", program.t_s, program.q, readings(poses, ball, OFFSETS, "yaw", 70.0)), rig
+    return CircleTable("yaw", "acw", program.t_s, program.q, link_readings(poses, ball, OFFSETS, "yaw", 70.0)), rig
 
 
 def test_every_lap_is_used_and_the_way_back_between_them_is_not() -> None:

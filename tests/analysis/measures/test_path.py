@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analysis.conventions.path_places import places_of
+from analysis.conventions.lost_poses import places_of
 from analysis.geometry.iso_cube import Cube
 from analysis.measures import path
 from analysis.traces.tables import PathTable

@@ -7,8 +7,7 @@ import pyarrow as pa
 import pytest
 
 from analysis.conventions.units import unit_findings
-from analysis.files.read import parse_csv
-from analysis.files.sequence import check_sequence
+from analysis.files.read import check_sequence, parse_csv
 from analysis.kinematics.arm import forward
 from analysis.measures.simulated_touches import planned_touches, simulated_touches
 from analysis.measures.touch import evaluate

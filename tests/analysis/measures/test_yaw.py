@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from analysis.geometry.ball_link import angle, readings
-from analysis.geometry.circle import CircleFrame, frame_of
+from analysis.geometry.circle import CircleFrame, frame_of, link_angle, link_readings
 from analysis.geometry.programs import circle_of
 from analysis.measures.link_angle import fit_sine
 from analysis.measures.yaw import evaluate, plain_figures
@@ -27,8 +26,8 @@ def test_the_papers_example_of_eccentricity() -> None:
     """Section 2.1: e = 14.142 mm at R = 70 mm gives 11.56° by the rule, asin(e/R) exactly."""
     ball = np.array([10.0, 10.0, 0.0])
     T = FRAME.poses(PHI)
-    g = readings(T, ball, OFFSETS, "yaw", 70.0)
-    measured = np.degrees(angle(g[:, 0], g[:, 1], 50.0))
+    g = link_readings(T, ball, OFFSETS, "yaw", 70.0)
+    measured = np.degrees(link_angle(g[:, 0], g[:, 1], 50.0))
     assert measured.max() == pytest.approx(np.degrees(np.arcsin(14.142 / 70)), abs=1e-3)
     sine = fit_sine(PHI, np.radians(measured))
     assert np.degrees(np.hypot(sine.a, sine.b)) == pytest.approx(206.26481 * 14142.136 / 70 / 3600)
@@ -40,11 +39,11 @@ def test_readings_give_back_the_angle_whatever_the_eccentricity() -> None:
     T = FRAME.poses(PHI)
     line = ball - T[:, :3, 3]
     yaw = np.arctan2(np.einsum("ni,ni->n", line, T[:, :3, 1]), np.einsum("ni,ni->n", line, T[:, :3, 2]))
-    g = readings(T, ball, OFFSETS, "yaw", 70.0)
-    np.testing.assert_allclose(angle(g[:, 0], g[:, 1], 50.0), yaw, atol=1e-12)
+    g = link_readings(T, ball, OFFSETS, "yaw", 70.0)
+    np.testing.assert_allclose(link_angle(g[:, 0], g[:, 1], 50.0), yaw, atol=1e-12)
     roll = np.arctan2(np.einsum("ni,ni->n", line, T[:, :3, 0]), np.einsum("ni,ni->n", line, T[:, :3, 2]))
-    g = readings(T, ball, OFFSETS, "roll", 70.0)
-    np.testing.assert_allclose(angle(g[:, 0], g[:, 1], 50.0), roll, atol=1e-12)
+    g = link_readings(T, ball, OFFSETS, "roll", 70.0)
+    np.testing.assert_allclose(link_angle(g[:, 0], g[:, 1], 50.0), roll, atol=1e-12)
 
 
 def test_the_sine_is_the_papers_and_its_shift_keeps_the_quadrant() -> None:
@@ -55,7 +54,7 @@ def test_the_sine_is_the_papers_and_its_shift_keeps_the_quadrant() -> None:
 
 def test_eccentricity_is_the_ball_from_the_centre() -> None:
     ball = np.array([0.8, -0.5, 0.3])
-    g = readings(FRAME.poses(PHI), ball, OFFSETS, "yaw", 70.0)
+    g = link_readings(FRAME.poses(PHI), ball, OFFSETS, "yaw", 70.0)
     figures = evaluate(_lap(g), 50.0, 0.05, 1e-3).figures
     assert figures["eccentricity_u_mm"].value == pytest.approx(0.8, abs=1e-4)
     assert figures["eccentricity_v_mm"].value == pytest.approx(-0.5, abs=1e-4)
@@ -83,7 +82,7 @@ def test_stated_uncertainty_covers_the_truth_as_often_as_it_says(name: str, nois
     lap = (driven.phi >= 0) & (driven.phi < 2 * np.pi) & (driven.t_s < 20)
     t, phi, q, g = driven.t_s[lap], driven.phi[lap], driven.q[lap], driven.g_mm[lap]
     frame, rng = frame_of(circle_of(rig)), np.random.default_rng(5)
-    truth = plain_figures(phi, angle(g[:, 0], g[:, 1], 50.0), frame.radius)
+    truth = plain_figures(phi, link_angle(g[:, 0], g[:, 1], 50.0), frame.radius)
     repetitions, u_lag, u_baseline = 120, 2e-3, 0.02
     covered = dict.fromkeys(truth, 0)
     for _ in range(repetitions):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.kinematics.arm import Arm, Array, link_frames
-from analysis.model.gravity import Load, pull
+from analysis.model.scene import Load, pull
 from tests.support.five_arms import ARMS, calibrated
 
 G = 9.80665

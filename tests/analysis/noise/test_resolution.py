@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from analysis.noise.resolution import shared_rounding, step_of_stops
+from analysis.noise.readings import shared_rounding, step_of_stops
 
 
 @pytest.mark.parametrize("step_mm", [0.01, 0.001, 0.0005 * 25.4])

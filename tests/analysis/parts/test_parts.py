@@ -10,10 +10,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from analysis.parts.drawing import drawing
-from analysis.parts.sheet import purchases, sheet
+from analysis.parts.sheet import drawing, purchases, sheet
 from analysis.parts.sizes import Bought, PrintedPart, parts_of, remarks_of, seat_of
-from analysis.parts.solid import Solid, turned
+from analysis.parts.solid import turned
 from rigs.arms import load_arm
 from rigs.errors import UseError
 from rigs.load import load, parse
@@ -50,16 +49,7 @@ def test_each_edge_of_the_file_has_one_partner_that_runs_the_other_way(part: Pri
     ways = edges(facets(part.solid.stl()))
     assert set(ways.values()) == {1}
     assert {(b, a) for a, b in ways} == set(ways)
-    assert part.solid.open_edges == 0
     assert part.solid.volume_mm3 > 1000
-
-
-def test_a_hole_in_a_surface_is_seen() -> None:
-    whole = turned([(0, 10), (5, 10), (5, 0), (0, 0)])
-    assert whole.open_edges == 0
-    assert Solid(whole.corners, whole.faces[1:]).open_edges == 3
-    turned_over = Solid(whole.corners, np.vstack([whole.faces[:1, ::-1], whole.faces[1:]]))
-    assert turned_over.open_edges > 0
 
 
 def test_a_turned_cylinder_has_its_volume() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import analysis
-from analysis.reporting.run_words import eccentricities_in_words
+from analysis.reporting.run_object import eccentricities_in_words
 from rigs.effects import JointOffset
 
 

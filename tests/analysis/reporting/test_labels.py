@@ -1,6 +1,6 @@
 """Rows of a report: every figure has a label, and details stand under the line that they belong to."""
 
-from analysis.reporting.labels import (
+from analysis.reporting.texts import (
     _LABELS,  # private: every figure that has a label
     in_order,
     label,

@@ -4,8 +4,7 @@ import string
 
 import pytest
 
-from analysis.reporting.labels import label
-from analysis.reporting.texts import LANGUAGES, Language, texts_of
+from analysis.reporting.texts import LANGUAGES, Language, label, texts_of
 from rigs.effects import VOCABULARY
 from rigs.schema.limits import Limits
 

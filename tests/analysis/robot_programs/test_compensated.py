@@ -29,8 +29,7 @@ from analysis.makers.emulated import Event, Pose, Round, Stood, Straight, Waited
 from analysis.makers.writing import programs_of
 from analysis.reporting.correction_report import write
 from analysis.robot_programs.compensated import compensated, table_of
-from analysis.robot_programs.examine import Demand, demand_of
-from analysis.robot_programs.plan import Plan
+from analysis.robot_programs.plan import Demand, Plan, demand_of
 from analysis.robot_programs.planned import plans_of
 from rigs.effects import Found, JointOffset
 from rigs.errors import FileError

@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 from analysis.makers.writing import programs_of
-from analysis.robot_programs.examine import Demand, demand_of
-from analysis.robot_programs.plan import Plan
+from analysis.robot_programs.plan import Demand, Plan, demand_of
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.text import fixed, identifier, wrapped
 from rigs.errors import FileError

@@ -12,8 +12,7 @@ from analysis.geometry.iso_cube import cube_of
 from analysis.makers import maker_by
 from analysis.makers.emulated import Round, Stood, Straight, Waited
 from analysis.makers.writing import programs_of
-from analysis.robot_programs.examine import demand_of
-from analysis.robot_programs.plan import Plan
+from analysis.robot_programs.plan import Plan, demand_of
 from analysis.robot_programs.planned import cube_plan, path_plan
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Iso9283

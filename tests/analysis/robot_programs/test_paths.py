@@ -18,8 +18,7 @@ from analysis.geometry.programs import circle_of, circle_program, hemisphere_of,
 from analysis.makers import maker_by
 from analysis.makers.emulated import Array, Event, Held, Posture, Round, Stood, Straight, Waited
 from analysis.makers.writing import programs_of
-from analysis.robot_programs.examine import Demand, demand_of
-from analysis.robot_programs.plan import Plan
+from analysis.robot_programs.plan import Demand, Plan, demand_of
 from analysis.robot_programs.planned import plans_of
 from rigs.schema.vocabulary import MAKERS, DrivenTest, MakerName
 from tests.support.interpreters.arms import ARMS, LIBRARY, pose_of, reached, rig_of

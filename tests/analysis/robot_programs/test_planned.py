@@ -13,8 +13,7 @@ from analysis.kinematics.arm import Array
 from analysis.makers import maker_by
 from analysis.makers.emulated import Held, Shown, Switched
 from analysis.makers.writing import feedback_note, programs_of
-from analysis.robot_programs.examine import demand_lines, demand_of
-from analysis.robot_programs.plan import Hold, Plan, Signal
+from analysis.robot_programs.plan import Hold, Plan, Signal, demand_lines, demand_of
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.ways import around
 from daq.feedback import line_feed

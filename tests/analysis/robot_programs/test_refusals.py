@@ -10,7 +10,7 @@ import pytest
 from analysis.makers import maker_by, maker_of_file
 from analysis.makers.emulated import ProgramError
 from analysis.makers.writing import programs_of
-from analysis.robot_programs.examine import demand_of
+from analysis.robot_programs.plan import demand_of
 from analysis.robot_programs.planned import plans_of
 from rigs.schema.vocabulary import MAKERS, MakerName
 from tests.support.interpreters.arms import rig_of

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from analysis.makers.writing import programs_of
-from analysis.robot_programs.examine import demand_of
+from analysis.robot_programs.plan import demand_of
 from analysis.session.plan import BY_HAND, FIXED, minutes_of, planned, programs_of_steps
 from analysis.session.state import Aim, Emulated, Place, Try
 from daq.store import durable

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from analysis.emulation.keyboard import CellEvent, Keyboard
+from analysis.emulation.served_cell import CellEvent, Keyboard
 from analysis.session.cell import EmulatedHands, Hear
 from analysis.session.state import Emulated, Stage
 from rigs.errors import CellError
@@ -27,9 +27,11 @@ class Cell:
     log: Path = Path("emulated.log")
     runs: bool = True
     hear: Hear = print
+    seeds: list[str] = field(default_factory=list)
 
-    def start(self, _: Sequence[str | Path], __: Path, hear: Hear) -> Cell:
+    def start(self, arguments: Sequence[str | Path], _: Path, hear: Hear) -> Cell:
         self.hear = hear
+        self.seeds.append(str(arguments[-1]))
         hear(CellEvent("ready", "cell/rig.yaml", "ready"))
         return self
 
@@ -45,8 +47,8 @@ class Cell:
         self.runs = False
 
 
-def hands_at(cell: Cell, *entered: Path) -> EmulatedHands:
-    hands = EmulatedHands(Path("session"), "kuka", Emulated(), entered, cell.start)
+def hands_at(cell: Cell, *entered: Path, directory: Path = Path("session")) -> EmulatedHands:
+    hands = EmulatedHands(directory, "kuka", Emulated(), entered, cell.start)
     hands.set_up(Stage(name="yaw", words="the ball"), Path("yaml"))
     return hands
 
@@ -86,6 +88,14 @@ def test_values_that_were_entered_before_are_entered_at_each_stage() -> None:
     cell = Cell({"enter": (CellEvent("entered", "corrections.yaml", ""),)})
     hands_at(cell, Path("corrections.yaml"))
     assert cell.typed == ["enter corrections.yaml"]
+
+
+def test_a_cell_that_goes_on_after_a_cut_does_not_repeat_its_noise(tmp_path: Path) -> None:
+    cell = Cell()
+    hands_at(cell, directory=tmp_path)
+    (tmp_path / "runs" / "20260101T000000Z_p01-yaw-acw").mkdir(parents=True)
+    hands_at(cell, directory=tmp_path)
+    assert len({*cell.seeds}) == 2
 
 
 def test_a_cell_that_has_ended_ends_the_session() -> None:

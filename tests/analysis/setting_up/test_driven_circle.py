@@ -14,7 +14,7 @@ from analysis.geometry.programs import circle_of, circle_program, stops
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.kinematics.follow import follow
 from analysis.setting_up.driven_circle import DrivenCircle, driven_circle
-from analysis.traces.robot_motion import RobotMotion
+from analysis.traces.loading import RobotMotion
 from rigs.errors import FileError
 from rigs.load import load, parse
 from rigs.rig import Rig

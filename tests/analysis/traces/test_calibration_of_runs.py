@@ -10,7 +10,7 @@ import pyarrow.csv
 import pytest
 
 import analysis
-from analysis.batch.run_files import is_read
+from analysis.batch.remote_store import is_read
 from daq.store import verify
 from rigs import load as reading
 from rigs.calibration import CALIBRATION

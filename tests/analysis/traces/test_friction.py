@@ -10,8 +10,7 @@ import pytest
 import yaml
 
 from analysis.simulation.emulated_robot import EmulatedRobot, friction_current_a
-from analysis.traces.condition import condition_of
-from analysis.traces.friction import friction_of
+from analysis.traces.condition import condition_of, friction_of
 from analysis.traces.loading import load_measured
 from daq.emulators.instruments import instruments_of
 from daq.store import read_run

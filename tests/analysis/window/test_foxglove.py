@@ -23,8 +23,7 @@ from websockets.typing import Origin, Subprotocol
 
 from analysis.files.mcap_export import write_mcap
 from analysis.kinematics.arm import arm_of, forward
-from analysis.window.foxglove import Foxglove
-from analysis.window.foxglove_door import refused
+from analysis.window.foxglove import Foxglove, refused
 from analysis.window.guard import Gate
 from daq.store import read_run
 from rigs.errors import CellError

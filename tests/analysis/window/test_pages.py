@@ -24,11 +24,11 @@ from analysis.live.view import LiveView, Reading, Update
 from analysis.reporting.texts import LANGUAGES
 from analysis.session.state import Place, Session, Step, Try
 from analysis.window import frames
-from analysis.window.board import Board
+from analysis.window.app import language_of
+from analysis.window.app import words_of as texts_of
 from analysis.window.controls import Controls
-from analysis.window.session import summary
-from analysis.window.texts import language_of, texts_of
-from analysis.window.watcher import Watcher
+from analysis.window.frames import summary
+from analysis.window.watcher import Board, Watcher
 from daq.store.marks import load_marks
 from rigs.errors import CellError
 from tests.support.nightly import cases
@@ -57,7 +57,7 @@ PLACES = (
 )
 WINDOW = Path(__file__).parents[3] / "analysis" / "window"
 ROOT = WINDOW.parents[1]
-METRICS = ("daq/service/metrics.py", "analysis/window/metrics.py")
+METRICS = ("daq/service/metrics.py", "analysis/window/shelf.py")
 TEMPLATES = WINDOW.parent / "templates" / "window"
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.window import board, serve
+from analysis.window import run, watcher
 from tests.support.windows import PATIENCE_S, Served, served, told
 
 EVENTS = b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"
@@ -38,16 +38,16 @@ def ended(sock: socket.socket) -> bool:
 
 
 def test_silent_connections_make_room_and_are_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serve, "HEAD_S", 2.0)
+    monkeypatch.setattr(run, "HEAD_S", 2.0)
     with served(tmp_path) as one, ExitStack() as stack:
-        silent = [stack.enter_context(one.raw()) for _ in range(3 * serve.MOST_CONNECTIONS)]
+        silent = [stack.enter_context(one.raw()) for _ in range(3 * run.MOST_CONNECTIONS)]
         heard(one)
         assert one.ask("/").status == 200
         assert all(ended(sock) for sock in silent)
 
 
 def test_a_head_that_comes_drop_by_drop_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serve, "HEAD_S", 0.3)
+    monkeypatch.setattr(run, "HEAD_S", 0.3)
     with served(tmp_path) as one, one.raw(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ") as sock:
         assert ended(sock)
         with one.raw(b"GET /static/icon.svg HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n") as second:
@@ -59,7 +59,7 @@ def test_a_head_that_comes_drop_by_drop_is_not_waited_for(tmp_path: Path, monkey
 def test_a_reader_that_takes_nothing_is_dropped_and_starves_nobody(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(serve, "SLOW_S", 0.5)
+    monkeypatch.setattr(run, "SLOW_S", 0.5)
     with served(tmp_path) as one, ExitStack() as stack:
         slow = []
         for _ in range(5):
@@ -83,7 +83,7 @@ def test_a_reader_that_takes_nothing_is_dropped_and_starves_nobody(
 
 def test_pages_beyond_the_most_are_told_to_come_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("analysis.window.app.MOST_VIEWERS", 3)
-    assert board.MOST_VIEWERS >= 10
+    assert watcher.MOST_VIEWERS >= 10
     with served(tmp_path) as one, ExitStack() as stack:
         for _ in range(3):
             stack.enter_context(one.raw(EVENTS)).recv(100)
@@ -129,4 +129,4 @@ def test_a_port_that_is_taken_is_said(tmp_path: Path) -> None:
     from rigs.errors import CellError  # noqa: PLC0415
 
     with served(tmp_path) as one, pytest.raises(CellError, match="cannot be listened on"):
-        serve.listening("127.0.0.1", one.port)
+        run.listening("127.0.0.1", one.port)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from daq.discovery.reports import evidence_of
+from daq.discovery.attempts import evidence_of
 from daq.discovery.watch import pushed
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 

@@ -13,7 +13,7 @@ import daq.feedback
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
 from daq.protocol.positions import LIMIT
 from rigs.schema.feedback import Feedback
-from tests.support.drivers import egm, j519, rsi
+from tests.support.drivers import egm, j519, lines, rsi
 from tests.support.simulated_conversation import S, Script
 
 GARBLED, LATE, MISSING, SKIPPED = FaultKind.GARBLED, FaultKind.LATE, FaultKind.MISSING, FaultKind.SKIPPED
@@ -331,6 +331,15 @@ def test_after_a_silence_the_count_begins_anew(name: str) -> None:
     assert script.now_ns == feedback.timeout_s * S
     script.receive(packet(500 * step))
     assert [_word(item) for item in script.taken()] == [("sample", 1), (FaultKind.SILENT, 1), ("sample", 1)]
+
+
+@pytest.mark.parametrize(("feedback", "sent"), [(egm(), 1), (rsi(), 1), (lines(), 11)])
+def test_a_tick_that_is_late_sends_one_datagram_or_all_that_a_stream_lacks(feedback: Feedback, sent: int) -> None:
+    device = daq.feedback.device(feedback, lambda _: [0.0] * 6)
+    assert device.connected(5 * S).wake_ns == 5 * S
+    wake_ns = device.tick(5 * S + S // 10).wake_ns
+    assert device.sent == sent
+    assert wake_ns is not None and (wake_ns <= 5 * S + S // 10) is (sent == 1), "the next at once, or in its time"
 
 
 def test_a_rsi_controller_quicker_than_the_rig_file_says_loses_nothing() -> None:

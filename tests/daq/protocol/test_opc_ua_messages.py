@@ -15,7 +15,7 @@ from asyncua import ua
 import daq.feedback
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.protocol.opc_ua import ACKNOWLEDGE, ERROR, MESSAGE, NO_STAMP, OPEN, Channel, decoded, type_of
-from daq.protocol.opc_ua_condition import condition_of
+from daq.protocol.opc_ua_nodes import condition_of
 from daq.protocol.opc_ua_values import ArmPosition, AxisValue, Together
 from rigs.schema.condition import ProgramState, SafetyState
 from tests.support.drivers import NODES, opc_ua

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.cli.logs import line
+from analysis.cli.doctor import line
 from daq.service import journal
 from rigs.errors import CellError
 

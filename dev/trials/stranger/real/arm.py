@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dev.trials.stranger.draw import candidate, foreign
-from dev.trials.stranger.faults import SIGNED, Fault
+from dev.trials.stranger.faults import SIGNED, SIZE, Fault
 from dev.trials.stranger.names import drawn_shape, everything
 from dev.trials.stranger.real.noise import log_uniform
 
@@ -74,9 +74,10 @@ def _without_phase(fault: Fault) -> dict[str, float]:
 
 
 def drawn_fault(rng: np.random.Generator, kind: str) -> Fault | None:
-    """A fault by itself, of a size that its kind allows; None where no such cell exists."""
+    """A fault by itself, of a size that its kind allows; None where no such cell exists. An effect is a kind too."""
     off_grid = kind == "off_grid"
-    fault = candidate(rng, OFF_GRID if off_grid else None, (0.3, 0.9) if off_grid else (0.0, 0.25))
+    effects = OFF_GRID if off_grid else (kind,) if kind in SIZE else None
+    fault = candidate(rng, effects, (0.3, 0.9) if off_grid else (0.0, 0.25))
     if off_grid:
         fault = replace(fault, shape=_off_grid(fault, rng))
     fault = fault.sized(fault.size * float(log_uniform(*(TIMES_LARGE if kind == "one_large" else TIMES), rng)))

@@ -18,7 +18,7 @@ from analysis.makers import maker_of_file
 from analysis.makers.emulated import Event, Pose, Round, Stood, Straight
 from analysis.makers.writing import programs_of, write_programs
 from analysis.robot_programs.compensated import targets_of
-from analysis.robot_programs.examine import demand_of
+from analysis.robot_programs.plan import demand_of
 from analysis.robot_programs.planned import plans_of
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MAKERS, MakerName

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from analysis.correction.refusal import ANYWAY
+from analysis.correction.support import ANYWAY
 from analysis.makers import maker_by
 from analysis.makers.reading import with_remark
 from dev.trials.programs.arms import DIALECTS

@@ -13,8 +13,7 @@ import pytest
 from analysis import evaluate_runs, load_run
 from analysis.reporting.html_page import hold_pdf, write_pdf
 from analysis.reporting.page.report import Report, gather
-from analysis.reporting.page.trace import Heading
-from analysis.reporting.page.write_page import rendered, write_page
+from analysis.reporting.page.write_page import Heading, rendered, write_page
 from analysis.reporting.texts import texts_of
 from rigs.distribution import to_install
 from rigs.errors import CellError, FileError, UseError

@@ -12,8 +12,8 @@ import yaml
 
 from analysis import Result, evaluate_runs, load_run
 from analysis.inference.verdict import standing_of
-from analysis.measures.columns import figure_columns
-from analysis.reporting.page.verdict import Verdict, example_limits, judge, named, verdict_sentence
+from analysis.measures.pooled import figure_columns
+from analysis.reporting.page.report import Verdict, example_limits, judge, named, verdict_sentence
 from analysis.reporting.texts import LANGUAGES, Language, texts_of
 from rigs.load import load, load_hidden
 from rigs.schema.limits import CircleLimits, Limit, Limits
@@ -56,7 +56,7 @@ def test_the_example_of_limits_makes_every_test_judged() -> None:
 def test_of_a_test_without_limits_no_example_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     """A kind of one's own may inherit the example of places; a rig file would refuse its lines."""
     height = SimpleNamespace(test="height", example=("rms_mm", 0.5, 1.0))
-    monkeypatch.setattr("analysis.reporting.page.verdict.kinds", lambda: iter([height]))
+    monkeypatch.setattr("analysis.reporting.page.report.kinds", lambda: iter([height]))
     assert example_limits(Verdict("unjudged", (), ("height",))) == ""  # type: ignore[arg-type]
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import struct
 
 from daq.feedback import Read
-from daq.protocol.conversation import Device, FaultKind, Host, Step
-from daq.protocol.positions import Order, Pace, Position, Positions, Refused
+from daq.protocol.conversation import Device, FaultKind, Host
+from daq.protocol.positions import Order, Position, Positions, Refused, SteadyDevice
 from daq.protocol.streamed import Streamed
 from rigs.schema.example_arm import ExampleArm
 
@@ -27,7 +27,7 @@ def host(feedback: ExampleArm) -> Host:
 
 def device(feedback: ExampleArm, read: Read) -> Device:
     """Return the controller's side of the conversation."""
-    return _Controller(read)
+    return _Controller(read, RATE_HZ)
 
 
 def _decode(data: bytes) -> Position | Refused:
@@ -37,31 +37,9 @@ def _decode(data: bytes) -> Position | Refused:
     return Position(tuple(angles_deg), clock_us * 1e-6, number)
 
 
-class _Controller:
+class _Controller(SteadyDevice):
     """The controller, which is switched on when the link opens."""
 
-    def __init__(self, read: Read) -> None:
-        self.sent = 0
-        self._read = read
-        self._start_ns = 0
-        self._pace = Pace(RATE_HZ, 0)
-
-    def connected(self, now_ns: int) -> Step:
-        self._start_ns = now_ns
-        self._pace = Pace(RATE_HZ, now_ns)
-        return Step(wake_ns=now_ns)
-
-    def received(self, data: bytes, now_ns: int) -> Step:
-        return Step(wake_ns=self._pace.next_ns)
-
-    def tick(self, now_ns: int) -> Step:
-        """Send one datagram; a tick that is late is followed by the next at once."""
-        instant_ns = self._pace.step(now_ns)
-        send = b"" if instant_ns is None else self._datagram(instant_ns)
-        return Step(send, wake_ns=self._pace.next_ns)
-
-    def _datagram(self, instant_ns: int) -> bytes:
-        clock_us = round((instant_ns - self._start_ns) / 1000)
-        data = _POSITION.pack(_MAGIC, self.sent % 2**32, clock_us, *self._read(instant_ns))
-        self.sent += 1
-        return data
+    def _message(self, instant_ns: int) -> bytes:
+        clock_us = round((instant_ns - self._connected_ns) / 1000)
+        return _POSITION.pack(_MAGIC, self.sent % 2**32, clock_us, *self._read(instant_ns))

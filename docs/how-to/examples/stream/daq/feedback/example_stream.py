@@ -9,10 +9,10 @@ from __future__ import annotations
 import struct
 
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
+from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message, Sized
 from daq.protocol.numerals import are_angles
-from daq.protocol.positions import Pace
+from daq.protocol.positions import SteadyDevice
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.example_stream import ExampleStream
 
@@ -29,7 +29,7 @@ def host(feedback: ExampleStream) -> Host:
 
 def device(feedback: ExampleStream, read: Read) -> Device:
     """Return the controller's side of the conversation."""
-    return _Controller(read)
+    return _Controller(read, RATE_HZ)
 
 
 def _length(header: bytes) -> int | None:
@@ -61,28 +61,11 @@ class _Stream:
         return Reaction((sample,))
 
 
-class _Controller:
+class _Controller(SteadyDevice):
     """The controller, which is switched on when the link opens."""
 
-    def __init__(self, read: Read) -> None:
-        self.sent = 0
-        self._read = read
-        self._start_ns = 0
-        self._pace = Pace(RATE_HZ, 0)
-
-    def connected(self, now_ns: int) -> Step:
-        self._start_ns = now_ns
-        self._pace = Pace(RATE_HZ, now_ns)
-        return Step(wake_ns=now_ns)
-
-    def received(self, data: bytes, now_ns: int) -> Step:
-        return Step(wake_ns=self._pace.next_ns)
-
-    def tick(self, now_ns: int) -> Step:
-        """Send every message that is due: a stream has no borders."""
-        return Step(b"".join(map(self._message, self._pace.due(now_ns))), wake_ns=self._pace.next_ns)
+    IS_STREAM = True
 
     def _message(self, instant_ns: int) -> bytes:
-        self.sent += 1
-        clock_us = round((instant_ns - self._start_ns) / 1000)
+        clock_us = round((instant_ns - self._connected_ns) / 1000)
         return _POSITION.pack(_MAGIC, _POSITION.size, clock_us, *self._read(instant_ns))

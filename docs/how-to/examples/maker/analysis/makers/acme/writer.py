@@ -8,7 +8,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.makers.writing import ProgramWriter
-from analysis.robot_programs.examine import Demand
+from analysis.robot_programs.plan import Demand
 from analysis.robot_programs.plan import Arc, JointMove, Line, Move, Plan, Turn, start_of
 from analysis.robot_programs.text import (
     DEG_DECIMALS,

@@ -9,9 +9,9 @@ import numpy as np
 
 from analysis.correction.corrected_program import NO_FRAMES, CorrectedProgram, correct_program
 from analysis.correction.support import supports
-from analysis.emulation.controller import Controller
+from analysis.emulation.driving import Controller
 from analysis.makers.writing import encoded_programs, programs_of
-from analysis.robot_programs.examine import demand_of
+from analysis.robot_programs.plan import demand_of
 from analysis.robot_programs.planned import plans_of
 from rigs.load import load
 from tests.support.faulty_arm import known
