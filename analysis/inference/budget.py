@@ -17,8 +17,8 @@ from analysis.inference.search import SearchResult
 from analysis.inference.setups import BALL_PRIOR_MM
 from analysis.inference.state import FAULT, combined_effect
 from analysis.kinematics.arm import Array, Integers
-from rigs.effects import Effect, turned
-from rigs.schema.effect import PartKind, healthy, label_of, name_of, scaled, size_field, size_of
+from rigs.effects import Effect
+from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field, size_of
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The budget: every part of the gap between model and readings, so that the shares add up to one.
@@ -259,10 +259,7 @@ class Budget:
             ratio = um / usual_um if usual_um > 0 else 0.0
             rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
             part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=ratio, rank=rank)
-            if part.share > LARGE_SHARE:
-                zero = name_of(turned(axis, 1.0)) if kind == "curve" and axis else ""
-                beside = [form for form in columns.forms if form.name == zero]
-                part = replace(part, members=self._members([*forms, *beside]))
+            part = replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part
             drawn.append(_Drawn(part, vector))
         return drawn
 
@@ -274,9 +271,8 @@ class Budget:
     def _not_shown(self) -> set[tuple[int, ...]]:
         """The columns of each form that is no cause by what these runs show: of a name that no size makes visible, and
         of a wave of which a joint drove few, which a zero may be as well."""
-        result = self.result
-        hidden = result.selection.not_testable(result.state, result.posterior)
-        of_curves = zip(result.columns.forms, *result.selection.waves_of_curves, strict=True)
+        hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)
+        of_curves = zip(self.result.columns.forms, *self.result.selection.waves_of_curves, strict=True)
         return {form.columns for form, wave, piece in of_curves if (wave and piece) or form.name in hidden}
 
     def _members(self, forms: Sequence[Form]) -> tuple[Member, ...]:

@@ -352,7 +352,7 @@ class Columns:
     def curves(self) -> CurveColumns:
         """Those of the columns that are waves of joints over their angles."""
         effects = [effect for form in self.forms for effect in form.effects]
-        return curve_columns(effects, constants_apart=self.constants_apart, turned=self.turned)
+        return curve_columns(effects, self.turned, apart=self.constants_apart)
 
     @cached_property
     def rows(self) -> list[NDArray[np.int64]]:

@@ -127,12 +127,9 @@ class CurveColumns:
         return _curves(optimum.x[: joints + 1]), np.exp(optimum.x[joints + 1 :])
 
 
-def curve_columns(
-    effects: Sequence[Effect], *, constants_apart: bool = False, turned: Sequence[float] = ()
-) -> CurveColumns:
-    """Return the columns of joint curves among those of some effects, one each, and those of the arm's constants where
-    these have widths of their own; `turned` (axes) is by how much of a turn each joint turned, as far as that bounds
-    them."""
+def curve_columns(effects: Sequence[Effect], turned: Sequence[float] = (), *, apart: bool = False) -> CurveColumns:
+    """Return the columns of joint curves among those of some effects, one each, of joints that turned by so much of a
+    turn (axes), and those of the arm's constants where these have widths of their own, `apart`."""
     indices = np.array([k for k, effect in enumerate(effects) if is_of_curve(effect)], dtype=np.int64)
     joint = np.array([getattr(effects[k], "axis", 1) - 1 for k in indices.tolist()], dtype=np.int64)
     order = np.array([float(getattr(effects[k], "order", 1.0)) for k in indices.tolist()])
@@ -143,7 +140,7 @@ def curve_columns(
             among[joint == j] = np.interp(order[joint == j], orders, np.gradient(orders))
     piece = [k < len(turned) and n * turned[k] < _PIECE for k, n in zip(joint.tolist(), order.tolist(), strict=True)]
     most = np.where(piece, _MOST_OF_A_PIECE**2, np.inf)
-    if constants_apart:
+    if apart:
         # Angles, lengths, and what yields under gravity each share a width: 0, 1 and 2.
         kinds: dict[int, int] = {}
         for k, effect in enumerate(effects):

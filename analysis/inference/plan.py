@@ -52,7 +52,7 @@ OFF_AXIS_MM = 40.0
 
 
 _APART_MM = 100.0
-"""Distance of two sockets that is measured in a further test, as far as a caliper goes. Chosen; it hardly matters."""
+"""Distance of two sockets that is measured in a further test. Chosen: what a caliper measures."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
         between = touch.sockets[:2]
         apart = touch.model_copy(update={"distances": (SocketDistance(between=between, distance_mm=_APART_MM),)})
         known = rig.model_copy(update={"tests": rig.tests.model_copy(update={"touch": apart})})
-        words = f"touch, the distance of {' and '.join(between)} measured (tests.touch.distances)"
+        words = f"touch, with tests.touch.distances of {' and '.join(between)} measured"
         further.append(FurtherTest(("touch",), "touches alone do not show how large the arm is", ((words, known),)))
     # Of tests that add equally much the first is reported, so tests of the rig file precede new set-ups.
     return further + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])

@@ -227,7 +227,7 @@ def test_a_distance_that_nobody_measured_is_a_further_test_of_touches() -> None:
     touch, known = (Touch(sockets=("A", "B"), distances=apart) for apart in ((), (APART,)))
     rigs = [RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"touch": each})}) for each in (touch, known)]
     words = [[further.choices[0][0] for further in further_tests(rig, ("touch",))] for rig in rigs]
-    assert [[text for text in each if "the distance of A and B measured" in text] != [] for each in words] == [
+    assert [[text for text in each if "tests.touch.distances of A and B" in text] != [] for each in words] == [
         True,
         False,
     ]
