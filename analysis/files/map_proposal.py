@@ -45,6 +45,8 @@ _FLOOR_MM, _FLOOR_DEG = 0.05, 0.01
 _SHOWN, _NAMED = 6, 30
 _SMALL_MM = 100.0
 """Places that lie no further apart (rms) show little of joints: what is meant otherwise may fit within 10 mm, too."""
+_FAULTY_SHARE = 0.05
+"""Up to here an arm may be faulty and not another one: a zero wrong by 2.5° moves places by 0.044 of their lever."""
 _ANGLES = ("deg", "rad")
 _LENGTHS = ("mm", "m", "in", "cm")
 
@@ -270,9 +272,16 @@ def _placed(
                 "give what was measured with another place of target or instrument in files of their own, a run each"
             )
             raise FileError(judge.raw.where, problem, remedy)
-        problem = f"fits the arm of the rig file in no reading of its columns within {RIGHT_MM:g} mm; {best.line()}"
-        remedy = "check that the rig file is that of the arm; else write a map by hand (--map)"
-        raise FileError(judge.raw.where, problem, remedy)
+        nominal = f"{RIGHT_MM:g} mm and {100 * RIGHT_SHARE:g} % of how far the places lie apart"
+        nearest = min(reading.share for reading, _ in candidates)
+        if best.share > min(_FAULTY_SHARE, AS_WELL * nearest):
+            problem = f"fits the arm of the rig file in no reading of its columns to {nominal}; {best.line()}"
+            remedy = "check that the rig file is that of the arm; else write a map by hand (--map)"
+            raise FileError(judge.raw.where, problem, remedy)
+        judge.assumed.append(
+            f"{best.line()}, where the nominal constants of an arm leave at most {nominal}; no reading "
+            "fits clearly better: a zero or a length of this arm is far wrong, or the rig file is that of another arm"
+        )
     if overruled:
         _ask(
             judge,
@@ -396,7 +405,8 @@ def _otherwise(
     judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], candidates: list[tuple[Reading, Seen]]
 ) -> tuple[tuple[Reading, Seen] | None, list[tuple[Reading, Seen]]]:
     """The readings with columns in another order or direction, or of a left-handed frame, before the others, and the
-    reading that such a one overrules, None where none fits. Raises FileError for what only a rig file can state."""
+    reading that such a one overrules; behind the others, and None, where none fits. Raises FileError for what only a
+    rig file can state."""
     ways = []
     for group, pose in product(joints, seen):
         for angle, length in product(_units(group.unit, _ANGLES), _units(pose.place.unit, _LENGTHS)):
@@ -412,7 +422,7 @@ def _otherwise(
     read = [(Reading(way.table_map, way.left_mm, "mm", f"{named}, with {way.words}", way.share), pose)
             for way, _, named, pose in ways]  # fmt: skip
     if not read or not read[0][0].fits:
-        return None, candidates
+        return None, [*candidates, *read]
     best, base, named, pose = ways[0]
     if best.remedy:
         problem = f"fits the arm of the rig file only with {best.words}; {read[0][0].line()}"

@@ -267,10 +267,19 @@ class Budget:
         """Return the standard uncertainty in µm of what columns `indices` do together, which move readings (N, n)."""
         return float(np.sqrt(max(np.sum(moved.T @ moved * self.result.posterior.covariance_among(indices)), 0.0)))
 
+    @cached_property
+    def _not_shown(self) -> set[tuple[int, ...]]:
+        """The columns of each form that is no cause by what these runs show: of a name that no size makes visible, and
+        of a wave of which a joint drove few, which a zero may be as well."""
+        hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)
+        of_curves = zip(self.result.columns.forms, *self.result.selection.waves_of_curves, strict=True)
+        return {form.columns for form, wave, piece in of_curves if (wave and piece) or form.name in hidden}
+
     def _members(self, forms: Sequence[Form]) -> tuple[Member, ...]:
         """Return what a group may be, the likeliest first: each name in its best form, with the odds that it alone is
         far larger than the rest, beside the odds that none is."""
         result = self.result
+        forms = [form for form in forms if form.columns not in self._not_shown]
         gain = result.posterior.gains(forms, result.state.level)[0]
         best: dict[str, int] = {}
         for k in np.argsort(-gain.round(6), kind="stable").tolist():  # of equals the first, whatever the last digit

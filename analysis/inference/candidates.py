@@ -299,7 +299,8 @@ class Columns:
     scatter of joints, ball and stamps. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the
     prior variances of the coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean`
     (p,) are their prior means at level one. `not_seen` lists the names that no fault size makes visible;
-    `constants_apart` is whether constants of the arm have widths of their own, as touches show them.
+    `constants_apart` is whether constants of the arm have widths of their own, as touches show them; `turned` (axes) is
+    by how much of a turn each joint turned.
     """
 
     X: Array
@@ -311,6 +312,7 @@ class Columns:
     healthy_mean: Array
     not_seen: tuple[str, ...] = ()
     constants_apart: bool = False
+    turned: tuple[float, ...] = ()
     _products: WeakKeyDictionary[Response, dict[tuple[int, bytes], Array]] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
     )
@@ -350,7 +352,7 @@ class Columns:
     def curves(self) -> CurveColumns:
         """Those of the columns that are waves of joints over their angles."""
         effects = [effect for form in self.forms for effect in form.effects]
-        return curve_columns(effects, constants_apart=self.constants_apart)
+        return curve_columns(effects, self.turned, apart=self.constants_apart)
 
     @cached_property
     def rows(self) -> list[NDArray[np.int64]]:
@@ -493,6 +495,7 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
         np.concatenate([healthy_means(forms, present), np.zeros(set_ups + scattered)]),
         tuple(dict.fromkeys(candidate.name for candidate in every if candidate.name not in seen)),
         constants_apart(linear.blocks),
+        _scope(linear.blocks).turned,
     )
 
 

@@ -35,6 +35,9 @@ _DECAY, _DECAY_SPREAD = 1.0, 0.5
 _WIDTHS, _DECAYS = (1e-3, 20.0), (0.3, 2.0)
 """Bounds. Without them the widths of the lowest orders, which resemble zeros and set-ups, run away: a curve of 20
 healthy sizes is 0.1°."""
+_PIECE, _MOST_OF_A_PIECE = 0.25, 1.0
+"""Share of a wave up to which a joint that drove no more of it shows only a zero and a slope, and the largest standard
+deviation of its amplitude, in healthy sizes. Without that a zero of 0.3° of a joint that turned by 19° was a curve."""
 _WIDTH_OF_A_KIND, _MOST_OF_A_KIND = 1.0, 5.0
 """Expected and largest width of the constants of one kind, in healthy sizes: what is larger is a fault, and has its own
 name."""
@@ -64,14 +67,15 @@ class JointCurves:
 
 @dataclass(frozen=True, eq=False)
 class CurveColumns:
-    """The columns of joint curves among p columns: their indices (c,), joints (c,) from 0, orders (c,), and how many
-    whole orders each stands for (c,). Constants with a width of their own stand as waves of order 1 of further joints,
-    one for each kind."""
+    """The columns of joint curves among p columns: their indices (c,), joints (c,) from 0, orders (c,), how many whole
+    orders each stands for (c,), and the largest prior variances (c,), in healthy sizes squared. Constants with a width
+    of their own stand as waves of order 1 of further joints, one for each kind."""
 
     columns: NDArray[np.int64]
     joint: NDArray[np.int64]
     order: Array
     among: Array
+    most: Array
 
     @property
     def count(self) -> int:
@@ -85,6 +89,9 @@ class CurveColumns:
 
     def variance(self, curves: JointCurves) -> Array:
         """Return the prior variances (c,), in healthy sizes squared."""
+        return np.minimum(self._unbounded(curves), self.most)
+
+    def _unbounded(self, curves: JointCurves) -> Array:
         return np.array(curves.widths)[self.joint] ** 2 * self.order ** (-2 * curves.decay) * self.among
 
     def fitted(
@@ -103,7 +110,9 @@ class CurveColumns:
         spread = np.array([_WIDTH_SPREAD] * joints + [_DECAY_SPREAD])
 
         def cost(x: Array) -> tuple[float, Array]:
-            likely, by_variance, by_strength = log_likelihood(_curves(x[: joints + 1]), np.exp(x[joints + 1 :]))
+            curves = _curves(x[: joints + 1])
+            likely, by_variance, by_strength = log_likelihood(curves, np.exp(x[joints + 1 :]))
+            by_variance = np.where(self._unbounded(curves) < self.most, by_variance, 0.0)
             slope = np.append(np.bincount(self.joint, 2 * by_variance, joints), -2 * np.log(self.order) @ by_variance)
             away = (x[: joints + 1] - expected) / spread
             return 0.5 * float(away @ away) - likely, np.append(away / spread - slope, -by_strength)
@@ -118,9 +127,9 @@ class CurveColumns:
         return _curves(optimum.x[: joints + 1]), np.exp(optimum.x[joints + 1 :])
 
 
-def curve_columns(effects: Sequence[Effect], *, constants_apart: bool = False) -> CurveColumns:
-    """Return the columns of joint curves among those of some effects, one each, and those of the arm's constants where
-    these have widths of their own."""
+def curve_columns(effects: Sequence[Effect], turned: Sequence[float] = (), *, apart: bool = False) -> CurveColumns:
+    """Return the columns of joint curves among those of some effects, one each, of joints that turned by so much of a
+    turn (axes), and those of the arm's constants where these have widths of their own, `apart`."""
     indices = np.array([k for k, effect in enumerate(effects) if is_of_curve(effect)], dtype=np.int64)
     joint = np.array([getattr(effects[k], "axis", 1) - 1 for k in indices.tolist()], dtype=np.int64)
     order = np.array([float(getattr(effects[k], "order", 1.0)) for k in indices.tolist()])
@@ -129,7 +138,9 @@ def curve_columns(effects: Sequence[Effect], *, constants_apart: bool = False) -
         orders = np.unique(order[joint == j])
         if len(orders) > 1:
             among[joint == j] = np.interp(order[joint == j], orders, np.gradient(orders))
-    if constants_apart:
+    piece = [k < len(turned) and n * turned[k] < _PIECE for k, n in zip(joint.tolist(), order.tolist(), strict=True)]
+    most = np.where(piece, _MOST_OF_A_PIECE**2, np.inf)
+    if apart:
         # Angles, lengths, and what yields under gravity each share a width: 0, 1 and 2.
         kinds: dict[int, int] = {}
         for k, effect in enumerate(effects):
@@ -141,7 +152,8 @@ def curve_columns(effects: Sequence[Effect], *, constants_apart: bool = False) -
         indices = np.concatenate([indices, place])
         joint = np.concatenate([joint, MOST_AXES + np.array(list(kinds.values()), dtype=np.int64)])
         order, among = np.append(order, np.ones(len(place))), np.append(among, np.ones(len(place)))
-    return CurveColumns(indices, joint, order, among)
+        most = np.append(most, np.full(len(place), np.inf))
+    return CurveColumns(indices, joint, order, among, most)
 
 
 def _curves(x: Array) -> JointCurves:

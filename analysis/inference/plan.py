@@ -29,7 +29,7 @@ from analysis.traces.kind import kinds
 from rigs.effects import Effect, turned
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
-from rigs.schema.declared_tests import Circle
+from rigs.schema.declared_tests import Circle, SocketDistance
 from rigs.schema.effect import healthy, healthy_size, label_of, name_of, phases, scaled
 from rigs.schema.vocabulary import CIRCLES, TestName
 
@@ -49,6 +49,10 @@ FASTER = 4
 """Factor on the speed of a further circle. Chosen: time effects grow by the same factor."""
 OFF_AXIS_MM = 40.0
 """Offset of the ball from axis 6 in a further circle. Chosen: a bracket of that length is easily made."""
+
+
+_APART_MM = 100.0
+"""Distance of two sockets that is measured in a further test. Chosen: what a caliper measures."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,12 @@ def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
         if kind.further and getattr(rig.tests, kind.part, None) and kind.test not in tests:
             words, why = kind.further
             further.append(FurtherTest((kind.test,), why, ((words, rig),)))
+    if "touch" in tests and (touch := rig.tests.touch) and len(touch.sockets) > 1 and not touch.distances:
+        between = touch.sockets[:2]
+        apart = touch.model_copy(update={"distances": (SocketDistance(between=between, distance_mm=_APART_MM),)})
+        known = rig.model_copy(update={"tests": rig.tests.model_copy(update={"touch": apart})})
+        words = f"touch, with tests.touch.distances of {' and '.join(between)} measured"
+        further.append(FurtherTest(("touch",), "touches alone do not show how large the arm is", ((words, known),)))
     # Of tests that add equally much the first is reported, so tests of the rig file precede new set-ups.
     return further + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])
 

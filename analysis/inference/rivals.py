@@ -132,7 +132,9 @@ def rival_odds(selection: Selection, state: SelectionState, place: int) -> Rival
             gain_over = instead - max(selection.evidence(both) - whole, 0.0)
         rivals.append((tried, gain_over))
     rivals.sort(key=lambda rival: -rival[1])
-    scores = np.array([gain, 0.0, *(score for _, score in rivals)])
+    # A width of constants that has one large constant to go by is as large: a healthy one of it is not.
+    healthy = min(0.0, gain - selection.gain_of(state, now, place)) if selection.columns.constants_apart else 0.0
+    scores = np.array([gain, healthy, *(score for _, score in rivals)])
     weight = np.exp(scores - scores.max())
     odds = (weight / weight.sum()).tolist()
     rivals_found = tuple((tried, odds_of) for (tried, _), odds_of in zip(rivals, odds[2:], strict=True))

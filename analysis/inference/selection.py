@@ -438,7 +438,7 @@ class Selection:
         """Return the log odds (n,) of each form as a fault, and as the healthy effect of its name, over an
         equal share."""
         fault, single, _, size = posterior.gains(self.columns.forms, state.level)
-        curves, pieces = self._waves_of_curves
+        curves, pieces = self.waves_of_curves
         fault[curves & (pieces | (size < FAULT * max(state.level, 1.0)))] = single[curves] = -np.inf
         against = np.array([self._against_stated(form.effect) for form in self.columns.forms])
         fault, single = fault - against, single - against
@@ -446,7 +446,7 @@ class Selection:
         return fault + self._fault_price - self._among, single - _HEALTHY_PRICE - self._among
 
     @cached_property
-    def _waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which forms (n,) are waves of a joint's curve, and which of so low an order that the joint was driven over
         few of them in any run."""
         effects = [form.effect for form in self.columns.forms]

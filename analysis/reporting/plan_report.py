@@ -155,7 +155,7 @@ def _separated(pair: Pair) -> Text:
         return Text("\n".join(f"{parting.test}: {parting.sigma:.0f} σ" for parting in helps[:_MOST]))
     if pair.further and pair.further[0].sigma > 0.05:
         return Text(f"none; best {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow")
-    return Text("none: their effect on every test is the same", style="yellow")
+    return Text("none of the further tests" if pair.further else "no further test is set up", style="yellow")
 
 
 def _hidden(plan: Plan) -> RenderableType:

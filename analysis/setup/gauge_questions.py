@@ -50,7 +50,9 @@ def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answer
 def described(name: str, gauge: Gauge) -> str:
     """Return which gauge is meant by a name of the rig file, in a line."""
     place = f"{gauge.port}#{gauge.channel}" if gauge.shares else gauge.port
-    return f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side, and counts {gauge.counts}"
+    guess = f"is taken to count away: nobody pushed it in; if that makes it grow, give --key {name}.counts=towards"
+    counts = f"counts {gauge.counts}" if "counts" in gauge.model_fields_set else guess
+    return f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side, and {counts}"
 
 
 def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:

@@ -121,6 +121,7 @@ def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> Non
     with switched_on("sylvac", "fanuc") as unknown:
         first, second = unknown.gauge_ports
         given = ["--robot", unknown.robot, "--g1", second, "--g2", first, "--baseline-mm", "40", "--arm", "ur10e"]
+        given += ["--key", "g1.counts=towards"]
         done = init(tmp_path, "My Cell.yaml", *given, "--tool", "0,0,150,0,90,0", "--circle-later", *LIMITED, *QUICK)
     assert done.returncode == 0, done.stderr
     rig, _ = load(tmp_path / "My Cell.yaml")
@@ -129,8 +130,9 @@ def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> Non
         (first, -20),
     ]
     assert rig.limits.of("repeatability", "bi_mm") == Limit(watch=0.2, fail=0.4)
-    for name, port, side in (("g1", second, "+"), ("g2", first, "-")):
-        assert f"{name} is {port} (sylvac_opto_rs), on the {side} side, and counts away" in done.stdout
+    pushed = "is taken to count away: nobody pushed it in"
+    for name, port, side, counts in (("g1", second, "+", "counts towards"), ("g2", first, "-", pushed)):
+        assert f"{name} is {port} (sylvac_opto_rs), on the {side} side, and {counts}" in done.stdout
     assert "good" in done.stdout and "next:" in done.stdout
     assert "rigd 'My Cell.yaml'" in done.stdout and "rig circle fit --live" in done.stdout
 

@@ -142,6 +142,18 @@ def test_a_unit_of_the_header_that_does_not_fit_is_a_question(tmp_path: Path) ->
     assert proposal.table_map.joints and proposal.table_map.joints.unit == "deg"
 
 
+def test_an_arm_with_a_zero_far_wrong_is_imported_and_its_run_says_so(tmp_path: Path) -> None:
+    p = poses()
+    q_deg, off_deg = np.degrees(p.q), np.array([0, 0, 4.0, 0, 0, 0])
+    path = with_header(p, [*JOINTS, "x", "y", "z"], q_deg + off_deg, p.xyz_mm, tmp_path=tmp_path)
+    proposal = propose_map([path], "ur10e")
+    assert [question.key for question in proposal.questions] == []
+    assert "a zero or a length of this arm is far wrong" in proposal.table_map.assumed[0]
+    farther = with_header(p, [*JOINTS, "x", "y", "z"], q_deg + 3 * off_deg, p.xyz_mm, tmp_path=tmp_path)
+    with pytest.raises(FileError, match="in no reading of its columns to 10 mm and 2 % of how far"):
+        propose_map([farther], "ur10e")
+
+
 def test_places_that_the_nominal_arm_computes_are_in_doubt(tmp_path: Path) -> None:
     from analysis.kinematics.arm import arm_of, forward  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415

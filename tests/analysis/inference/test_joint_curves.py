@@ -35,6 +35,14 @@ def test_columns_know_their_joints_orders_and_gaps() -> None:
     assert found.variance(curves) == pytest.approx([16, 16, 16 / 25, 16 / 81])
 
 
+def test_a_joint_that_turned_little_has_no_large_waves_that_are_a_zero_as_well() -> None:
+    effects = [WAVES[k] for k in (0, 8, 118)]  # of once, 5 and 60 times a turn, of which 19° are 0.05, 0.26 and 3
+    widths = JointCurves((9.0, 20.0), 1.0)
+    free, held = (curve_columns(effects, turned) for turned in ((), (1.0, 19 / 360)))
+    assert held.variance(widths)[0] == 1.0 < free.variance(widths)[0]
+    assert held.variance(widths)[1:] == pytest.approx(free.variance(widths)[1:])
+
+
 def _likelihood(
     X: Array, y: Array, columns: CurveColumns, curves: JointCurves, strength: Array
 ) -> tuple[float, Array, Array]:

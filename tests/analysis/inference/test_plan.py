@@ -18,7 +18,15 @@ from analysis.inference.background import background_of
 from analysis.inference.candidates import columns_for
 from analysis.inference.expected import SEPARABLE, ExpectedPosterior, expected_posterior, planned_blocks
 from analysis.inference.observation import observe_run, rms
-from analysis.inference.plan import Plan, PossibleTest, detectabilities_of, plan, possible_tests, sigma_between
+from analysis.inference.plan import (
+    Plan,
+    PossibleTest,
+    detectabilities_of,
+    further_tests,
+    plan,
+    possible_tests,
+    sigma_between,
+)
 from analysis.inference.refine import refine
 from analysis.inference.setups import fit_run_setups
 from analysis.model.predict import model_of
@@ -27,6 +35,7 @@ from analysis.simulation.simulate import simulate
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, healthy_size, size_field
 from rigs.errors import FileError, UseError
 from rigs.rig import Rig
+from rigs.schema.declared_tests import SocketDistance, Touch
 from rigs.schema.effect import name_of, scaled, size_of
 from rigs.schema.vocabulary import TestName
 from tests.support.diagnosis_cells import RIG, plan_of_circles, plan_without_further_tests
@@ -53,6 +62,9 @@ def _expected(tests: tuple[TestName, ...], runs: int = 3) -> ExpectedPosterior:
 def _beside_a_hemisphere() -> list[PossibleTest]:
     """What can be driven besides by an arm that has no circle."""
     return possible_tests(NO_CIRCLE, ("radial",), *planned_blocks(NO_CIRCLE, ("radial",), 3))[0]
+
+
+APART = SocketDistance(between=("A", "B"), distance_mm=100.0)
 
 
 def test_80_columns_hold_every_size_of_the_table_of_joints_whole() -> None:
@@ -209,6 +221,16 @@ def test_the_command_prints_words_or_one_object(monkeypatch: pytest.MonkeyPatch,
     by_name = {effect["name"]: effect for effect in found["effects"]}
     assert by_name["joint_offset 1"]["limit"] is None
     assert by_name["joint_offset 3"]["unit"] == "deg"
+
+
+def test_a_distance_that_nobody_measured_is_a_further_test_of_touches() -> None:
+    touch, known = (Touch(sockets=("A", "B"), distances=apart) for apart in ((), (APART,)))
+    rigs = [RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"touch": each})}) for each in (touch, known)]
+    words = [[further.choices[0][0] for further in further_tests(rig, ("touch",))] for rig in rigs]
+    assert [[text for text in each if "tests.touch.distances of A and B" in text] != [] for each in words] == [
+        True,
+        False,
+    ]
 
 
 def test_an_unknown_test_is_refused_in_one_line() -> None:

@@ -56,12 +56,27 @@ def test_the_calibrated_model_leaves_the_scatter(found: Diagnosis) -> None:
     assert set(found.calibrated.setups) == {"touch, socket A", "touch, socket B"}
 
 
+def test_what_no_size_makes_visible_is_no_likely_member(found: Diagnosis) -> None:
+    members = [name_of(member.effect) for part in found.budget for member in part.members]
+    assert members and not {*members} & {*found.not_testable}
+
+
 def test_without_the_sides_no_play_is_named(rig: Rig, run: Measured) -> None:
     """The order of the touches is no way that a joint came: what is not known is not guessed right by chance."""
     assert isinstance(run.table, TouchTable)
     mirrored = replace(run.table, came_from=2 * run.table.q - run.table.came_from)  # type: ignore[operator]
     result = diagnose(rig, [run_of(rig, mirrored)], [], [], lambda _: None)
     assert "backlash 4" not in [name_of(one.effect) for one in result.standing]
+
+
+@pytest.mark.nightly
+def test_a_zero_that_is_unusual_stands_although_the_widths_of_constants_may_be_as_large() -> None:
+    rig = parse(f"name: a\n{load_arm('kuka-kr6-r900-2').text}tests: {{touch: {{sockets: [A, B]}}}}\n", "a.yaml")
+    rng, sockets = np.random.default_rng(21), np.array([[420.0, -60.0, 30.0], [420.0, 40.0, 30.0]])
+    truth = draw_truth(rig.robot, rng, (Fault("zero", 3, 0.2),))
+    table = touch_table(rig.robot, truth, rng, BALL_MM, sockets, 40)
+    (zero,) = diagnose(rig, [run_of(rig, table)], [], [], lambda _: None).standing
+    assert name_of(zero.effect) == "joint_offset 3" and zero.posterior > 0.9
 
 
 def test_each_socket_has_a_place_and_all_share_the_ball(rig: Rig, run: Measured) -> None:
