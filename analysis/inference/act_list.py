@@ -73,6 +73,10 @@ def acts_of(
     if diagnosis.condition == "not_testable_here":
         return (*before, Act("measure", "not_visible", command=("plan", _model(diagnosis))))
     repairs, following = _repairs(diagnosis, judged)
+    if diagnosis.condition == "nothing_unusual" and diagnosis.accuracy.standing == "pass" and not repairs:
+        # Within its limits: a correction, or an approach from one side, would change programs for nothing.
+        large = tuple(k for k, part in enumerate(diagnosis.budget) if part.share > LEAST_SHARE)
+        return (*before, Act("none", "sound", parts=large), *_measurements(diagnosis, judged, tests))
     acts = in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)], diagnosis.train.before_um)
     acts = one_after_the_other(acts + following, judged)
     asked = _measurements(diagnosis, judged, tests)

@@ -121,6 +121,20 @@ def test_the_one_member_of_a_group_that_is_certain_is_mastered_and_no_test_is_as
         assert [(act.kind, act.why) for act in asked] == [("measure", "group")]
 
 
+def test_a_sound_arm_within_its_limits_is_left_as_it_is() -> None:
+    """Of 12 µm, with limits of 250, corrected programs were to take away 3, and a play of 3 µm had its approach."""
+    play = Backlash(axis=5, width_deg=0.002)
+    part = BudgetPart("effect", 10.0, 1.0, 0.7, index=0, times_usual=0.4, rank="usual")
+    named = replace(diagnosis().effects[0], effect=play, posterior=0.9999, doubt="usual")
+    found = diagnosis("nothing_unusual", effects=(named,), budget=(part,))
+    passes = replace(found, accuracy=replace(found.accuracy, standing="pass"))
+    acts = acts_of(passes, cast("JudgedPlace", _Judged()))
+    assert acts[0] == Act("none", "sound", parts=(0,))
+    assert not {act.kind for act in acts} & {"load", "approach", "repair"}
+    fails = replace(found, accuracy=replace(found.accuracy, standing="fail"))
+    assert {act.kind for act in acts_of(fails, cast("JudgedPlace", _Judged()))} & {"load", "approach", "repair"}
+
+
 @pytest.mark.nightly
 def test_the_runs_that_only_judged_name_the_zero_once_they_are_used_as_well() -> None:
     named = found_in([*circles(DEMO, count=1), *there(DEMO)])
