@@ -1,8 +1,8 @@
 """Candidates: the names that may explain readings, and the columns of everything that may change them.
 
 `candidates_for` lists every effect that these runs could show, and `columns_for` makes the `Columns` of them: what each
-of their forms adds to all readings at a healthy size, then what set-ups and the scatter between runs may do, each with
-the size that is expected of it. `departure_columns` are what a real gear, ball or brake adds beside its ideal form.
+of their forms adds to all readings at a healthy size, then what set-ups and scatter between runs may do, as large as it
+is expected to be. `departure_columns` are what a real gear, ball or brake adds beside its ideal form.
 """
 
 from __future__ import annotations
@@ -298,9 +298,8 @@ class Columns:
     `X` (N, p) has the columns of forms per healthy size, then those of set-ups (`set_ups`) per mm, then those of the
     scatter of joints, ball and stamps. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the
     prior variances of the coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean`
-    (p,) are their prior means at level one. `not_seen` lists the names that no fault size makes visible;
-    `constants_apart` is whether constants of the arm have widths of their own, as touches show them; `turned` (axes) is
-    by how much of a turn each joint turned.
+    (p,) their prior means at level one. `not_seen` lists names that no fault size makes visible. `constants_apart`:
+    constants of the arm have widths of their own, as touches show them. `turned` (axes): turns of joints.
     """
 
     X: Array

@@ -79,9 +79,9 @@ def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
     if "touch" in tests and (touch := rig.tests.touch) and len(touch.sockets) > 1 and not touch.distances:
         between = touch.sockets[:2]
         apart = touch.model_copy(update={"distances": (SocketDistance(between=between, distance_mm=_APART_MM),)})
-        known = rig.model_copy(update={"tests": rig.tests.model_copy(update={"touch": apart})})
+        measured = rig.model_copy(update={"tests": rig.tests.model_copy(update={"touch": apart})})
         words = f"touch, with tests.touch.distances of {' and '.join(between)} measured"
-        further.append(FurtherTest(("touch",), "touches alone do not show how large the arm is", ((words, known),)))
+        further.append(FurtherTest(("touch",), "touches alone do not show how large the arm is", ((words, measured),)))
     # Of tests that add equally much the first is reported, so tests of the rig file precede new set-ups.
     return further + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])
 

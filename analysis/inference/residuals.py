@@ -305,9 +305,9 @@ def _why(where: Sequence[tuple[float, int]], values: Array, begin_deg: float, en
 
 
 def _at_targets(block: Block, residual: Array, scatter_mm: Array) -> list[Place]:
-    table, alone = block.table, 3 if block.table.kind.of_places else 1
+    table, coordinates = block.table, 3 if block.table.kind.of_places else 1
     variance = block.sd_mm**2 + (scatter_mm**2).sum(axis=1)
-    size, noise = (np.sqrt(square.reshape(-1, alone).sum(axis=1)) for square in (residual**2, variance))
+    size, noise = (np.sqrt(square.reshape(-1, coordinates).sum(axis=1)) for square in (residual**2, variance))
     number = table.kind.numbers_of(table)[block.rows]
     over = size > _SIGMA * noise
     if not over.any():
