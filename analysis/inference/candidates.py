@@ -1,8 +1,8 @@
 """Candidates: the names that may explain readings, and the columns of everything that may change them.
 
 `candidates_for` lists every effect that these runs could show, and `columns_for` makes the `Columns` of them: what each
-of their forms adds to all readings at a healthy size, then what set-ups and scatter between runs may do, as large as it
-is expected to be. `departure_columns` are what a real gear, ball or brake adds beside its ideal form.
+of their forms adds to all readings at a healthy size, then what set-ups and scatter between runs may do.
+`departure_columns` are what a real gear, ball or brake adds beside its ideal form.
 """
 
 from __future__ import annotations
@@ -26,10 +26,9 @@ from rigs.schema.scene import play
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The candidates: the names that a diagnosis can give, each with its possible columns in the readings.
-#
 # The response to an effect is simulate(model + effect) - simulate(model) (`linearisation`), so that no response is
-# written by hand. A column is such a response at a healthy size; an effect with a free phase has two. The effects
-# themselves define the available names, forms and shapes (`rigs/effects`).
+# written by hand. A column is such a response at a healthy size; an effect with a free phase has two. Names, forms
+# and shapes: `rigs/effects`.
 
 _PLAY_SIGMA = 15.0
 """Size in sigmas of the narrowest play that is tried. Chosen: well above the detection limit of 7 sigma."""
@@ -295,11 +294,11 @@ class Form(Candidate):
 class Columns:
     """The columns of one linearisation.
 
-    `X` (N, p) has the columns of forms per healthy size, then those of set-ups (`set_ups`) per mm, then those of the
-    scatter of joints, ball and stamps. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the
-    prior variances of the coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean`
-    (p,) their prior means at level one. `not_seen` lists names that no fault size makes visible. `constants_apart`:
-    constants of the arm have widths of their own, as touches show them. `turned` (axes): turns of joints.
+    `X` (N, p) has those of forms per healthy size, then of set-ups (`set_ups`) per mm, then of the scatter of joints,
+    ball and stamps. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the prior variances of
+    the coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean` (p,) their means at
+    level one. `not_seen` lists names that no fault size makes visible. Constants of the arm have widths of their own
+    where they are `constants_apart`, as of touches. `turned` (axes): turns of joints.
     """
 
     X: Array
