@@ -34,10 +34,10 @@ class Expected(Part):
 
     @property
     def text(self) -> str:
-        """`1.9 ± 7.7`, or why there is no ±."""
+        """`1.9 ± 7.7 µm rms`, or why there is no ±."""
         if self.u_um is None:
-            return f"{self.um:.1f}, without u: the runs behind the model do not say how well it holds there"
-        return f"{self.um:.1f} ± {self.u_um:.1f}"
+            return f"{self.um:.1f} µm rms, without u: the runs behind the model do not say how well it holds there"
+        return f"{self.um:.1f} ± {self.u_um:.1f} µm rms"
 
 
 class Work(Part):

@@ -128,7 +128,7 @@ def corrected(
             unknown=round(work.unknown, 3),
         ),
     }
-    falls = f"expected to fall from {remaining.now_um:.0f} to {at_circle.text} µm rms"
+    falls = f"expected to fall from {remaining.now_um:.0f} to {at_circle.text}"
     if way == "entries":
         unknown = texts_of("en").not_known(work.unknown)
         sentence = f"{controller_report.first_sentence(entries)}{unknown} The readings' error is {falls}."
