@@ -28,6 +28,8 @@ _WIDTH = 11.0
 _MOST_GROUPS = 5
 _COLUMNS, _TEXT_COLUMNS = 92, 165
 """Letters a line holds, of the title and of the text below."""
+_NAME_COLUMNS = 40
+"""Letters in a line of a step's name."""
 _INKS = {"used": "#1f5fa8", "held_out": "#1c1c1c", "unseen": "#d95f02"}
 _SYMBOLS = {"held_out": "s", "unseen": "D"}
 _GREY = "#777777"
@@ -71,7 +73,7 @@ def _parts(residuals: Diagnosis | Disagreement, stairs: Stairs | None, floor_um:
             chart = target_chart(target_map, steps_um, texts)
             parts.append(part_of(chart, _closes(chart)))
     if stairs:
-        parts.append((0.9 + 0.24 * len(stairs.steps), partial(_draw_stairs, stairs, floor_um)))
+        parts.append((0.9 + 0.28 * len(stairs.steps), partial(_draw_stairs, stairs, floor_um)))
     return parts, quiet + max(0, len(maps) - MOST_MAPS)
 
 
@@ -124,7 +126,9 @@ def _draw_stairs(stairs: Stairs, floor_um: float, sheet: SubFigure) -> None:
         axes.annotate(
             " · ".join(map(left_words, step.left)), at, (5, 0), textcoords="offset points", va="center", fontsize=8
         )
-    axes.set_yticks(place, [step.name for step in stairs.steps], fontsize=8)
+    # A part that many others cancel has a name of three lines, which would leave its bars no room.
+    names = [textwrap.wrap(step.name, _NAME_COLUMNS, max_lines=2, placeholder=" …") for step in stairs.steps]
+    axes.set_yticks(place, list(map("\n".join, names)), fontsize=8)
     if np.isfinite(floor_um):
         axes.axvline(floor_um, color=_GREY, ls="--", lw=1, label=f"noise floor {floor_um:.1f}")
     axes.set_ylim(-0.6, len(stairs.steps) - 0.4)
