@@ -50,7 +50,7 @@ def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answer
 def described(name: str, gauge: Gauge) -> str:
     """Return which gauge is meant by a name of the rig file, in a line."""
     place = f"{gauge.port}#{gauge.channel}" if gauge.shares else gauge.port
-    guess = f"is taken to count away: nobody pushed it in; if that makes it grow, give --key {name}.counts=towards"
+    guess = f"is taken to count away: it was not pushed; if its reading then grows, give --key {name}.counts=towards"
     counts = f"counts {gauge.counts}" if "counts" in gauge.model_fields_set else guess
     return f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side, and {counts}"
 

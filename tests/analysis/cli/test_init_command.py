@@ -130,7 +130,7 @@ def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> Non
         (first, -20),
     ]
     assert rig.limits.of("repeatability", "bi_mm") == Limit(watch=0.2, fail=0.4)
-    pushed = "is taken to count away: nobody pushed it in"
+    pushed = "is taken to count away: it was not pushed"
     for name, port, side, counts in (("g1", second, "+", "counts towards"), ("g2", first, "-", pushed)):
         assert f"{name} is {port} (sylvac_opto_rs), on the {side} side, and {counts}" in done.stdout
     assert "good" in done.stdout and "next:" in done.stdout
