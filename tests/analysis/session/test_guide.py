@@ -111,7 +111,9 @@ def test_its_page_has_its_charts(whole: Whole) -> None:
     text = page.read_text(encoding="utf-8")
     assert page.stat().st_size > 10_000 and "data:image/svg" in text
     assert texts_of("en").not_known(0.82) in text
-    assert f"to {correction.same.text}" in correction.sentence and correction.same.text in text
+    assert f"to {correction.same.text}" in correction.sentence
+    figures = {"um": correction.same.um, "u": correction.same.u_um}
+    assert texts_of("en")("rms_without_u" if figures["u"] is None else "rms_and_u_of", **figures) in text
     assert texts_of("en")("stands_now") in text.partition("</title>")[0]
 
 
