@@ -130,8 +130,7 @@ class Projection:
 
     def gains(self, fewer: Projection, rig: Rig, used: Sequence[Effect], q: Array, moves: Array) -> bool:
         """Return whether it leaves less error of the tool's place than one of fewer changes for certain, over the work
-        q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and more, 6) are as of `changes`.
-        """
+        q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and more, 6) as of `changes`."""
         real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
         off_mm = [real - tool_places(rig, projection.effects, q) for projection in (fewer, self)]
         in_base, frame = np.concatenate([off_mm, moves[:, : len(q), :3]]), TaughtFrame(nominal)

@@ -265,23 +265,7 @@ def _placed(
     (best, chosen), *others = candidates
     judge.checked.append(best.line(others[0][0] if others else None))
     if not best.fits:
-        plain = next(reading for reading, _ in candidates if reading.value.sees == "the tool")
-        if part := fits_in_parts(judge.raw, judge.bare, plain.value):
-            problem = f"fits the arm of the rig file in {part}, and not as a whole; {plain.line()}"
-            remedy = (
-                "give what was measured with another place of target or instrument in files of their own, a run each"
-            )
-            raise FileError(judge.raw.where, problem, remedy)
-        nominal = f"{RIGHT_MM:g} mm and {100 * RIGHT_SHARE:g} % of how far the places lie apart"
-        nearest = min(reading.share for reading, _ in candidates)
-        if best.share > min(_FAULTY_SHARE, AS_WELL * nearest):
-            problem = f"fits the arm of the rig file in no reading of its columns to {nominal}; {best.line()}"
-            remedy = "check that the rig file is that of the arm; else write a map by hand (--map)"
-            raise FileError(judge.raw.where, problem, remedy)
-        judge.assumed.append(
-            f"{best.line()}, where the nominal constants of an arm leave at most {nominal}; no reading "
-            "fits clearly better: a zero or a length of this arm is far wrong, or the rig file is that of another arm"
-        )
+        _hold_faulty(judge, best, [reading for reading, _ in candidates])
     if overruled:
         _ask(
             judge,
@@ -307,6 +291,25 @@ def _placed(
         )
     table_map: TableMap = best.value
     return table_map, chosen
+
+
+def _hold_faulty(judge: _Judge, best: Reading, readings: Sequence[Reading]) -> None:
+    """Assume of the best of readings, which does not fit the nominal arm, that it is of a faulty one. Raises FileError
+    where it fits in parts, where another reading leaves clearly less, and where no arm is so wrong."""
+    plain = next(reading for reading in readings if reading.value.sees == "the tool")
+    if part := fits_in_parts(judge.raw, judge.bare, plain.value):
+        problem = f"fits the arm of the rig file in {part}, and not as a whole; {plain.line()}"
+        remedy = "give what was measured with another place of target or instrument in files of their own, a run each"
+        raise FileError(judge.raw.where, problem, remedy)
+    nominal = f"{RIGHT_MM:g} mm and {100 * RIGHT_SHARE:g} % of how far the places lie apart"
+    if best.share > min(_FAULTY_SHARE, AS_WELL * min(reading.share for reading in readings)):
+        problem = f"fits the arm of the rig file in no reading of its columns to {nominal}; {best.line()}"
+        remedy = "check that the rig file is that of the arm; else write a map by hand (--map)"
+        raise FileError(judge.raw.where, problem, remedy)
+    judge.assumed.append(
+        f"{best.line()}, where the nominal constants of an arm leave at most {nominal}; no reading "
+        "fits clearly better: a zero or a length of this arm is far wrong, or the rig file is that of another arm"
+    )
 
 
 def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:

@@ -26,7 +26,7 @@ def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
     maker, targets = entries.controller.maker, f"{entries.by_targets_um:.0f} µm"
     if not entries.entries:
         better = entries.carried_by_targets_um >= _REPORTED_UM
-        by_themselves = "nor do corrected targets for certain, those of a --path or --program are judged by themselves"
+        by_themselves = "nor do corrected targets for certain (those of a --path or --program are judged by themselves)"
         instead = f"corrected targets (--path) leave {targets}" if better else by_themselves
         return (
             f"Nothing is to be entered at this {maker} controller: with frame and tool taught with the robot "
