@@ -6,7 +6,7 @@ xacro, MJCF, YAML.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -15,10 +15,6 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument
 from rigs.text import plain_lines
-
-if TYPE_CHECKING:
-    from analysis.kinematics.arm import Arm
-    from rigs.rig import Rig
 
 
 @command(app, "rig arms ur10e -o arm.yaml")
@@ -197,8 +193,18 @@ def export_urdf(
     elif reader == "mjcf":
         friction = _friction(friction_of, nm_per_a) if friction_of and nm_per_a else {}
         text, carried = simulated_arm(rig, arm, rig_file, carried, friction)
+    elif reader == "urdf":
+        from analysis.arms.urdf_text import urdf_text
+
+        text = urdf_text(rig.robot, arm, rig_file, [carried])
+    elif reader == "xacro":
+        from analysis.arms.urdf_text import xacro_text
+
+        text = xacro_text(rig.robot, arm, rig_file, [carried])
     else:
-        text = _geometry(reader, rig, arm, rig_file, carried)
+        from analysis.arms.driver_kinematics import driver_kinematics
+
+        text = driver_kinematics(rig.robot, arm, reader, rig_file, [carried])
     write_section(text, output)
     say(carried, err=True)
     if rig.robot.rail and reader in ("ur-driver", "franka", "xarm"):
@@ -210,18 +216,6 @@ def export_urdf(
         if calibration_hash is None:
             problem = "the driver will report that the calibration does not match the robot's"
             say(f"{problem}; --hash takes the robot's own", err=True, mark="note: ")
-
-
-def _geometry(reader: Reader, rig: Rig, arm: Arm, where: str, carried: str) -> str:
-    """The text of a format that holds the geometry alone."""
-    from analysis.arms.driver_kinematics import driver_kinematics
-    from analysis.arms.urdf_text import urdf_text, xacro_text
-
-    if reader == "urdf":
-        return urdf_text(rig.robot, arm, where, [carried])
-    if reader == "xacro":
-        return xacro_text(rig.robot, arm, where, [carried])
-    return driver_kinematics(rig.robot, arm, reader, where, [carried])
 
 
 def _friction(run: Path, nm_per_a: str) -> dict[int, float]:

@@ -18,7 +18,6 @@ from analysis.cli.options import AsJson
 from rigs.errors import FileError, UseError
 
 if TYPE_CHECKING:
-    from analysis.conventions.check import Checked
     from analysis.traces.loading import Measured
 
 
@@ -64,25 +63,15 @@ def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
         say_json({"runs": names, "conventions": [convention.to_dict() for convention in checked]})
     else:
         for convention in checked:
-            for line in _lines(convention, len(runs)):
-                say(line)
+            name = f"{convention.convention.name}:"
+            for finding in convention.findings:
+                where = f"{', '.join(finding.runs[:3])}{' …' * (len(finding.runs) > 3)}: " if len(runs) > 1 else ""
+                say(f"{name:14}{where}{finding.words}")
+            if not convention.findings:
+                nothing = f"nothing against it ({convention.convention.asks})"
+                say(f"{name:14}{f'not shown: {convention.cannot}' if convention.cannot else nothing}")
     contradicted = any(convention.findings for convention in checked)
     end_with(max(worst(errors), FileError.exit_code if contradicted else 0))
-
-
-def _lines(checked: Checked, runs: int) -> list[str]:
-    """A line for a convention, or one for each finding."""
-    name = f"{checked.convention.name}:"
-    if checked.findings:
-        return [
-            f"{name:14}{', '.join(finding.runs[:3])}{' …' * (len(finding.runs) > 3)}: {finding.words}"
-            if runs > 1
-            else f"{name:14}{finding.words}"
-            for finding in checked.findings
-        ]
-    if checked.cannot:
-        return [f"{name:14}not shown: {checked.cannot}"]
-    return [f"{name:14}nothing against it ({checked.convention.asks})"]
 
 
 def _check_rig(rig_file: str) -> None:

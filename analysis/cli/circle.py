@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,8 +15,7 @@ from analysis.cli.options import AsJson
 from rigs.errors import FileError, RigPlace, UseError
 
 if TYPE_CHECKING:
-    from analysis.cli.fitted_test import FittedTest, RigFile
-    from analysis.setting_up.driven_circle import DrivenCircle
+    from analysis.cli.fitted_test import RigFile
     from analysis.traces.loading import RobotMotion
     from daq.store import Run
     from rigs.edit import Values
@@ -55,7 +54,9 @@ def fit(
     of it for a second each. Gauges need not be connected. With --live, jog or
     lead the robot while rigd runs, and press Ctrl-C at the end.
     """
-    from analysis.cli.fitted_test import print_or_write, rig_file_to_write
+    import numpy as np
+
+    from analysis.cli.fitted_test import FittedTest, print_or_write, rig_file_to_write
     from analysis.cli.several import distinct
     from analysis.setting_up.driven_circle import driven_circle
     from analysis.traces.loading import motion_in
@@ -69,7 +70,15 @@ def fit(
     else:
         recorded, to = _of_one_robot(distinct(runs or []), named)
         motions = [motion_in(run) for run in recorded]
-    print_or_write(_as_test(driven_circle(motions, to.rig)), to, write=write, as_json=as_json)
+    driven = driven_circle(motions, to.rig)
+    u = {
+        "centre_mm": driven.u_centre_mm.tolist(),
+        "normal": [float(np.degrees(driven.u_normal))],
+        "radius_mm": [driven.u_radius_mm],
+        "zero": [float(np.degrees(driven.u_zero))],
+    }
+    fitted = FittedTest("circle", driven.values(), u, driven.used, driven.doubts)
+    print_or_write(fitted, to, write=write, as_json=as_json)
 
 
 @command(ball, "rig ball fit runs/hemisphere --rig cell.yaml --write", name="fit")
@@ -90,28 +99,44 @@ def fit_ball(
     ball: held by the link, or touching the ball. A yaw or roll run shows the same
     ball as the centre of its circle.
     """
-    from analysis.cli.fitted_test import print_or_write, rig_file_to_write
+    from analysis.cli.fitted_test import FittedTest, print_or_write, rig_file_to_write
     from analysis.cli.several import distinct
+    from analysis.setting_up.driven_circle import driven_circle
+    from analysis.setting_up.touched_ball import touched_ball
+    from analysis.traces.loading import motion_in
+    from rigs.schema.vocabulary import CIRCLES
 
-    read, to = _of_one_robot(distinct(runs), rig_file_to_write(rig_file, write))
-    print_or_write(_ball_of(read, to.rig), to, write=write, as_json=as_json)
+    recorded, to = _of_one_robot(distinct(runs), rig_file_to_write(rig_file, write))
+    circles = [run.manifest.test in CIRCLES for run in recorded]
+    if any(circles) != all(circles):
+        where = ", ".join(str(run.path) for run in recorded)
+        raise FileError(where, "some are runs of a circle and some of a hemisphere", "give runs of one kind")
+    if all(circles):
+        of_circle = driven_circle([motion_in(run) for run in recorded], to.rig)
+        centre, u_mm, used = of_circle.circle.centre, of_circle.u_centre_mm, f"the circle's centre: {of_circle.used}"
+        values: Values = {"centre_mm": [round(float(x), 3) for x in centre]}
+        doubts = of_circle.doubts
+        if to.rig.tests.hemisphere is None:
+            problem = "the rig file has no tests.hemisphere, and a circle shows no posture at its pole"
+            remedy = "add tests.hemisphere with posture_deg, or give a radial run"
+            raise FileError(RigPlace.of(to.rig.name), problem, remedy)
+    else:
+        touched = touched_ball(recorded, to.rig)
+        values, u_mm, used, doubts = touched.values(to.rig), touched.u_centre_mm, touched.used, touched.doubts
+    fitted = FittedTest("hemisphere", values, {"centre_mm": u_mm.tolist()}, used, doubts)
+    print_or_write(fitted, to, write=write, as_json=as_json)
 
 
 def _of_one_robot(paths: Iterable[Path], named: RigFile | None) -> tuple[list[Run], RigFile]:
     """The runs of directories, and the rig. Raises FileError where a run is of another robot."""
+    from analysis.cli.fitted_test import RigFile
     from daq.store import read_run
 
     runs = [read_run(path) for path in paths]
-    to = named or _rig_of(runs[0])
+    to = named or RigFile(_rig_in(runs[0]), runs[0].manifest.rig_text, None)
     for run in runs:
         _check_same_robot(str(run.path), _rig_in(run), to.rig)
     return runs, to
-
-
-def _rig_of(run: Run) -> RigFile:
-    from analysis.cli.fitted_test import RigFile
-
-    return RigFile(_rig_in(run), run.manifest.rig_text, None)
 
 
 def _rig_in(run: Run) -> Rig:
@@ -155,45 +180,3 @@ def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
 
         say("jog or lead the robot now; stand for a second at each point; Ctrl-C ends", err=True)
         return [watched_motion(client, "the robot", show)], to
-
-
-def _as_test(driven: DrivenCircle) -> FittedTest:
-    import numpy as np
-
-    from analysis.cli.fitted_test import FittedTest
-
-    u = {
-        "centre_mm": driven.u_centre_mm.tolist(),
-        "normal": [float(np.degrees(driven.u_normal))],
-        "radius_mm": [driven.u_radius_mm],
-        "zero": [float(np.degrees(driven.u_zero))],
-    }
-    return FittedTest("circle", driven.values(), u, driven.used, driven.doubts)
-
-
-def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
-    """The ball of runs of one kind: from stands about it, or as the centre of the circle about it."""
-    from analysis.cli.fitted_test import FittedTest
-    from analysis.setting_up.driven_circle import driven_circle
-    from analysis.setting_up.touched_ball import touched_ball
-    from analysis.traces.loading import motion_in
-    from rigs.schema.vocabulary import CIRCLES
-
-    circles = [run.manifest.test in CIRCLES for run in runs]
-    if any(circles) != all(circles):
-        where = ", ".join(str(run.path) for run in runs)
-        raise FileError(where, "some are runs of a circle and some of a hemisphere", "give runs of one kind")
-    if all(circles):
-        of_circle = driven_circle([motion_in(run) for run in runs], rig)
-        centre, u_mm, used = of_circle.circle.centre, of_circle.u_centre_mm, f"the circle's centre: {of_circle.used}"
-        values: Values = {"centre_mm": [round(float(x), 3) for x in centre]}
-        doubts = of_circle.doubts
-        if rig.tests.hemisphere is None:
-            problem = "the rig file has no tests.hemisphere, and a circle shows no posture at its pole"
-            raise FileError(
-                RigPlace.of(rig.name), problem, "add tests.hemisphere with posture_deg, or give a radial run"
-            )
-    else:
-        touched = touched_ball(runs, rig)
-        values, u_mm, used, doubts = touched.values(rig), touched.u_centre_mm, touched.used, touched.doubts
-    return FittedTest("hemisphere", values, {"centre_mm": u_mm.tolist()}, used, doubts)

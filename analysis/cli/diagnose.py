@@ -84,7 +84,13 @@ def diagnose(
         diagnosis = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )
-    _show(diagnosis if as_json else with_commands_here(diagnosis, output), as_json=as_json)
+    from analysis.reporting.diagnosis_screen import as_screen
+    from analysis.reporting.plain_console import PlainConsole
+
+    if as_json:
+        say_json(diagnosis.to_dict())
+    else:
+        PlainConsole().print(as_screen(with_commands_here(diagnosis, output)))
     if output:
         _write(diagnosis, (measured, judges, elsewhere), text, output, errors)
     end_with(worst(errors))
@@ -116,16 +122,6 @@ def with_commands_here(
     again = again or tuple(word for word in words if word not in ("-o", "--output") or not next(words, ""))
     again = (*again, "-o", str(new))
     return replace(diagnosis, acts=acts_with(diagnosis.acts, model, again))
-
-
-def _show(diagnosis: Diagnosis, *, as_json: bool) -> None:
-    from analysis.reporting.diagnosis_screen import as_screen
-    from analysis.reporting.plain_console import PlainConsole
-
-    if as_json:
-        say_json(diagnosis.to_dict())
-    else:
-        PlainConsole().print(as_screen(diagnosis))
 
 
 def _write(

@@ -4,8 +4,10 @@ cell once said, and `rig simulate` writes what the gauges would read.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from queue import Empty, SimpleQueue
+from typing import Annotated
 
 import typer
 
@@ -14,12 +16,6 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import RigArgument, direction_option, maker_option
 from rigs.schema.vocabulary import CIRCLES, OF_ISO9283, Direction, MakerName, SimulatedTest, TestName
-
-if TYPE_CHECKING:
-    from queue import SimpleQueue
-
-    from daq.emulators import Replay
-
 
 HiddenEffects = Annotated[
     str | None,
@@ -116,7 +112,10 @@ def replay(
         if capture.cut:
             say(f"{log}: ends in the middle of a line; that line is ignored", err=True)
         say(f"ready; next: rigd {path}")
-        return _end(played, ends)
+        while not played.done:
+            with suppress(Empty):
+                return ends.get(timeout=0.1)
+        return 0
 
     exit_code, sent = serve(played.cell, lock, attend)
     for name, count in sent.items():
@@ -130,18 +129,6 @@ def replay(
     doubt = "; was it captured with another rig file?" if played.otherwise else ""
     say(f"{played.otherwise} pieces from the host differ from the capture{doubt}")
     raise typer.Exit(exit_code)
-
-
-def _end(played: Replay, ends: SimpleQueue[int]) -> int:
-    """The exit code, once all is said or a signal has come."""
-    from queue import Empty
-
-    while not played.done:
-        try:
-            return ends.get(timeout=0.1)
-        except Empty:
-            continue
-    return 0
 
 
 @command(app, "rig simulate ur10e --test yaw --times 3 -o simulated")

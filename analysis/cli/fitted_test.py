@@ -76,7 +76,12 @@ def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: boo
     for doubt in doubts:
         say(doubt, err=True)
     if as_json:
-        u = {f"{key}_deg" if key in _DIRECTIONS else key: _numbers(values) for key, values in fitted.u.items()}
+        # With two digits; one number alone is no list.
+        rounded = {key: [float(f"{value:.2g}") for value in values] for key, values in fitted.u.items()}
+        u = {
+            f"{key}_deg" if key in _DIRECTIONS else key: values if len(values) > 1 else values[0]
+            for key, values in rounded.items()
+        }
         say_json({"test": fitted.test, **fitted.values, "u": u, "used": fitted.used, "doubts": doubts})
     else:
         say("tests:")
@@ -93,12 +98,6 @@ def u_written(u: Sequence[float], unit: str) -> str:
     if max(u) < _LEAST:
         return f"< {_LEAST:g}{unit}"
     return ", ".join(f"{value:.2g}" if value > _LEAST else f"< {_LEAST:g}" for value in u) + unit
-
-
-def _numbers(u: Sequence[float]) -> float | list[float]:
-    """Uncertainties with two digits, as JSON has them: one number, or several."""
-    numbers = [float(f"{value:.2g}") for value in u]
-    return numbers if len(numbers) > 1 else numbers[0]
 
 
 def _not_drivable(rig: Rig) -> list[str]:

@@ -117,7 +117,14 @@ def init(
         modbus_units=tuple(modbus_unit or (1,)),
     )
     if as_json:
-        say_json(_found(options))
+        from analysis.setup.gauge_questions import ports_of, reports_of
+        from analysis.setup.robot_questions import robot_at
+        from daq.discovery import ports_here
+
+        robots = [robot_at(robot, keys["feedback"]).to_dict()] if robot else []
+        with progress_of("looking at the ports") as doing:
+            ports = [report.to_dict() for report in reports_of(ports_of(options), options, doing)]
+        say_json({"ports_here": ports_here(), "ports": ports, "robots": robots})
         return
     _make(options)
     check([str(rig_file)])
@@ -140,17 +147,6 @@ def _make(options: Options) -> None:
         outcome = f"the same command goes on with the answers in {kept}" if kept.exists() else "nothing was written"
         say(f"stopped; {outcome}", err=True)
         raise typer.Exit(_INTERRUPTED) from None
-
-
-def _found(options: Options) -> dict[str, object]:
-    from analysis.setup.gauge_questions import ports_of, reports_of
-    from analysis.setup.robot_questions import robot_at
-    from daq.discovery import ports_here
-
-    robots = [robot_at(options.robot, options.keys["feedback"]).to_dict()] if options.robot else []
-    with progress_of("looking at the ports") as doing:
-        ports = [report.to_dict() for report in reports_of(ports_of(options), options, doing)]
-    return {"ports_here": ports_here(), "ports": ports, "robots": robots}
 
 
 def next_steps(rig_file: Path) -> list[str]:

@@ -51,7 +51,13 @@ def parts(
     rig, _ = load(rig_file)
     bought = Bought(ball_mm, _pair(magnet_mm), screw.upper())
     if over_balls_mm is not None:
-        _say_distance(rig.tests.touch.sockets if rig.tests.touch else (), over_balls_mm - ball_mm, u_mm)
+        apart_mm = over_balls_mm - ball_mm
+        if apart_mm <= 0:
+            raise typer.BadParameter("is not longer than one ball", param_hint="--over-balls-mm")
+        sockets = rig.tests.touch.sockets if rig.tests.touch else ()
+        first, second = sockets[:_PAIR] if len(sockets) >= _PAIR else ("A", "B")
+        say(f"distances: {flow([{'between': [first, second], 'distance_mm': round(apart_mm, 5), 'u_mm': u_mm}])}")
+        say("next: write this line below tests: touch: of the rig file, with the sockets that the bar has", err=True)
     if directory is None:
         if over_balls_mm is None:
             raise typer.BadParameter("name the directory to write to", param_hint="--output")
@@ -66,15 +72,6 @@ def parts(
     for path in paths:
         say(f"wrote {path}", err=True)
     say("next: print them, and measure over both balls of the bar: parts.md says how", err=True)
-
-
-def _say_distance(sockets: tuple[str, ...], apart_mm: float, u_mm: float) -> None:
-    """Say the line of the rig file for two sockets that are so far apart."""
-    if apart_mm <= 0:
-        raise typer.BadParameter("is not longer than one ball", param_hint="--over-balls-mm")
-    first, second = sockets[:_PAIR] if len(sockets) >= _PAIR else ("A", "B")
-    say(f"distances: {flow([{'between': [first, second], 'distance_mm': round(apart_mm, 5), 'u_mm': u_mm}])}")
-    say("next: write this line below tests: touch: of the rig file, with the sockets that the bar has", err=True)
 
 
 def _pair(written: str) -> tuple[float, float]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -100,32 +98,30 @@ def session(
         raise UseError("--for", "is not given, and neither feedback nor robot names the maker", "give --for")
     from analysis.session.run import Asked, run_session
 
+    if Path(effects).is_file():  # by a path that holds wherever the cell is started; a shipped name stays
+        effects = str(Path(effects).resolve())
     asked = Asked(
         rig_file=str(find(rig_file).resolve()),
         aim=aim,
         minutes=minutes,
         maker=controller,
-        emulated=Emulated(effects=_located(effects), seed=seed, fast=fast) if emulated else None,
+        emulated=Emulated(effects=effects, seed=seed, fast=fast) if emulated else None,
         operator=operator_or_user(operator),
         wait_min=wait_min,
         correct=correct,
         entered=entered,
         fast=fast,
     )
-    with _screen(aside=as_json) as screen:
-        try:
-            done = run_session(rig, text, place, asked, screen)
-        except KeyboardInterrupt:
-            screen.say(f"interrupted: what was reached is kept in {place.file}, and the same command goes on")
-            raise typer.Exit(130) from None
+    screen = _Lines(aside=as_json)
+    try:
+        done = run_session(rig, text, place, asked, screen)
+    except KeyboardInterrupt:
+        screen.say(f"interrupted: what was reached is kept in {place.file}, and the same command goes on")
+        raise typer.Exit(130) from None
+    finally:
+        screen.clear()
     if as_json:
         say_json(done.model_dump(mode="json"))
-
-
-def _located(effects: str) -> str:
-    """The effects by a path that holds wherever the cell is started; a shipped name stays."""
-    path = Path(effects)
-    return str(path.resolve()) if effects and path.is_file() else effects
 
 
 def _show(place: Place, rig_file: Path | str, rig_text: str, *, as_json: bool) -> None:
@@ -154,7 +150,7 @@ class _Lines:
         self._shown, self._aside = False, aside
 
     def say(self, line: str) -> None:
-        self._clear()
+        self.clear()
         for piece in _wrapped(line):
             say(piece, err=self._aside)
         sys.stdout.flush()
@@ -165,7 +161,8 @@ class _Lines:
             sys.stderr.flush()
             self._shown = True
 
-    def _clear(self) -> None:
+    def clear(self) -> None:
+        """Take away what goes on."""
         if self._shown:
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()
@@ -179,12 +176,3 @@ def _wrapped(line: str) -> list[str]:
     indent = " " * (len(line) - len(line.lstrip()) + 2)
     columns = shutil.get_terminal_size().columns
     return textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
-
-
-@contextmanager
-def _screen(*, aside: bool) -> Iterator[_Lines]:
-    lines = _Lines(aside=aside)
-    try:
-        yield lines
-    finally:
-        lines._clear()

@@ -4,14 +4,14 @@ anything is computed; a failure costs only its own part, and the exit code repor
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from analysis.batch.outcomes import Failed, Item, Outcome, Value
+from analysis.batch.outcomes import Failed, Item, Value
 from analysis.cli.console import say, say_error
 from rigs.errors import RigError
 
@@ -63,12 +63,16 @@ def over_runs(
     """
     from analysis.batch.each import each
     from analysis.batch.remote_store import StoreLost
+    from analysis.cli.console import progress_of
 
     errors: list[RigError] = []
     done = 0
     with closing(each(work, runs, jobs=jobs, scheduler=scheduler)) as outcomes:
         try:
-            for outcome in _watched(outcomes, runs, doing, is_still=jobs != 1 or scheduler is not None):
+            for number, run in enumerate(runs, 1):
+                count = f" ({number} of {len(runs)})" if len(runs) > 1 else ""
+                with progress_of(f"{doing} {run}{count}", is_still=jobs != 1 or scheduler is not None):
+                    outcome = next(outcomes)
                 if isinstance(outcome, Failed) and isinstance(outcome.error, StoreLost):
                     raise outcome.error
                 if isinstance(outcome, Failed):
@@ -85,19 +89,6 @@ def over_runs(
                 say(f"interrupted after {done} of {len(runs)} runs: not done is {runs[done]}{others}", err=True)
             raise
     return errors
-
-
-def _watched(
-    outcomes: Iterator[Outcome[Item, Value]], runs: Sequence[Item], doing: str, *, is_still: bool
-) -> Iterator[Outcome[Item, Value]]:
-    """The outcomes, with what is being waited for on a terminal."""
-    from analysis.cli.console import progress_of
-
-    for number, run in enumerate(runs, 1):
-        count = f" ({number} of {len(runs)})" if len(runs) > 1 else ""
-        with progress_of(f"{doing} {run}{count}", is_still=is_still):
-            outcome = next(outcomes)
-        yield outcome
 
 
 def evaluated(
