@@ -107,15 +107,15 @@ class Keyboard:
             self.take("quit")
 
     def _begin_in_turn(self) -> None:
-        while (line := self._next()) != "quit":
+        while True:
+            while not self._waiting:
+                self._some_wait.wait()
+                self._some_wait.clear()
+            line = self._waiting.popleft()
+            if line == "quit":
+                break
             self._try(self._begin, line)
         self._end(0)
-
-    def _next(self) -> str:
-        while not self._waiting:
-            self._some_wait.wait()
-            self._some_wait.clear()
-        return self._waiting.popleft()
 
     def _at_once(self, line: str) -> None:
         word, _, argument = line.partition(" ")

@@ -132,9 +132,21 @@ class Controls:
         if self.prompt is not None:
             return self._typed(key, self.prompt)
         controls = replace(self, message="", shows_help=False)
-        if key == "s" and self.label is not None:
-            return controls, controls._start(self.label)
-        return controls._set(key, readings, helped=self.shows_help), _ACTIONS.get(key)
+        match key:
+            case "s" if self.label is not None:
+                return controls, controls._start(self.label)
+            case "s" | "l":
+                controls = replace(controls, prompt=str(self.label or ""), starts=key == "s")
+            case "u":
+                controls = replace(controls, units=UNITS[(UNITS.index(self.units) + 1) % len(UNITS)])
+            case "z":
+                g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
+                controls = replace(controls, zero_mm=(g1, g2), message=_ZEROED)
+            case "Z":
+                controls = replace(controls, zero_mm=(0.0, 0.0))
+            case "?" | "h":
+                controls = replace(controls, shows_help=not self.shows_help)
+        return controls, _ACTIONS.get(key)
 
     def told(self, notice: str, before: LiveView, view: LiveView) -> Controls:
         """Return the controls with a notice for their message. Without one, a message is dropped once the daemon has
@@ -146,22 +158,6 @@ class Controls:
 
     def _start(self, label: Label) -> Start:
         return Start(label, self.zero_mm if any(self.zero_mm) else None)
-
-    def _set(self, key: str, readings: Mapping[str, Reading], *, helped: bool) -> Controls:
-        """The controls after a key that changes them. helped: whether the help was shown when it was pressed."""
-        match key:
-            case "s" | "l":
-                return replace(self, prompt=str(self.label or ""), starts=key == "s")
-            case "u":
-                return replace(self, units=UNITS[(UNITS.index(self.units) + 1) % len(UNITS)])
-            case "z":
-                g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
-                return replace(self, zero_mm=(g1, g2), message=_ZEROED)
-            case "Z":
-                return replace(self, zero_mm=(0.0, 0.0))
-            case "?" | "h":
-                return replace(self, shows_help=not helped)
-        return self
 
     def _typed(self, key: str, prompt: str) -> tuple[Controls, Action | None]:
         match key:

@@ -70,7 +70,13 @@ class Asking:
             for name, track in self._joiner.tracks.items()
             if name in GAUGES
         }
-        self._further |= _further_of(answer["streams"])
+        # Of gauges beside the two that tests take, the last reading is shown; no row waits for them.
+        for stream in answer["streams"].values():
+            for place, column in enumerate(stream["columns"], start=1):
+                name = column.removesuffix("_mm")
+                last = next((row for row in reversed(stream["rows"]) if row[place] is not None), None)
+                if name in FURTHER and last is not None and np.isfinite(last[place]):
+                    self._further[name] = (last[0] / 1e9, float(last[place]))
         readings |= {name: Reading(mm, max(0.0, now_ns / 1e9 - t_s)) for name, (t_s, mm) in self._further.items()}
         return Update(rows=rows, readings=readings, state=state, cell=cell, notice=notice)
 
@@ -164,18 +170,6 @@ def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict
         if all(joint in columns for joint in _JOINTS):
             tracks[ROBOT] = _track(values[:, 0], np.radians(np.stack([columns[joint] for joint in _JOINTS], axis=1)))
     return {name: track for name, track in tracks.items() if len(track.t_s)}
-
-
-def _further_of(streams: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """The last samples, s and mm, of gauges beside the two that tests take; no row waits for them."""
-    latest = {}
-    for stream in streams.values():
-        for place, column in enumerate(stream["columns"], start=1):
-            name = column.removesuffix("_mm")
-            last = next((row for row in reversed(stream["rows"]) if row[place] is not None), None)
-            if name in FURTHER and last is not None and np.isfinite(last[place]):
-                latest[name] = (last[0] / 1e9, float(last[place]))
-    return latest
 
 
 def _track(t_ns: Array, values: Array) -> Track:

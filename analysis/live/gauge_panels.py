@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from analysis.live.canvas import ANGLE_COLOUR, GAUGE_COLOURS, Area, direction_colour, height_of, put_large, width_of
-from analysis.live.controls import Controls, Units
+from analysis.live.controls import Controls
 from analysis.live.figures import OLD_S, angle_deg, angle_name, lap_state, phi_deg
 from analysis.live.view import LiveView
 
@@ -45,8 +45,11 @@ def draw_gauge(area: Area, view: LiveView, controls: Controls, k: int, scale: in
     old = reading.age_s > OLD_S
     if old:
         area.put(0, column + 2, f"{reading.age_s:.0f} s old", "yellow")
-    else:
-        _trend(area, view, units, k, column + 2)
+    elif not math.isnan(slope := float(view.trends_mm_s[k])):
+        sign = 0 if abs(slope) < _STEADY_MM_S else int(math.copysign(1, slope))
+        # Two decimals less than a reading has: a slope over two seconds is no better.
+        rate = f" {slope * units.per_mm:+.{max(0, units.decimals - 1)}f}/s" if sign else " steady"
+        area.put(0, column + 2, {1: "▲", -1: "▼", 0: "■"}[sign] + rate, "" if sign else "dim")
     shown = _text(view, controls, k, reading.mm)
     if width_of(shown, scale) <= area.width - 1:
         put_large(area, 1, 1, shown, scale, "dim" if old else f"bold {GAUGE_COLOURS[k]}")
@@ -105,16 +108,6 @@ def _widest(view: LiveView, controls: Controls, k: int) -> float:
     name = f"g{k + 1}"
     values += [view.readings[name].mm] if name in view.readings else []
     return max(values, key=lambda mm: abs(mm - controls.zero_mm[k]), default=0.0)
-
-
-def _trend(area: Area, view: LiveView, units: Units, k: int, column: int) -> None:
-    slope = float(view.trends_mm_s[k])
-    if math.isnan(slope):
-        return
-    sign = 0 if abs(slope) < _STEADY_MM_S else int(math.copysign(1, slope))
-    # Two decimals less than a reading has: a slope over two seconds is no better.
-    rate = f" {slope * units.per_mm:+.{max(0, units.decimals - 1)}f}/s" if sign else " steady"
-    area.put(0, column, {1: "▲", -1: "▼", 0: "■"}[sign] + rate, "" if sign else "dim")
 
 
 def _range(area: Area, view: LiveView, controls: Controls, k: int) -> None:

@@ -35,11 +35,9 @@ def draw_head(area: Area, view: LiveView) -> None:
         words = f"{mark} {played.name}, {played.at_s:.1f} of {played.of_s:.1f} s, speed {played.speed:g}"
         column = area.put(0, column, words, "bold green") + 2
         area.put(0, column, " ".join(filter(None, (view.test, view.direction))))
-    elif view.state:
-        _recording(area, column, view.state, view.cut)
-
-
-def _recording(area: Area, column: int, state: dict[str, Any], cut: str) -> None:
+        return
+    if not (state := view.state):
+        return
     if state["recording"]:
         label = " ".join(filter(None, (state["test"], state["direction"])))
         words = f"● recording {state['recording']} ({label}) {state['seconds']:.0f} s"
@@ -50,8 +48,8 @@ def _recording(area: Area, column: int, state: dict[str, Any], cut: str) -> None
         area.put(0, column, f"{state['waiting']} waits for the disk", "bold red")
     elif state.get("beginning"):
         area.put(0, column, f"{state['beginning']} begins", "yellow")
-    elif cut:
-        area.put(0, column, cut, "bold yellow")
+    elif view.cut:
+        area.put(0, column, view.cut, "bold yellow")
     elif (automatic := state["automatic"]) is not None:
         why = f"; not started: {automatic['why_not']}" if automatic["why_not"] else ""
         area.put(0, column, f"automatic, waits for {'; '.join(automatic['waits_for'])}{why}", "dim")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -99,14 +99,23 @@ class LiveView:
 
     def after(self, update: Update) -> LiveView:
         """Return the view after an update."""
-        view = replace(self._with_loss(update), played=update.played)
+        # Only what the daemon reads shows that it is back: a refused request comes while it is lost as well.
+        lost = self.lost if not update.lost and update.readings is None else update.lost
+        view = replace(self, lost=lost, played=update.played)
+        if bool(lost) != bool(self.lost):
+            during = f" while {self.name} is recorded" if self.name else ""
+            view = view._with_words([f"rigd does not answer{during}" if lost else "rigd answers again"])
         if update.cell is not None:
             events = tuple(event for event in view.events if event.reversal is None)
             view = LiveView(update.cell, state=self.state, cut=self.cut, events=events, played=update.played)
         if update.label is not None:
             view = view.labelled(*update.label)
-        if update.state is not None:
-            view = view._with_state(update.state)
+        if (state := update.state) is not None:
+            words = [*_recording_changes(view.state, state), *_new_faults(view.state, state)]
+            cut = _cut(view.state, state) or ("" if state["recording"] or state.get("last_end") else view.cut)
+            view = replace(view, state=state, cut=cut)._with_words(words)
+            is_recording = state["recording"] is not None
+            view = view.labelled(*(state[key] if is_recording else None for key in ("recording", "test", "direction")))
         if update.readings is not None:
             view = replace(view, readings=update.readings)
         return view._with_rows(update.rows) if len(update.rows) else view
@@ -173,23 +182,6 @@ class LiveView:
         at_s = float(self.rows.t_s[-1]) if len(self.rows) else 0.0
         return self._with_events(Event(at_s, sentence) for sentence in words)
 
-    def _with_loss(self, update: Update) -> LiveView:
-        """Only what the daemon reads shows that it is back: a refused request comes while it is lost as well."""
-        lost = self.lost if not update.lost and update.readings is None else update.lost
-        if bool(lost) == bool(self.lost):
-            return replace(self, lost=lost)
-        during = f" while {self.name} is recorded" if self.name else ""
-        words = f"rigd does not answer{during}" if lost else "rigd answers again"
-        return replace(self, lost=lost)._with_words([words])
-
-    def _with_state(self, state: dict[str, Any]) -> LiveView:
-        words = [*_recording_changes(self.state, state), *_new_faults(self.state, state)]
-        cut = _cut(self.state, state) or ("" if state["recording"] or state.get("last_end") else self.cut)
-        view = replace(self, state=state, cut=cut)._with_words(words)
-        if state["recording"] is None:
-            return view.labelled(None, None, None)
-        return view.labelled(state["recording"], state["test"], state["direction"])
-
     def _with_rows(self, rows: Rows) -> LiveView:
         extremes = np.stack([np.fmin.reduce(rows.g_mm, axis=0), np.fmax.reduce(rows.g_mm, axis=0)], axis=1)
         if self.extremes_mm is not None:
@@ -207,23 +199,20 @@ class LiveView:
         lead = self.cell.lead_rad / (2 * np.pi)
         inside: Mask = (share >= 0) & ((share < 1) | (share % 1 > lead))
         values = np.where(inside, self.cell.error_source(rows.g_mm), np.nan)
+        counts = tuple(
+            count + sum(reversal.axis == axis for reversal in turned)
+            for axis, count in enumerate(self.reversal_counts, start=1)
+        )
         return replace(
-            view._with_reversals(turned),
+            view._with_events(Event(reversal.t_s, "", reversal) for reversal in turned),
+            reversal_counts=counts,
+            last_reversals={**self.last_reversals, **{reversal.axis: reversal for reversal in turned}},
             lap=lap,
             joints=joints,
             phi=np.concatenate([self.phi, phi])[-_KEPT_ROWS:],
             acw=self._swept(self.acw, "acw", phi, np.where(sense > 0, values, np.nan)),
             cw=self._swept(self.cw, "cw", phi, np.where(sense < 0, values, np.nan)),
         )
-
-    def _with_reversals(self, turned: Sequence[JointReversal]) -> LiveView:
-        counts = tuple(
-            count + sum(reversal.axis == axis for reversal in turned)
-            for axis, count in enumerate(self.reversal_counts, start=1)
-        )
-        last = {**self.last_reversals, **{reversal.axis: reversal for reversal in turned}}
-        view = replace(self, reversal_counts=counts, last_reversals=last)
-        return view._with_events(Event(reversal.t_s, "", reversal) for reversal in turned)
 
     def _swept(self, sweep: Sweep, direction: Direction, phi: Array, values: Array) -> Sweep:
         """A way back between two laps is no measurement in the other direction."""

@@ -299,7 +299,12 @@ def _recorded(state: State, run: Run, minutes: float) -> Outcome:
     if run.why:
         failed = _failed(tried.session.steps[of], is_emulated=session.emulated is not None)
         return tried, (*actions, *failed)
-    if not _shows_more(tried):
+    # One inference at a time, and only where it would show more than the last one
+    find = tried.session.runs_for("find")
+    understood = session.answer.runs if session.answer else 0
+    all_driven = first_open(tried.session, "judge") is None and first_open(tried.session, "find") is None
+    shows_more = len({step.direction for step in find}) > 1 and (len(find) > understood or all_driven)
+    if not shows_more or tried.inferring is not None or session.correction is not None:
         return tried, actions
     begun, further = _begun(tried, joins=False)
     return begun, (*actions, *further)
@@ -316,16 +321,6 @@ def _failed(step: Step, *, is_emulated: bool) -> tuple[Stop, ...]:
         return (Stop(CellError("this computer", f"was held up, so that readings are missing ({vain})", remedy)),)
     remedy = "look at the cell (rig doctor); the same command goes on here"
     return (Stop(CellError(step.program, f"failed {MOST_TRIES} times, the last time: {last}", remedy)),)
-
-
-def _shows_more(state: State) -> bool:
-    """Whether an inference would show more than the last one, and none is under way."""
-    session = state.session
-    find = session.runs_for("find")
-    understood = session.answer.runs if session.answer else 0
-    judged = first_open(session, "judge") is None and first_open(session, "find") is None
-    is_new = len({step.direction for step in find}) > 1 and (len(find) > understood or judged)
-    return is_new and state.inferring is None and session.correction is None
 
 
 def _begun(state: State, *, joins: bool) -> Outcome:

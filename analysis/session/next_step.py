@@ -35,43 +35,32 @@ nothing is left."""
 
 def next_of(session: Session) -> Following:
     """Return what comes next in a session."""
-    following = _finding(session) or (_correcting(session) if session.aim != "check" else None)
-    return following or ("done" if session.report else "report")
-
-
-def _finding(session: Session) -> Following | None:
-    """What comes next until the errors are found and the place that judges was driven, None after that."""
     if (number := first_open(session, "find")) is not None:
         return Drive(number)
     if not session.answered:
         is_known = session.answer is not None and session.answer.runs == len(session.runs_for("find"))
         return "decide" if is_known else Infer()
-    number = first_open(session, "judge")
-    return None if number is None else Drive(number)
+    if (number := first_open(session, "judge")) is not None:
+        return Drive(number)
+    # The errors are found, and the place that judges was driven.
+    following = _correcting(session) if session.aim != "check" else None
+    return following or ("done" if session.report else "report")
 
 
 def _correcting(session: Session) -> Following | None:
     """What comes next from the last inference to the last run after the correction, None after that."""
     answer, correction = session.answer, session.correction
     if correction is None:
-        return _understanding(session, answer) or "correct"
+        if answer is not None and session.is_last(answer):
+            return "correct" if session.decided == answer.runs else "decide"
+        # The other place judges first what was found without it; then its runs join, and what all of them show decides.
+        run_counts = len(session.runs_for("find")), len(session.runs_for("judge"))
+        judged = session.judged
+        return Infer(joins=judged is not None and (judged.runs, judged.judges) == run_counts)
     if correction.way == "entries" and not correction.entered:
         return "enter"
     number = first_open(session, "verify")
     return None if number is None else Drive(number)
-
-
-def _understanding(session: Session, answer: Answer | None) -> Following | None:
-    """What comes next until all runs are understood and nothing more is measured, None after that.
-
-    The other place judges first what was found without it; then its runs join, and what they show as well decides.
-    """
-    finds, judges = len(session.runs_for("find")), len(session.runs_for("judge"))
-    if answer is not None and session.is_last(answer):
-        return None if session.decided == answer.runs else "decide"
-    judged = session.judged
-    has_judged = judged is not None and (judged.runs, judged.judges) == (finds, judges)
-    return Infer(joins=True) if has_judged else Infer()
 
 
 def first_open(session: Session, purpose: Purpose) -> int | None:

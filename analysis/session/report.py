@@ -52,29 +52,20 @@ def write_report(session: Session, rig: Rig, place: Place) -> Path:
     diagnosis = None
     with suppress(RigError):  # the page says why for those that find errors
         diagnosis = diagnose([*find, *joined], rig=model) if joined else None
-    report = gather(
-        evaluate_runs(find),
-        model,
-        diagnosis=diagnosis,
-        after=_before_after(session, place, model),
-        progress=lambda _: None,
-    )
+    results, after = evaluate_runs(find), None
+    correction, judged = session.correction, session.judged
+    if session.verified is not None and correction is not None:
+        verify = [step for step in session.runs_for("verify") if step.stage != ELSEWHERE and session.is_corrected]
+        driven = [load_measured(run) for run in place.runs_of(verify)]
+        after = BeforeAfter(
+            correction.sentence,
+            correction.way,
+            session.sides,
+            work=correction.work,
+            judged=(judged.before_there_um, judged.calibrated_um) if judged and judged.before_there_um else None,
+            joined=session.answer.joined if session.answer else 0,
+            own_programs=own_programs(session, place.directory),
+            verdict=judge(evaluate_runs(driven), model.limits) if driven else None,
+        )
+    report = gather(results, model, diagnosis=diagnosis, after=after, progress=lambda _: None)
     return write_page(report, place.directory / PAGE)
-
-
-def _before_after(session: Session, place: Place, model: Rig) -> BeforeAfter | None:
-    verified, correction, judged = session.verified, session.correction, session.judged
-    if verified is None or correction is None:
-        return None
-    verify = [step for step in session.runs_for("verify") if step.stage != ELSEWHERE and session.is_corrected]
-    driven = [load_measured(run) for run in place.runs_of(verify)]
-    return BeforeAfter(
-        correction.sentence,
-        correction.way,
-        session.sides,
-        work=correction.work,
-        judged=(judged.before_there_um, judged.calibrated_um) if judged and judged.before_there_um else None,
-        joined=session.answer.joined if session.answer else 0,
-        own_programs=own_programs(session, place.directory),
-        verdict=judge(evaluate_runs(driven), model.limits) if driven else None,
-    )

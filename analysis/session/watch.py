@@ -105,21 +105,8 @@ class Watch:
         if _apart(q, self._stands_at) > FLICKER_DEG:
             self._stands_at, self._stands_since_s = q, t_s
         self.stood_s = t_s - self._stands_since_s
-        return self._follow(q) if self.program else self._await(q)
-
-    def _await(self, q: Array) -> Seen:
-        if self.stood_s < _STANDS_S:
-            return "nothing"
-        # Where a program ends another may begin: only the expected one is taken for meant where the robot stayed there.
-        stayed = not self._has_moved and self._ended and _apart(q, self._ways[self._ended].q_deg[-1]) < NEAR_DEG
-        is_meant = self._has_moved or (not stayed and self.stood_s > _MEANT_S)
-        for name in (self._expected, *(self._ways if is_meant else ())):
-            if _apart(q, self._ways[name].q_deg[0]) < NEAR_DEG:
-                self.program, self._at = name, 0
-                return "at_start"
-        return "elsewhere" if self._has_moved and self.stood_s > _ELSEWHERE_S else "nothing"
-
-    def _follow(self, q: Array) -> Seen:
+        if not self.program:
+            return self._await(q)
         way = self._ways[self.program]
         ahead = way.q_deg[self._at : self._at + _AHEAD]
         away = np.abs(ahead - q).max(axis=1)
@@ -133,6 +120,18 @@ class Watch:
         if self._at > 0 and self.stood_s > 2 * way.longest_stand_s + _MORE_S:
             return "stopped"
         return "driving" if self._at else "at_start"
+
+    def _await(self, q: Array) -> Seen:
+        if self.stood_s < _STANDS_S:
+            return "nothing"
+        # Where a program ends another may begin: only the expected one is taken for meant where the robot stayed there.
+        stayed = not self._has_moved and self._ended and _apart(q, self._ways[self._ended].q_deg[-1]) < NEAR_DEG
+        is_meant = self._has_moved or (not stayed and self.stood_s > _MEANT_S)
+        for name in (self._expected, *(self._ways if is_meant else ())):
+            if _apart(q, self._ways[name].q_deg[0]) < NEAR_DEG:
+                self.program, self._at = name, 0
+                return "at_start"
+        return "elsewhere" if self._has_moved and self.stood_s > _ELSEWHERE_S else "nothing"
 
 
 def _apart(first: Array, second: Array) -> float:

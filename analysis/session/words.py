@@ -10,7 +10,7 @@ from analysis.correction.deviation import Deviation, Side
 from analysis.reporting.texts import texts_of
 from analysis.session.next_step import Drive, Following
 from analysis.session.plan import Pace, minutes_of
-from analysis.session.state import Answer, Correction, PartOfError, Place, Session, Stage, Step, Way, own_programs
+from analysis.session.state import Answer, Correction, PartOfError, Place, Session, Stage, Way, own_programs
 from rigs.text import as_argument, counted
 
 _PURPOSES = {"find": "to find errors", "judge": "to judge by, used for nothing else", "verify": "after the correction"}
@@ -62,19 +62,16 @@ def more_lines(answer: Answer, stage: Stage) -> Iterator[str]:
 
 def budget_lines(parts: tuple[PartOfError, ...]) -> Iterator[str]:
     """Yield the parts of the error, each with its share."""
-    names = [_name_of(part) for part in parts]
+    names = []
+    for part in parts:
+        # The size is left out where there is no room: the headline has it.
+        whole = f"{part.part} {part.size}".strip()
+        alone = part.part if len(part.part) <= _LONGEST else f"{part.part[: _LONGEST - 1]}…"
+        names.append(whole if len(whole) <= _LONGEST else alone)
     width = max(map(len, names), default=0)
     for part, name in zip(parts, names, strict=True):
         bar = "#" * round(_BAR * max(0.0, min(1.0, part.share)))
         yield f"{name:{width}} {100 * part.share:4.0f} % {part.um:7.1f} µm {bar}".rstrip()
-
-
-def _name_of(part: PartOfError) -> str:
-    """The name of a part with its size, which is left out where there is no room: the headline has it."""
-    whole = f"{part.part} {part.size}".strip()
-    if len(whole) <= _LONGEST:
-        return whole
-    return part.part if len(part.part) <= _LONGEST else f"{part.part[: _LONGEST - 1]}…"
 
 
 def end_lines(session: Session, directory: Path) -> Iterator[str]:
@@ -146,7 +143,9 @@ def status_lines(session: Session, following: Following, directory: Path) -> Ite
     minutes = counted(round(session.driven_minutes), "minute")
     yield f"session of {session.rig}, begun {began}, aim {session.aim}, {minutes} driven"
     for number, step in enumerate(session.steps, start=1):
-        yield f"{number:3} {step.program:{_WIDTH}} {_state_of(step)}"
+        open_state = f"to be driven again: {step.tries[-1].why}" if step.tries else "to be driven"
+        state = step.run or (f"left out: {step.skipped}" if step.skipped else open_state)
+        yield f"{number:3} {step.program:{_WIDTH}} {state}"
     if session.answer:
         shown = "" if session.report else f" {session.answer.headline}"  # which the end says as well
         yield f"{counted(session.answer.runs, 'run shows', 'runs show')}:{shown}"
@@ -167,11 +166,3 @@ _NEXT: dict[Following, str] = {
     "enter": "enter the values of the correction at the controller",
     "report": "write the report",
 }
-
-
-def _state_of(step: Step) -> str:
-    if step.run:
-        return step.run
-    if step.skipped:
-        return f"left out: {step.skipped}"
-    return f"to be driven again: {step.tries[-1].why}" if step.tries else "to be driven"

@@ -140,13 +140,6 @@ NOT_ALLOWED = CellError(
 )
 
 
-def _may_control(request: Request, controls: Controls) -> bool:
-    """Whether who asks without a token may use the daemon's socket as well, by user and group."""
-    client, server = request.client, request.scope.get("server")
-    user = tcp_user((client.host, client.port), server[1]) if client and server else None
-    return user is not None and controls.is_allowed(user)
-
-
 class _Pages:
     def __init__(self, window: Window) -> None:
         self._window = window
@@ -299,8 +292,12 @@ class _Pages:
         controls, form = self._window.controls, await _form(request)
         if controls is None or not self._window.gate.is_own_form(form):
             raise HTTPException(403)
-        if self._window.gate.token is None and not _may_control(request, controls):
-            return JSONResponse({"ok": False, "said": str(NOT_ALLOWED)}, 403)
+        if self._window.gate.token is None:
+            # Who asks without a token must be one who may use the daemon's socket as well, by user and group.
+            client, server = request.client, request.scope.get("server")
+            user = tcp_user((client.host, client.port), server[1]) if client and server else None
+            if user is None or not controls.is_allowed(user):
+                return JSONResponse({"ok": False, "said": str(NOT_ALLOWED)}, 403)
         try:
             answer = await run_in_threadpool(controls.do, request.path_params["what"], form)
         except RigError as error:

@@ -84,16 +84,18 @@ def curves(view: LiveView) -> dict[str, dict[str, Any]]:
     both = shown_curves(view)
     turned: list[list[float]] = []
     for reversal in reversed(view.reversals[-_REVERSALS:]):
-        mark = [reversal.axis, round(math.degrees(reversal.phi_rad), 1), reversal.sense]
-        if math.isfinite(reversal.phi_rad) and not any(_is_same(mark, earlier) for earlier in turned):
-            turned.append(mark)
+        if not math.isfinite(reversal.phi_rad):
+            continue
+        phi_deg = round(math.degrees(reversal.phi_rad), 1)
+        # One joint at one place, in two laps, is marked once.
+        is_marked = any(
+            (axis, sense) == (reversal.axis, reversal.sense)
+            and abs(math.remainder(phi_deg - at_deg, 360.0)) < _ONE_PLACE_DEG
+            for axis, at_deg, sense in turned
+        )
+        if not is_marked:
+            turned.append([reversal.axis, phi_deg, reversal.sense])
     return {"acw": curve(both[0]), "cw": curve(both[1]), "circle": {"scale": scale_of(both), "turned": turned}}
-
-
-def _is_same(mark: list[float], earlier: list[float]) -> bool:
-    """Whether two reversals are those of one joint at one place, in two laps."""
-    apart = abs(math.remainder(mark[1] - earlier[1], 360.0))
-    return (mark[0], mark[2]) == (earlier[0], earlier[2]) and apart < _ONE_PLACE_DEG
 
 
 def trace(view: LiveView) -> dict[str, Any]:

@@ -151,8 +151,12 @@ class Guard:
                 message = {**message, "headers": [*message.get("headers", []), *missing]}
             await send(message)
 
-        app = self._app
-        status, why = _status_of(self._gate, scope)
+        app, status, why = self._app, 426, "Only HTTP is answered."
+        if scope["type"] == "http":
+            try:
+                status, why = self._gate.wrong(scope)
+            except ValueError:
+                status, why = 400, "The request is not understood."
         if status:
             app = PlainTextResponse(why, status)
         elif not self._gate.is_let_in(Headers(scope=scope)) and not scope["path"].startswith(_OPEN):
@@ -170,15 +174,6 @@ async def form_of(request: Request) -> dict[str, str]:
             if len(body) > MOST_BODY:
                 raise ValueError(f"a form holds at most {MOST_BODY} bytes")
     return dict(parse_qsl(body.decode("utf-8"), max_num_fields=20, keep_blank_values=True))
-
-
-def _status_of(gate: Gate, scope: Scope) -> tuple[int, str]:
-    if scope["type"] != "http":
-        return 426, "Only HTTP is answered."
-    try:
-        return gate.wrong(scope)
-    except ValueError:
-        return 400, "The request is not understood."
 
 
 def _are_equal(text: str, secret: str) -> bool:
