@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,9 +12,6 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, Jobs, RunsBelow, Scheduler
 from rigs.errors import UseError
-
-if TYPE_CHECKING:
-    from analysis import Result
 
 
 @command(app, "rig analyse runs/lap-acw runs/lap-cw --plot pictures")
@@ -54,20 +50,9 @@ def analyse(
         return
     drawn = plot is not None or truth is not None
     results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler, with_rows=drawn)
-    if results:
-        _show(results, as_json=as_json, plot=plot, each=each, truth=truth)
-    end_with(worst(errors))
-
-
-def _as_line(run: Path) -> str:
-    """A run and its figures as one line of JSON, plain ASCII."""
-    from analysis.measures.results import figures_alone
-
-    return json.dumps(figures_alone(run).to_dict())
-
-
-def _show(results: Sequence[Result], *, as_json: bool, plot: Path | None, each: bool, truth: Path | None) -> None:
-    """Draw the pictures, and print the table or the JSON object."""
+    if not results:
+        end_with(worst(errors))
+        return
     truths = []
     if truth:
         from analysis.reporting.run_object import compare
@@ -85,8 +70,16 @@ def _show(results: Sequence[Result], *, as_json: bool, plot: Path | None, each: 
         from analysis.reporting.run_object import as_object
 
         say_json(as_object(results, truths))
-        return
-    from analysis.reporting.plain_console import PlainConsole
-    from analysis.reporting.run_report import as_tables
+    else:
+        from analysis.reporting.plain_console import PlainConsole
+        from analysis.reporting.run_report import as_tables
 
-    PlainConsole().print(as_tables(results, truths, each=each))
+        PlainConsole().print(as_tables(results, truths, each=each))
+    end_with(worst(errors))
+
+
+def _as_line(run: Path) -> str:
+    """A run and its figures as one line of JSON, plain ASCII."""
+    from analysis.measures.results import figures_alone
+
+    return json.dumps(figures_alone(run).to_dict())

@@ -52,6 +52,7 @@ def fleet(
     from analysis.fleet import catalogue as kept
     from analysis.fleet.gather import gather
     from analysis.history.collect import Workers
+    from rigs.errors import CellError
 
     if output:
         from analysis.reporting.html_page import hold_page
@@ -65,7 +66,13 @@ def fleet(
         kept.refuse_foreign(catalogue)
     workers, progress = Workers(jobs, scheduler), CountedProgress()
     with ExitStack() as until_written:
-        file = catalogue or _own_catalogue(directory, until_written)
+        file = catalogue or kept.default_path(directory)
+        if not catalogue:
+            try:
+                kept.hold_writable(file)
+            except CellError as error:  # one for this time, since it only saves time
+                say(f"{error.where}: {error.what}; every run is read again each time: give --catalogue FILE", err=True)
+                file = Path(until_written.enter_context(TemporaryDirectory())) / file.name
         try:
             with progress:
                 plant = gather(directory, file, workers, progress)
@@ -81,20 +88,6 @@ def fleet(
         from analysis.reporting.plain_console import PlainConsole
 
         PlainConsole().print(screen.as_screen(plant))
-
-
-def _own_catalogue(directory: Path, until: ExitStack) -> Path:
-    """The catalogue in the user's cache, or one for this time where that cannot be written: it only saves time."""
-    from analysis.fleet import catalogue as kept
-    from rigs.errors import CellError
-
-    file = kept.default_path(directory)
-    try:
-        kept.hold_writable(file)
-    except CellError as error:
-        say(f"{error.where}: {error.what}; every run is read again each time: give --catalogue FILE", err=True)
-        return Path(until.enter_context(TemporaryDirectory())) / file.name
-    return file
 
 
 def _write(plant: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:

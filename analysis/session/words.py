@@ -66,8 +66,8 @@ def budget_lines(parts: tuple[PartOfError, ...]) -> Iterator[str]:
     for part in parts:
         # The size is left out where there is no room: the headline has it.
         whole = f"{part.part} {part.size}".strip()
-        alone = part.part if len(part.part) <= _LONGEST else f"{part.part[: _LONGEST - 1]}…"
-        names.append(whole if len(whole) <= _LONGEST else alone)
+        short = part.part if len(part.part) <= _LONGEST else f"{part.part[: _LONGEST - 1]}…"
+        names.append(whole if len(whole) <= _LONGEST else short)
     width = max(map(len, names), default=0)
     for part, name in zip(parts, names, strict=True):
         bar = "#" * round(_BAR * max(0.0, min(1.0, part.share)))
