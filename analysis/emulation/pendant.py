@@ -99,7 +99,14 @@ class Pendant:
         Raises FileError for a program that is not there, cannot be read or cannot be driven."""
         path = _path_of(self._programs, name.strip())
         maker, texts = program_texts(path)
-        controller, test = self._of(maker.name, str(path)), _test_of(path)
+        controller = self._of(maker.name, str(path))
+        # The name of the program's file says for which test a person has mounted the gauges.
+        words = re.split(r"[^a-z]+", path.stem.lower())
+        tests = [candidate for candidate in _TESTS if candidate in words]
+        if len(tests) != 1:
+            problem = f"names {' and '.join(tests) or 'none'} of the tests, so it is unknown how the gauges are mounted"
+            raise FileError(str(path), problem, f"put one of the words {', '.join(_TESTS)} into its name")
+        test = tests[0]
         try:
             T = arm_of(self._rig.robot).T_flange_tool
             entered = maker_by(controller.maker).driver.tool_entered
@@ -110,8 +117,9 @@ class Pendant:
             driven = drive(controller, machine.events, near, str(path))
         except ProgramError as error:
             raise FileError(str(path), f"the controller refuses it: {error}", "correct the program") from None
-        g_mm, shown = trace_along(self._rig, test, driven.t_s, driven.q - controller.reads_more), self._signals(driven)
-        return Trace(driven.t_s, np.empty(0), driven.q, g_mm, signals=shown, holds_s=driven.holds_s)
+        g_mm = trace_along(self._rig, test, driven.t_s, driven.q - controller.reads_more)
+        signals = self._signals(driven)
+        return Trace(driven.t_s, np.empty(0), driven.q, g_mm, signals=signals, holds_s=driven.holds_s)
 
     def enter(self, path: Path) -> tuple[int, Array]:
         """Enter the parameters of a file of `rig correct`; return how many, and by how much each joint of the standing
@@ -150,13 +158,3 @@ class Pendant:
             on[output] = state
             signals.append((t_s, float(sum(on.get(output, False) << bit for bit, output in enumerate(order)))))
         return tuple(signals)
-
-
-def _test_of(path: Path) -> DrivenTest:
-    """The test for which a person has mounted the gauges, by the name of the program's file."""
-    words = re.split(r"[^a-z]+", path.stem.lower())
-    tests = [test for test in _TESTS if test in words]
-    if len(tests) != 1:
-        problem = f"names {' and '.join(tests) or 'none'} of the tests, so it is unknown how the gauges are mounted"
-        raise FileError(str(path), problem, f"put one of the words {', '.join(_TESTS)} into its name")
-    return tests[0]

@@ -147,7 +147,16 @@ def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) 
     """Gauge 1, and gauge 2 where there are two, each with how it counts where it was pushed."""
     by_place = {gauge.place: gauge for gauge in gauges}
     if options.places:
-        return [_at(place, by_place) for place in options.places]
+        at_places = []
+        for place in options.places:
+            matching = [gauge for name, gauge in by_place.items() if place in (name, gauge.gauge.port)]
+            if not matching:
+                raise CellError(place, "no gauge answers there", f"give one that answers: {', '.join(by_place)}")
+            if len(matching) > 1:
+                channels = ", ".join(gauge.place for gauge in matching)
+                raise FileError(place, f"has {len(matching)} gauges", f"add the channel: {channels}")
+            at_places += matching
+        return at_places
     if not dialogue.terminal and len(gauges) == 1:
         return list(gauges)
     if not dialogue.terminal:
@@ -161,16 +170,6 @@ def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) 
         ):  # typed, so no finger is there
             return [first, *remaining.values()]
         return [first, _pushed("g2", remaining, watch, dialogue)]
-
-
-def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
-    matching = [gauge for name, gauge in by_place.items() if place in (name, gauge.gauge.port)]
-    if len(matching) == 1:
-        return matching[0]
-    if not matching:
-        raise CellError(place, "no gauge answers there", f"give one that answers: {', '.join(by_place)}")
-    channels = ", ".join(gauge.place for gauge in matching)
-    raise FileError(place, f"has {len(matching)} gauges", f"add the channel: {channels}")
 
 
 def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue: Dialogue) -> FoundGauge:

@@ -105,7 +105,14 @@ def trace(view: LiveView) -> dict[str, Any]:
     recent = recent.taken(slice(None, None, max(1, math.ceil(len(recent) / _TRACE_POINTS))))
     if not len(recent):
         return {"t": [], "g": [[], []]}
-    return {"t": _whole((recent.t_s - recent.t_s[-1]) * 100), "g": [_line(recent.g_mm[:, k]) for k in range(2)]}
+    lines: list[list[int | None]] = [[], []]
+    for line, mm in zip(lines, recent.g_mm.T, strict=True):
+        finite = np.isfinite(mm)
+        if finite.any():
+            tenths = np.where(finite, mm - mm[finite].mean(), 0.0) * _UM_TENTHS_PER_MM
+            values = zip(tenths.tolist(), finite.tolist(), strict=True)
+            line.extend(round(value) if is_finite else None for value, is_finite in values)
+    return {"t": _whole((recent.t_s - recent.t_s[-1]) * 100), "g": lines}
 
 
 def links(view: LiveView) -> dict[str, Any]:
@@ -128,16 +135,6 @@ def links(view: LiveView) -> dict[str, Any]:
         "last_end": state.get("last_end") or "",
         "events": [[round(event.t_s, 1), event_words(event, view)] for event in reversed(view.events[-_EVENTS:])],
     }
-
-
-def _line(mm: Array) -> list[int | None]:
-    finite = np.isfinite(mm)
-    if not finite.any():
-        return []
-    less = np.where(finite, mm - mm[finite].mean(), 0.0) * _UM_TENTHS_PER_MM
-    return [
-        round(value) if is_finite else None for value, is_finite in zip(less.tolist(), finite.tolist(), strict=True)
-    ]
 
 
 def _whole(values: Array) -> list[int]:
