@@ -40,8 +40,15 @@ def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answer
         or options.places
         or not all(has_keys(Gauge, gauge, options.keys[name]) for name, gauge in zip(_NAMES, gauges, strict=False))
     ):
-        chosen = _chosen(_found(options, dialogue), options, dialogue)
-        gauges = tuple(_completed(gauge, name, options, dialogue) for name, gauge in zip(_NAMES, chosen, strict=False))
+        gauges = ()
+        for name, answering in zip(_NAMES, _chosen(_found(options, dialogue), options, dialogue), strict=False):
+            keys = dict(options.keys[name])
+            for key in answering.lacks:  # only its owner knows them
+                if key in keys:
+                    continue
+                question = f"{key} of {name} ({answering.gauge.origin.instruments})"
+                keys[key] = dialogue.ask(question, f"--key {name}.{key}", partial(_key, name, key, answering.gauge))
+            gauges = (*gauges, with_keys(Gauge, answering.gauge, keys, name))
     for name, gauge in zip(_NAMES, gauges, strict=False):
         dialogue.say(described(name, gauge))
     return answers.model_copy(update={"gauges": gauges})
@@ -201,19 +208,6 @@ def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue:
             dialogue.say(f"{name}: {remaining[number].place}; it was not pushed, so it is taken to count away")
             return remaining.pop(number)
         dialogue.say(f"error: {answer!r}: is not a gauge that is left; type one of {', '.join(remaining)}, or push it")
-
-
-def _completed(answering: FoundGauge, name: str, options: Options, dialogue: Dialogue) -> Gauge:
-    """The gauge with the keys that only its owner knows, and those of --key."""
-    keys = dict(options.keys[name])
-    for key in answering.lacks:
-        if key not in keys:
-            read = partial(_key, name, key, answering.gauge)
-            keys[key] = dialogue.ask(
-                f"{key} of {name} ({answering.gauge.origin.instruments})", f"--key {name}.{key}", read
-            )
-    gauge: Gauge = with_keys(Gauge, answering.gauge, keys, name)
-    return gauge
 
 
 def _key(name: str, key: str, gauge: Part, typed: str) -> Any:
