@@ -1,6 +1,7 @@
 """What the product costs to carry on, in numbers: lines, helpers used once, empty names, circles, makers named.
 
-Each number may fall freely; tests/test_house.py holds the largest that each may have.
+Each number may fall freely; tests/test_house.py holds the largest that each may have. Core and apps are those of the
+contract "the core knows no app" in pyproject.toml.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import ast
 import collections
 import re
 import sys
+import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -184,8 +186,32 @@ def _that_run(node: ast.AST) -> Iterator[ast.AST]:
             yield from _that_run(below)
 
 
+def sizes() -> dict[str, tuple[int, int]]:
+    """Return the lines and files of the core, of the apps, of tests, of trials and of documents."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
+    apps = next(
+        contract["forbidden_modules"] for contract in contracts if contract["name"].startswith("the core knows")
+    )
+    of_apps = [file for file in sources() if any(f"{_module(file)}.".startswith(f"{app}.") for app in apps)]
+    files = {
+        "core": sorted(sources().keys() - set(of_apps)),
+        "apps": of_apps,
+        "tests": sorted((ROOT / "tests").rglob("*.py")),
+        "dev": sorted((ROOT / "dev").rglob("*.py")),
+        "documents": sorted((ROOT / "docs").rglob("*.md")),
+    }
+    return {
+        part: (sum((ROOT / file).read_text(encoding="utf-8").count("\n") for file in names), len(names))
+        for part, names in files.items()
+    }
+
+
 def main() -> int:
     """Print each number, and the circles."""
+    for part, (lines, count) in sizes().items():
+        print(f"{lines:8d}  lines of {part}, in {count} files")
     for name, number in counts().items():
         print(f"{number:8d}  {name}")
     lengths = _functions()[0]
