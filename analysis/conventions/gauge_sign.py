@@ -347,8 +347,7 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     if {run.run.manifest.direction for run in runs} < {"acw", "cw"}:
         return
     energies, values = np.zeros(len(_MEANT)), 0.0
-    for rig, test, both in _pairs(runs):
-        acw, cw = (_mean(both[way]) for way in ("acw", "cw"))
+    for rig, test, acw, cw in _pairs(runs):
         slopes = _slopes(rig, test, acw, cw)
         energies += [_left_of_plays(slopes, _as(acw, meant), _as(cw, meant)) for meant in _MEANT]
         values += 2 * GRID / _ALIKE
@@ -406,9 +405,9 @@ def _as(way: _Way, meant: _Meant) -> _Way:
     return replace(way, g_mm=way.g_mm[:, columns] * signs, stuck=way.stuck[:, columns] * signs)
 
 
-def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, dict[str, list[_Way]]]]:
-    """The circles of each test and placement that were driven both ways, with their rig, on the grid. Those that hold
-    no lap are reported where they are analysed."""
+def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, _Way, _Way]]:
+    """The mean circles acw and cw of each test and placement that were driven both ways, with their rig, on the grid.
+    Those that hold no lap are reported where they are analysed."""
     pairs: dict[tuple[object, ...], tuple[Rig, TestName, dict[str, list[_Way]]]] = {}
     for run in runs:
         table = run.table
@@ -427,11 +426,11 @@ def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, dict[str, 
             key = (table.test, run.run.manifest.placement, repr(run.rig.tests.circle))
             ways = pairs.setdefault(key, (run.rig, table.test, {}))[2]
             ways.setdefault(table.direction, []).append(way)
-    yield from (pair for pair in pairs.values() if len(pair[2]) == 2)
-
-
-def _mean(ways: Sequence[_Way]) -> _Way:
-    return _Way(*(np.mean([getattr(way, name) for way in ways], axis=0) for name in vars(ways[0])))
+    for rig, test, ways in pairs.values():
+        if len(ways) == 2:
+            columns = (zip(*(vars(way).values() for way in ways[each]), strict=True) for each in ("acw", "cw"))
+            acw, cw = (_Way(*(np.mean(column, axis=0) for column in of_way)) for of_way in columns)
+            yield rig, test, acw, cw
 
 
 def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:

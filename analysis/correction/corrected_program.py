@@ -172,13 +172,19 @@ def _joints_at(
     targets, reasons = parsed.targets, dict[int, Reason]()
     poses, angles = np.full((len(targets), 4, 4), np.nan), np.full((len(targets), 6), np.nan)
     for k, target in enumerate(targets):
-        place = _given(target, located[k], scale)
-        if isinstance(place, str):
-            reasons[k] = place
+        values = [number.value for number in target.numbers]
+        if target.form == "pulses" and scale is None:
+            reasons[k] = "no_scale"
+        elif not target.joints and not is_frame(target.form, values):
+            reasons[k] = "unreachable"
+        elif not np.isfinite(values).all():
+            reasons[k] = "beyond_limits"
         elif target.joints:
-            angles[k] = place
+            angles[k] = joints_of(target, scale)
+        elif reason := located[k].reason:
+            reasons[k] = reason
         else:
-            poses[k] = _in_world(arm, located[k], place)
+            poses[k] = _in_world(arm, located[k], _with_offset(target, frame_of(target.form, values)))
     low, high = arm.limits.T
     if start is not None and ((start < low) | (start > high)).any():
         raise UseError("--start-joints", "is beyond the limits of the arm's joints", "give angles that it can stand at")
@@ -264,20 +270,6 @@ def _known(place: Array | str, named: Mapping[str, Array], null: tuple[str, ...]
         return place
     stated = named.get(place.lower())
     return np.eye(4) if stated is None and place in null else stated
-
-
-def _given(target: Target, located: _Located, scale: Sequence[float] | None) -> Array | Reason:
-    """Return the joint angles (6,) rad or the frame (4, 4) of a target's numbers, or why there are none."""
-    if target.form == "pulses" and scale is None:
-        return "no_scale"
-    values = [number.value for number in target.numbers]
-    if not target.joints and not is_frame(target.form, values):
-        return "unreachable"
-    if not np.isfinite(values).all():
-        return "beyond_limits"
-    if target.joints:
-        return joints_of(target, scale)
-    return located.reason or _with_offset(target, frame_of(target.form, values))
 
 
 def _in_world(arm: Arm, located: _Located, X: Array) -> Array:
