@@ -428,8 +428,8 @@ def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, _Way, _Way
             ways.setdefault(table.direction, []).append(way)
     for rig, test, ways in pairs.values():
         if len(ways) == 2:
-            columns = (zip(*(vars(way).values() for way in ways[each]), strict=True) for each in ("acw", "cw"))
-            acw, cw = (_Way(*(np.mean(column, axis=0) for column in of_way)) for of_way in columns)
+            both = (zip(*(vars(way).values() for way in ways[each]), strict=True) for each in ("acw", "cw"))
+            acw, cw = (_Way(*(np.mean(column, axis=0) for column in parts)) for parts in both)
             yield rig, test, acw, cw
 
 

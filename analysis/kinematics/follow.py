@@ -36,7 +36,11 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
     start = solution[0] if good[0] else _nearest_branch(arm, poses[:1], posture)
     if start is None:
         raise _out_of_reach(poses, 0, where)
-    knots = _knots(poses)
+    # Knots are where the tool turned or moved by a few degrees (of arm length) since the knot before.
+    steps = [pose_error(poses[:-1][block], poses[1:][block]) for block in blocks(len(poses) - 1)]
+    motion = np.abs(np.concatenate([np.zeros((1, 6)), *steps]) / ([LENGTH_MM] * 3 + [1.0] * 3)).sum(axis=1)
+    counts = np.floor(np.cumsum(motion) / _KNOT_TURN)
+    knots = np.unique([0, *(np.flatnonzero(np.diff(counts) > 0) + 1), len(poses) - 1]).astype(np.intp)
     path = _on_one_branch(arm, poses, knots, start)
     if path is None:
         path = _walked(arm, poses, knots, start, where)
@@ -120,17 +124,6 @@ def _flips(arm: Arm, poses: Array, index: int, q: Array, where: str) -> PathErro
         "move the circle or choose another posture_deg",
         "singularity",
     )
-
-
-def _knots(poses: Array) -> Indices:
-    """Indices at which tool turned or moved by a few degrees (of arm length) since the knot before."""
-    if len(poses) == 1:
-        return np.zeros(1, dtype=np.intp)
-    steps = [pose_error(poses[:-1][block], poses[1:][block]) for block in blocks(len(poses) - 1)]
-    motion = np.abs(np.concatenate(steps) / ([LENGTH_MM] * 3 + [1.0] * 3)).sum(axis=1)
-    counts = np.floor(np.concatenate([[0.0], np.cumsum(motion)]) / _KNOT_TURN)
-    inner = np.flatnonzero(np.diff(counts) > 0) + 1
-    return np.unique(np.concatenate([[0], inner, [len(poses) - 1]])).astype(np.intp)
 
 
 def _named(poses: Array, index: int) -> str:
