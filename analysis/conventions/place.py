@@ -64,8 +64,8 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
     place, last = np.arange(len(rows)), len(rows) - _FEWEST_ROWS
     tried = np.unique(np.linspace(_FEWEST_ROWS, last, _SPLITS).astype(int)).tolist()
     near, step = min(tried, key=lambda first: _left_mm(fitted, T, place >= first)), last // _SPLITS
-    beside = range(max(_FEWEST_ROWS, near - step), min(last, near + step) + 1)
-    first = min(beside, key=lambda first: _left_mm(fitted, T, place >= first))
+    firsts = range(max(_FEWEST_ROWS, near - step), min(last, near + step) + 1)
+    first = min(firsts, key=lambda first: _left_mm(fitted, T, place >= first))
     parts = [(place >= first, f"rows from about {rows[first]} on")]
     second = rows % 2 == 0
     if min(second.sum(), (~second).sum()) >= _FEWEST_ROWS:

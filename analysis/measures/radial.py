@@ -353,8 +353,8 @@ def _notes(
     most = float(np.nanmax(np.abs(off_mm[~far])))
     for k in np.flatnonzero(far):
         worst = off_mm[k, np.nanargmax(np.abs(off_mm[k]))]
-        what = f"a reading {worst:+.3f} mm off the sphere, those of the others within {most:.3f} mm"
-        notes.append(f"target {cells.target[k]} left out: {what}")
+        reading = f"a reading {worst:+.3f} mm off the sphere, those of the others within {most:.3f} mm"
+        notes.append(f"target {cells.target[k]} left out: {reading}")
     if free.unknown:
         why = "these targets, near one plane or place, do not determine them; measure at more polar angles"
         notes.append(f"{', '.join(free.unknown)} left out: {why}")

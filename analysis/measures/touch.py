@@ -82,8 +82,8 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     hold_numbers(where, q=table.q)
     count = len(np.unique(table.socket))
     if 3 * len(table.q) <= 3 + 3 * count or len(table.q) < _FEWEST:
-        what = f"has {len(table.q)} touches of {count} socket{'s' * (count > 1)}, too few to fit their places"
-        raise FileError(where, what, f"give at least {max(_FEWEST, count + 2)}, in postures that differ")
+        problem = f"has {len(table.q)} touches of {count} socket{'s' * (count > 1)}, too few to fit their places"
+        raise FileError(where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ")
     hold_joints(where, table.q, "touch each socket in many postures")
     T = forward(model.arm, table.q) if not model.effects else moved(model, path_of(model, table)).T
     far = far_touches(table, T)
