@@ -123,14 +123,12 @@ def correct_program(
     reasons |= _implausible(arm, targets, q, done, moved_mm)
     because = _off_by_offset(arm, targets, located, done, reasons)
     kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
-    changes: list[list[tuple[Number, str]]] = [[] for _ in range(texts.own)]
-    for k in kept:
-        if not np.array_equal(done.q[k], q[k]):  # what needs no correction keeps its bytes
-            value = done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
-            file = targets[k].file
-            changes[file] += _changes(reader, texts.texts[file], targets[k], value, scale)
-    new = tuple(map(replaced, texts.texts[: texts.own], changes))
-    after = _read_back(reader, parsed, replace(texts, texts=(*new, *texts.texts[texts.own :])))
+    values = {
+        k: done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
+        for k in kept
+        if not np.array_equal(done.q[k], q[k])  # what needs no correction keeps its bytes
+    }
+    new, after = _rewritten(reader, texts, parsed, values, scale)
     left = [
         *parsed.left,
         *(
@@ -306,29 +304,30 @@ def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected,
     return reasons
 
 
-def _changes(
-    reader: ProgramReader, text: str, target: Target, new: Array, scale: Sequence[float] | None
-) -> list[tuple[Number, str]]:
-    """Return the numbers of a target in a text with their new text; `new` are angles (6,) rad, or a frame (4, 4)."""
-    if target.joints:
-        values, decimals = joint_numbers(target.form, new, scale), [reader.decimals.turn] * 6
-    else:
-        values = frame_numbers(target.form, new, np.array([number.value for number in target.numbers]))
-        decimals = [reader.decimals.place] * 3 + [reader.decimals.turn] * (len(values) - 3)
-    three = zip(target.numbers, values.tolist(), decimals, strict=True)
-    return [(number, written(number, text, value, target.form, places)) for number, value, places in three]
-
-
-def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
-    """Return the targets of the new texts: the same ones, or the program is not handed out."""
-    after = reader.parse(texts)
+def _rewritten(
+    reader: ProgramReader, texts: Texts, before: Parsed, values: Mapping[int, Array], scale: Sequence[float] | None
+) -> tuple[tuple[str, ...], Parsed]:
+    """Return the own texts of a program in which some targets have other angles (6,) rad, or another frame (4, 4), and
+    what they read back as: the same program, or it is not handed out."""
+    changes: list[list[tuple[Number, str]]] = [[] for _ in range(texts.own)]
+    for k, value in values.items():
+        target = before.targets[k]
+        if target.joints:
+            numbers, decimals = joint_numbers(target.form, value, scale), [reader.decimals.turn] * 6
+        else:
+            numbers = frame_numbers(target.form, value, np.array([number.value for number in target.numbers]))
+            decimals = [reader.decimals.place] * 3 + [reader.decimals.turn] * (len(numbers) - 3)
+        for number, size, places in zip(target.numbers, numbers.tolist(), decimals, strict=True):
+            changes[target.file].append((number, written(number, texts.texts[target.file], size, target.form, places)))
+    new = tuple(map(replaced, texts.texts[: texts.own], changes))
+    after = reader.parse(replace(texts, texts=(*new, *texts.texts[texts.own :])))
 
     def others(parsed: Parsed) -> tuple[object, ...]:
         return [(target.name, target.file, target.line) for target in parsed.targets], parsed.steps, parsed.left
 
     if others(after) != others(before):
         raise FileError("the corrected program", "does not read back as the same program", "report this program's form")
-    return after
+    return new, after
 
 
 def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, meant: Array) -> float:
