@@ -274,29 +274,25 @@ def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
         else:
             group_of_run.append(run)
     for group in groups:
-        by_effects = [finding for run in group for finding in _known_effects(run)]
+        by_effects = list[Finding]()  # of runs that the effects of their rig file explain only with the gauges negated
+        for run in group:
+            model, table = model_of(run.rig), run.table
+            if not model.effects or table.kind.cannot_tell(table, run.rig):
+                continue
+            as_labelled, as_meant = _left_mm(model, table, 1.0), _left_mm(model, table, -1.0)
+            if as_labelled < _KNOWN_MM or as_labelled < _KNOWN * as_meant:
+                continue
+            values = 3 * len(table.q) ** 0.5
+            misfit = Misfit(as_labelled, as_meant, values * float(np.log(as_labelled / max(as_meant, 1e-6))))
+            gauges, names = tuple(f"{gauge}_mm" for gauge in table.kind.gauges), (run.run.manifest.name,)
+            fact = (
+                f"the effects of the rig file explain its readings only with the gauges counting the other way: "
+                f"{1e3 * as_meant:.0f} instead of {1e3 * as_labelled:.0f} µm are left"
+            )
+            by_effects.append(Finding(SIGN, "decisive", gauges, "gauges negated", fact, _REMEDY, misfit, names))
         yield from by_effects
         if not by_effects:
             yield from _leading_play(group)
-
-
-def _known_effects(run: Measured) -> Iterator[Finding]:
-    """A run that the effects of its rig file explain only with the gauges negated."""
-    model = model_of(run.rig)
-    table = run.table
-    if not model.effects or not table.kind.gauges or table.kind.cannot_tell(table, run.rig):
-        return
-    as_labelled, as_meant = _left_mm(model, table, 1.0), _left_mm(model, table, -1.0)
-    if as_labelled < _KNOWN_MM or as_labelled < _KNOWN * as_meant:
-        return
-    values = 3 * len(table.q) ** 0.5
-    misfit = Misfit(as_labelled, as_meant, values * float(np.log(as_labelled / max(as_meant, 1e-6))))
-    name, gauges = run.run.manifest.name, tuple(f"{gauge}_mm" for gauge in table.kind.gauges)
-    fact = (
-        f"the effects of the rig file explain its readings only with the gauges counting the other way: "
-        f"{1e3 * as_meant:.0f} instead of {1e3 * as_labelled:.0f} µm are left"
-    )
-    yield Finding(SIGN, "decisive", gauges, "gauges negated", fact, _REMEDY, misfit, (name,))
 
 
 _COLUMNS = ("g1_mm", "g2_mm")

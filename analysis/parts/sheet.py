@@ -57,7 +57,14 @@ def sheet(parts: Sequence[PrintedPart], bought: Bought, rig_name: str, remarks: 
     printed = [f"| {part.count} | `{part.name}.stl` | {part.about} |" for part in parts]
     buy = [f"| {thing.count} | {thing.name} | {thing.euro:.0f} | {thing.why} |" for thing in things]
     total = sum(thing.euro for thing in things)
-    bar = next((part for part in parts if part.name == "bar"), None)
+    bar_steps = list[str]()
+    if bar := next((part for part in parts if part.name == "bar"), None):
+        apart, over = bar.numbers["distance of the sockets"], f"{bar.numbers['over both balls']:.2f}"
+        bar_steps = [
+            f"4. Put a ball on each socket of `bar` and measure over both: about {over} mm. The distance is that less",
+            f"   {bought.ball_mm:g} mm. `rig parts RIG --over-balls-mm {over}` prints the line for the rig file.",
+            f"   A caliper knows it to some 0.02 mm, the printer to some {max(0.1, 0.003 * apart):.1f} mm.",
+        ]
     return "\n".join(
         [
             f"# Printed parts of {plain(rig_name)}",
@@ -83,21 +90,10 @@ def sheet(parts: Sequence[PrintedPart], bought: Bought, rig_name: str, remarks: 
             "   with a drop of epoxy. The ball must rest on the cone and not on the magnet.",
             "2. Glue the tool's ball into the cone of `holder` with epoxy, and let it harden with the ball upwards.",
             "3. Clean balls and cones before each touch; a hair is 0.05 mm.",
-            *(_measured(bar, bought) if bar else []),
+            *bar_steps,
             "",
         ]
     )
-
-
-def _measured(part: PrintedPart, bought: Bought) -> list[str]:
-    """How the bar gets its length."""
-    apart = part.numbers["distance of the sockets"]
-    over = part.numbers["over both balls"]
-    return [
-        f"4. Put a ball on each socket of `bar` and measure over both: about {over:.2f} mm. The distance is that less",
-        f"   {bought.ball_mm:g} mm. `rig parts RIG --over-balls-mm {over:.2f}` prints the line for the rig file.",
-        f"   A caliper knows it to some 0.02 mm, the printer to some {max(0.1, 0.003 * apart):.1f} mm.",
-    ]
 
 
 _MARGIN, _LINE, _COLUMN, _HEAD = 12.0, 5.0, 62.0, 18.0
