@@ -97,9 +97,13 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
     """
     joint_senses(arm, where, "kinematics.yaml")
     # The layout whose axes are those of the nominal arm: each pair of frames has its axis in common, and the flange of
-    # both is one.
+    # both is one. `between` has the maker's frame of each link in that of the rig file, all joints at zero; of the last
+    # link the flange of both is the same, so that its frame follows from there where the file has a flange.
     for layout in (layout for layout in LAYOUTS[maker] if len(layout.origins) == arm.axes):
-        between = _between(arm_of(robot), layout)
+        ours, theirs, between = np.eye(4), np.eye(4), list[Array]()
+        for T, origin in zip(joint_origins(arm_of(robot)), layout.origins, strict=True):
+            ours, theirs = ours @ T, theirs @ _frame(origin)
+            between.append(np.linalg.inv(ours) @ theirs)
         flange = between[-1] @ (np.eye(4) if layout.flange is None else _frame(layout.flange))
         if np.abs(flange - np.eye(4)).max() < _SAME_MM and all(
             np.hypot(T[0, 3], T[1, 3]) < _SAME_MM and np.arccos(min(T[2, 2], 1.0)) < _SAME_RAD for T in between
@@ -121,16 +125,6 @@ def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: S
         entries[f"joint{number}"] = {layout.below: entry} if layout.below else entry
     head = "".join(f"# {plain(remark)}\n" for remark in remarks)
     return head + yaml.safe_dump({layout.above: entries} if layout.above else entries, sort_keys=False)
-
-
-def _between(nominal: Arm, layout: Layout) -> list[Array]:
-    """The maker's frame (4, 4) mm of each link in that of the rig file, all joints at zero; of the last link the flange
-    of both is the same, so that its frame follows from there where the file has a flange."""
-    ours, theirs, between = np.eye(4), np.eye(4), []
-    for T, origin in zip(joint_origins(nominal), layout.origins, strict=True):
-        ours, theirs = ours @ T, theirs @ _frame(origin)
-        between.append(np.linalg.inv(ours) @ theirs)
-    return between
 
 
 def _frame(origin: Origin) -> Array:

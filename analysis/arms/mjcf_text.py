@@ -26,7 +26,7 @@ from analysis.arms.urdf_text import (
     xml_text,
 )
 from analysis.kinematics.arm import RAIL_MM, Arm, Array
-from rigs.schema.robot import JointAxis, Robot
+from rigs.schema.robot import Robot
 
 _DENSITY = 2700.0
 """kg/m³ of aluminium. Moments of inertia are not known: those of a ball of the link's mass are written."""
@@ -73,7 +73,18 @@ def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: 
         payload_kg = robot.payload_kg if number == len(robot.axes) else 0.0
         kg = max(axis.mass_kg + payload_kg, _LEAST_KG)
         _inertia(body, kg, np.array(axis.centre_mm) / 1000.0 * axis.mass_kg / kg)
-        _hinges(body, axis, sense, number, traits)
+        # The hinge of the joint, and those of its play and its compliance where they were measured.
+        friction = {"frictionloss": repr(float(nm))} if (nm := traits.friction_nm.get(number)) else {}
+        limits = numbers_text([float(np.radians(limit)) for limit in axis.limits_deg])
+        hinges = {axis.name: {"limited": "true", "range": limits} | friction}
+        if width_deg := traits.play_deg.get(number):
+            half = float(np.radians(width_deg)) / 2.0
+            hinges[f"{axis.name}_play"] = {"limited": "true", "range": numbers_text([-half, half])}
+        if soft := traits.compliance_deg_per_nm.get(number):
+            hinges[f"{axis.name}_compliance"] = {"limited": "false", "stiffness": repr(1.0 / float(np.radians(soft)))}
+        along = {"type": "hinge", "axis": f"0 0 {sense}", "armature": repr(_ARMATURE)}
+        for name, keys in hinges.items():
+            ElementTree.SubElement(body, "joint", {"name": name} | along | keys)
     ElementTree.SubElement(body, "site", {"name": "tool"} | _place(arm.T_flange_tool))
     return xml_text(root)
 
@@ -96,20 +107,3 @@ def _inertia(body: ElementTree.Element, kg: float, centre_m: Array | Sequence[fl
     ElementTree.SubElement(
         body, "inertial", pos=numbers_text(centre_m), mass=repr(float(kg)), diaginertia=" ".join([moment] * 3)
     )
-
-
-def _hinges(body: ElementTree.Element, axis: JointAxis, sense: int, number: int, traits: JointTraits) -> None:
-    """Add the hinge of a joint, and those of its play and its compliance where they were measured."""
-
-    def add(name: str, **keys: str) -> None:
-        along = {"type": "hinge", "axis": f"0 0 {sense}", "armature": repr(_ARMATURE)}
-        ElementTree.SubElement(body, "joint", {"name": name} | along | keys)
-
-    low, high = (float(np.radians(limit)) for limit in axis.limits_deg)
-    friction = {"frictionloss": repr(float(nm))} if (nm := traits.friction_nm.get(number)) else {}
-    add(axis.name, limited="true", range=numbers_text([low, high]), **friction)
-    if width_deg := traits.play_deg.get(number):
-        half = float(np.radians(width_deg)) / 2.0
-        add(f"{axis.name}_play", limited="true", range=numbers_text([-half, half]))
-    if soft := traits.compliance_deg_per_nm.get(number):
-        add(f"{axis.name}_compliance", limited="false", stiffness=repr(1.0 / float(np.radians(soft))))

@@ -115,21 +115,20 @@ def read_calibration(path: Path) -> Differences:
     if "mounting" not in parser:
         raise FileError(str(path), "has no section [mounting]", _REMEDY)
     section = dict(parser["mounting"])
-    theta, a, d, alpha = (_six(section, f"delta_{name}", path) for name in ("theta", "a", "d", "alpha"))
+    deltas = []
+    for key in ("delta_theta", "delta_a", "delta_d", "delta_alpha"):
+        if key not in section:
+            raise FileError(str(path), f"has no {key}", _REMEDY)
+        try:
+            values = np.array(json.loads(section[key]), dtype=float)
+        except (ValueError, TypeError, RecursionError, OverflowError):
+            values = np.array([])
+        if values.shape != (6,) or not (np.abs(values) < _LARGEST).all():
+            raise FileError(str(path), f"{key} is not a list of six numbers", _REMEDY)
+        deltas.append(values)
+    theta, a, d, alpha = deltas
     is_calibrated = section.get("calibration_status") != _NOT_CALIBRATED
     return Differences(theta, 1000.0 * a, 1000.0 * d, alpha, is_calibrated)
-
-
-def _six(section: dict[str, str], key: str, path: Path) -> Array:
-    if key not in section:
-        raise FileError(str(path), f"has no {key}", _REMEDY)
-    try:
-        values = np.array(json.loads(section[key]), dtype=float)
-    except (ValueError, TypeError, RecursionError, OverflowError):
-        values = np.array([])
-    if values.shape != (6,) or not (np.abs(values) < _LARGEST).all():
-        raise FileError(str(path), f"{key} is not a list of six numbers", _REMEDY)
-    return values
 
 
 @dataclass(frozen=True)

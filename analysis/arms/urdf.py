@@ -249,13 +249,8 @@ def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain
     base: default is the link `base`, or else the root; tip: default is `tool0`, or else the only link at an end.
     Raises FileError for any other chain.
     """
-    names = list(urdf.masses)
-    for name in (base, tip):
-        if name is not None and name not in names:
-            raise FileError(where, f"has no link {name}", f"its links are {listed(names)}")
     above = {joint.child: joint for joint in urdf.joints}
-    start = base or ("base" if "base" in names else _root(names, above, where))
-    end = tip or ("tool0" if "tool0" in names else _only_end(urdf, start, above, where))
+    start, end = _ends(urdf, base, tip, above, where)
     up, down = _path(start, above, where), _path(end, above, where)
     while up and down and up[0] is down[0]:
         up, down = up[1:], down[1:]
@@ -319,6 +314,34 @@ def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
     return tuple(joints)
 
 
+def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJoint], where: str) -> tuple[str, str]:
+    """The links between which the chain of an arm is: those that are asked for, or that go by the usual names, or else
+    the root and the only link at an end that a joint moves."""
+    names = list(urdf.masses)
+    for name in (base, tip):
+        if name is not None and name not in names:
+            raise FileError(where, f"has no link {name}", f"its links are {listed(names)}")
+    start = base or "base"
+    if start not in names:
+        if not names:
+            raise FileError(where, "has no links", "give the URDF of an arm, with its xacro macros expanded")
+        roots = [name for name in names if name not in above]
+        if len(roots) != 1:
+            problem = f"has {len(roots)} links that hang on no other" + (f": {listed(roots)}" if roots else "")
+            raise FileError(where, problem, "choose the arm's own with --base")
+        start = roots[0]
+    if tip or "tool0" in names:
+        return start, tip or "tool0"
+    parents = {joint.parent for joint in urdf.joints}
+    leaves = [name for name in names if name not in parents and name != start]
+    moved = [name for name in leaves if any(joint.moves for joint in _path(name, above, where))]
+    if not moved:
+        raise FileError(where, "has no moving joint", f"give the URDF of an arm of {FEWEST_AXES} to {MOST_AXES} axes")
+    if len(moved) > 1:
+        raise FileError(where, f"has {len(moved)} ends: {listed(moved)}", "choose one with --tip")
+    return start, moved[0]
+
+
 def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
     """One joint as a rig file can have it, or the rail."""
     place = f"joint {joint.name}"
@@ -334,28 +357,6 @@ def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
     if (not endless and joint.lower >= joint.upper) or joint.velocity <= 0:
         problem = f"{place} has lower {joint.lower:g}, upper {joint.upper:g} and velocity {joint.velocity:g}"
         raise FileError(where, problem, "write the limits in order, and a velocity above 0")
-
-
-def _root(names: Sequence[str], above: dict[str, UrdfJoint], where: str) -> str:
-    if not names:
-        raise FileError(where, "has no links", "give the URDF of an arm, with its xacro macros expanded")
-    roots = [name for name in names if name not in above]
-    if len(roots) != 1:
-        problem = f"has {len(roots)} links that hang on no other" + (f": {listed(roots)}" if roots else "")
-        raise FileError(where, problem, "choose the arm's own with --base")
-    return roots[0]
-
-
-def _only_end(urdf: Urdf, start: str, above: dict[str, UrdfJoint], where: str) -> str:
-    """The only link at an end that a joint moves."""
-    parents = {joint.parent for joint in urdf.joints}
-    leaves = [name for name in urdf.masses if name not in parents and name != start]
-    moved = [name for name in leaves if any(joint.moves for joint in _path(name, above, where))]
-    if not moved:
-        raise FileError(where, "has no moving joint", f"give the URDF of an arm of {FEWEST_AXES} to {MOST_AXES} axes")
-    if len(moved) > 1:
-        raise FileError(where, f"has {len(moved)} ends: {listed(moved)}", "choose one with --tip")
-    return moved[0]
 
 
 def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]:

@@ -106,8 +106,23 @@ def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
         if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
             fact = f"x_mm, y_mm, z_mm were not in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
             yield fact, "read them as mm"
-    if table.rpy is not None:
-        yield from _tracker_angles(table.rpy, T[:, :3, :3], rows)
+    if table.rpy is None:
+        return
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    # How far the robot's turns are from those of the angles as read, and of the other units and orders that may be.
+    turned, rpy = _turns(T[:, :3, :3], rows), table.rpy
+    turns = (
+        _turns(Rotation.from_euler(order, angles).as_matrix(), rows)
+        for order, angles in (("xyz", rpy), ("xyz", np.degrees(rpy)), ("XYZ", rpy))
+    )
+    as_read, in_radians, about_moving = (float(np.median(np.abs(turn - turned))) for turn in turns)
+    right = 0.0 if as_read < _SAME_TURN_RAD else min(_SAME_TURN_RAD, as_read / _FARTHER)
+    if in_radians < right:
+        yield "rx_deg, ry_deg, rz_deg are radians: only then do they fit the robot's motion", "convert them to degrees"
+    if about_moving < right:
+        fact = "rx_deg, ry_deg, rz_deg are turns about moving axes: only then do they fit the robot's motion"
+        yield fact, "convert them to roll-pitch-yaw about fixed axes, R = Rz Ry Rx"
 
 
 def off_in_its_unit(T: Array, xyz_mm: Array) -> Off | None:
@@ -115,26 +130,6 @@ def off_in_its_unit(T: Array, xyz_mm: Array) -> Off | None:
     units = (1.0, *FACTORS.values(), *_OF_TRACKERS.values(), *_TAKEN_FOR.values())
     every = [off for factor in units if (off := off_places(T, xyz_mm / factor))]
     return min(every, key=lambda off: off.off, default=None)
-
-
-def _tracker_angles(rpy: Array, R: Array, rows: int) -> Iterator[tuple[str, str]]:
-    """Angles (n, 3) rad as read against the robot's turns R (n, 3, 3): another unit or order fits, and this one not."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-    turned = _turns(R, rows)
-
-    def off(order: str, angles: Array) -> float:
-        return float(np.median(np.abs(_turns(Rotation.from_euler(order, angles).as_matrix(), rows) - turned)))
-
-    as_read = off("xyz", rpy)
-    if as_read < _SAME_TURN_RAD:
-        return
-    right = min(_SAME_TURN_RAD, as_read / _FARTHER)
-    if off("xyz", np.degrees(rpy)) < right:
-        yield "rx_deg, ry_deg, rz_deg are radians: only then do they fit the robot's motion", "convert them to degrees"
-    if off("XYZ", rpy) < right:
-        fact = "rx_deg, ry_deg, rz_deg are turns about moving axes: only then do they fit the robot's motion"
-        yield fact, "convert them to roll-pitch-yaw about fixed axes, R = Rz Ry Rx"
 
 
 def _turns(R: Array, rows: int) -> Array:

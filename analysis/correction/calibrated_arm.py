@@ -91,7 +91,15 @@ class CalibratedArm:
         fewer than six take the place, with the turn that is nearest to what was asked. Raises FileError for frames that
         are none.
         """
-        poses = _frames(T)
+        poses = np.array(T, dtype=float)
+        if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
+            raise FileError("T", f"shape {poses.shape} is not that of finite frames (n, 4, 4)", "give a frame a pose")
+        R = poses[:, :3, :3]
+        off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
+        last_row_off = np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0)
+        if off > _ORTHONORMAL or (np.linalg.det(R) < 0).any() or last_row_off > 0:
+            problem = "holds a frame whose columns are not at right angles, right-handed and of length 1"
+            raise FileError("T", problem, "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1")
         middle = arm_of(self.rig.robot).limits.mean(axis=1)
         start = middle if near_deg is None else np.radians(np.array(near_deg, dtype=float))
         q, reached = np.full((len(poses), self._axes), np.nan), np.zeros(len(poses), dtype=bool)
@@ -130,7 +138,18 @@ class CalibratedArm:
 
     def _solved(self, pose: Array, near: Array) -> Array | None:
         """The angles (axes,) rad, near others, at which the tool of an arm of six or more axes is at a pose (4, 4)."""
-        for seed in self._seeds(pose, near):
+        arm = self._model.arm
+        # Postures (axes,) rad of the nominal arm from which to look for the pose, the nearest first.
+        if self._axes == DRIVEN_AXES:
+            solutions = inverse(arm, pose[None])
+            branches = solutions.q[0][solutions.found[0]]
+            allowed = within_limits(arm, branches)[0] if len(branches) else branches
+            seeds = sorted(allowed, key=lambda q: float(np.abs(q - near).max())) or [near]
+        else:
+            starts = self._starts(near)
+            nominal, solved = newton(arm, np.repeat(pose[None], len(starts), axis=0), starts)
+            seeds = [q for q, is_there in zip(nominal, solved, strict=True) if is_there and self._allowed(q)]
+        for seed in seeds:
             angles, reached = reached_angles(self._model, pose[None], seed[None])
             if reached[0] and self._allowed(angles[0]):
                 return np.asarray(angles[0])
@@ -154,33 +173,7 @@ class CalibratedArm:
         low, high = self._model.arm.limits.T
         return np.vstack([near, np.random.default_rng(0).uniform(low, high, (_SEEDS, self._axes))])
 
-    def _seeds(self, pose: Array, near: Array) -> list[Array]:
-        """Postures (axes,) rad of the nominal arm from which to look for a pose (4, 4), the nearest first."""
-        arm = self._model.arm
-        if self._axes == DRIVEN_AXES:
-            solutions = inverse(arm, pose[None])
-            branches = solutions.q[0][solutions.found[0]]
-            allowed = within_limits(arm, branches)[0] if len(branches) else branches
-            return sorted(allowed, key=lambda q: float(np.abs(q - near).max())) or [near]
-        starts = self._starts(near)
-        poses = np.repeat(pose[None], len(starts), axis=0)
-        angles, reached = newton(arm, poses, starts)
-        return [q for q, good in zip(angles, reached, strict=True) if good and self._allowed(q)]
-
     def _allowed(self, q: Array) -> bool:
         """Whether joints q (axes,) rad stand within their limits, a rounding beyond them too."""
         limits = self._model.arm.limits
         return bool(((q >= limits[:, 0] - 1e-9) & (q <= limits[:, 1] + 1e-9)).all())
-
-
-def _frames(T: Array) -> Array:
-    """Poses, checked. Raises FileError."""
-    poses = np.array(T, dtype=float)
-    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
-        raise FileError("T", f"shape {poses.shape} is not that of finite frames (n, 4, 4)", "give a frame a pose")
-    R = poses[:, :3, :3]
-    off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
-    if off > _ORTHONORMAL or (np.linalg.det(R) < 0).any() or np.abs(poses[:, 3] - [0, 0, 0, 1]).max(initial=0.0) > 0:
-        problem = "holds a frame whose columns are not at right angles, right-handed and of length 1"
-        raise FileError("T", problem, "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1")
-    return poses

@@ -292,7 +292,7 @@ def controller_entries(
     )
     spread, q = spread_angles(rig, uncertainty.joints_rad), work_or_spread(rig, uncertainty.joints_rad)
     moves = uncertainty.pose_displacements(np.concatenate([q, spread]))
-    larger = _significant(rig, used, _constants(rig, controller), (q, spread), moves)
+    larger = _significant(rig, used, controller, (q, spread), moves)
     projection, u = _certain(rig, used, larger, q, moves)
     sizes = zip(
         projection.constants, projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True
@@ -324,10 +324,18 @@ def controller_entries(
 
 
 def _significant(
-    rig: Rig, used: Sequence[Effect], constants: Sequence[Constant], postures: tuple[Array, Array], moves: Array
+    rig: Rig, used: Sequence[Effect], controller: Controller, postures: tuple[Array, Array], moves: Array
 ) -> Projection:
-    """Return the projection onto the constants whose changes are larger than their standard uncertainty: the others go
-    one after the other, the least certain first, since what they held may make the rest certain."""
+    """Return the projection onto the constants of a controller whose changes are larger than their standard
+    uncertainty: the others go one after the other, the least certain first, since what they held may make the rest
+    certain."""
+    constants = [Constant(axis, "q_deg") for axis in range(1, 7)]
+    for parameter in controller.constants:
+        constants += [
+            Constant(axis, parameter.key)
+            for axis in parameter.axes
+            if not parameter.by_size or getattr(rig.robot.axes[axis - 1], parameter.key)
+        ]
     while True:
         projection = project(rig, used, constants, *postures)
         u, sizes = np.linalg.norm(projection.changes(moves), axis=0), np.abs(projection.values)
@@ -371,25 +379,6 @@ def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: 
     return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(rig, others), q))
 
 
-def _constants(rig: Rig, controller: Controller) -> list[Constant]:
-    """Return the constants of a rig's arm that a controller has."""
-    kept = [Constant(axis, "q_deg") for axis in range(1, 7)]
-    for parameter in controller.constants:
-        kept += [
-            Constant(axis, parameter.key)
-            for axis in parameter.axes
-            if not parameter.by_size or getattr(rig.robot.axes[axis - 1], parameter.key)
-        ]
-    return kept
-
-
-def _coupled_axes(rig: Rig) -> set[int]:
-    """Return the axes (from 1) whose angle at the controller goes with the motor of another axis, so that one count
-    alone does not change one reading alone."""
-    coupling = np.array(rig.robot.coupling) - np.diag(np.diag(rig.robot.coupling))
-    return {int(k) + 1 for k in np.flatnonzero(np.abs(coupling).sum(axis=0) + np.abs(coupling).sum(axis=1))}
-
-
 def _entry(
     rig: Rig,
     controller: Controller,
@@ -411,7 +400,10 @@ def _entry(
             per_unit, now = per_unit * np.sign(nominal), abs(per_unit * nominal)
     else:
         name, unit, per_unit = controller.zero.format(axis=constant.axis), controller.unit, controller.per_deg
-        if controller.scale and scale and constant.axis not in _coupled_axes(rig):
+        # Where an axis goes with the motor of another one, one count alone does not change one reading alone.
+        coupling = np.abs(np.array(rig.robot.coupling) - np.diag(np.diag(rig.robot.coupling)))
+        is_coupled = (coupling.sum(axis=0) + coupling.sum(axis=1))[constant.axis - 1] != 0
+        if controller.scale and scale and not is_coupled:
             per_unit *= scale[constant.axis - 1]
         elif controller.scale:
             name, unit, per_unit = f"reading of axis {constant.axis}", "deg", 1.0

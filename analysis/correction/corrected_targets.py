@@ -197,11 +197,16 @@ def corrected_angles(
     `corrected`."""
     model = model_of(rig, used_effects(rig, supported))
     skipped = {target.place: target for target in unsolved}
-    skipped |= {
-        target.place: target
-        for target in [*_beyond_limits(model.arm, q), *_beyond_rail(rig, q)]
-        if target.place not in skipped
-    }
+    beyond = _beyond_limits(model.arm, q)
+    if rig.robot.rail is not None:
+        (low, high), mm = rig.robot.rail.limits_mm, rail_mm(arm_of(rig.robot), q)
+        beyond += [
+            NotCorrected(
+                k, "beyond_limits", f"the rail would stand at {mm[k]:g} mm, its limits are {low:g} and {high:g} mm"
+            )
+            for k in np.flatnonzero((mm < low) | (mm > high)).tolist()
+        ]
+    skipped |= {target.place: target for target in beyond if target.place not in skipped}
     done = np.array([k not in skipped for k in range(len(q))], dtype=bool)
     angles, reached = q.copy(), done.copy()
     angles[done], reached[done] = reached_angles(model, forward(model.arm, q[done]), q[done])
@@ -285,19 +290,6 @@ def _turned(rig: Rig, supported: Sequence[Support], q: Array, at: Array) -> list
     return [
         f"an arm of {axes} axes turns its tool in {axes - 3} ways where it stands: each place is corrected, and the "
         f"tool stays turned by up to {most_deg:.2g}°"
-    ]
-
-
-def _beyond_rail(rig: Rig, q: Array) -> list[NotCorrected]:
-    """Return the targets at angles q (n, 6) rad, with where the rail stands, that it does not reach."""
-    if rig.robot.rail is None:
-        return []
-    (low, high), mm = rig.robot.rail.limits_mm, rail_mm(arm_of(rig.robot), q)
-    return [
-        NotCorrected(
-            k, "beyond_limits", f"the rail would stand at {mm[k]:g} mm, its limits are {low:g} and {high:g} mm"
-        )
-        for k in np.flatnonzero((mm < low) | (mm > high)).tolist()
     ]
 
 

@@ -64,9 +64,19 @@ def axes_in_turn(arm: Arm, count: int, sight: Sight | None, rng: np.random.Gener
     """Joint angles (n, axes) rad of at most so many poses in which each axis in its turn goes down, up and back through
     its range while the others stand: from one posture, about which the ways are clear and seen furthest."""
     postures = drawn_poses(arm, _POSTURES, sight, rng)
-    ways = [[_free_way(arm, posture, joint, sight) for joint in range(arm.axes)] for posture in postures]
-    if not ways:
+    if not len(postures):
         return np.empty((0, arm.axes))
+    # The angles between which a joint may turn, the others standing at a posture, clear and seen.
+    ways = np.empty((len(postures), arm.axes, 2))
+    for row, joint in np.ndindex(len(postures), arm.axes):
+        angle, ends = postures[row, joint], []
+        for end in (float(limit[joint]) for limit in _used(arm)):
+            angles = np.linspace(angle, end, 2 + int(abs(end - angle) / _STEP_RAD))
+            q = np.repeat(postures[row][None], len(angles), axis=0)
+            q[:, joint] = angles
+            free = _is_off(arm, q) & (is_seen(arm, q, sight) if sight else True)
+            ends.append(angles[np.logical_and.accumulate(free)][-1])
+        ways[row, joint] = min(ends), max(ends)
     best = int(np.argmax([np.log(np.ptp(way, axis=1) + _STEP_RAD).sum() for way in ways]))
     start, poses = postures[best], [postures[best]]
     for joint, (low, high) in enumerate(ways[best]):
@@ -79,18 +89,6 @@ def axes_in_turn(arm: Arm, count: int, sight: Sight | None, rng: np.random.Gener
 
 _POSTURES, _FEWEST_STOPS = 30, 5
 """Postures to choose from, and the fewest stops of an axis each way."""
-
-
-def _free_way(arm: Arm, posture: Array, joint: int, sight: Sight | None) -> tuple[float, float]:
-    """The angles rad between which a joint may turn, the others standing at a posture (axes,), clear and seen."""
-    ends = []
-    for end in (float(limit[joint]) for limit in _used(arm)):
-        angles = np.linspace(posture[joint], end, 2 + int(abs(end - posture[joint]) / _STEP_RAD))
-        q = np.repeat(posture[None], len(angles), axis=0)
-        q[:, joint] = angles
-        free = _is_off(arm, q) & (is_seen(arm, q, sight) if sight else True)
-        ends.append(float(angles[np.logical_and.accumulate(free)][-1]))
-    return min(ends), max(ends)
 
 
 def is_clear(arm: Arm, q: Array) -> Mask:

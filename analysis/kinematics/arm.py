@@ -60,7 +60,17 @@ class Arm:
     @cached_property
     def links_at_zero(self) -> Array:
         """T(i-1,i) (axes, 4, 4) of each joint for theta = 0: what is the same at all angles."""
-        return np.stack([_joint_at_zero(self, axis) for axis in range(self.axes)])
+        links = []
+        for alpha, beta, a, d in zip(self.alpha, self.beta, self.a, self.d, strict=True):
+            ca, sa = np.cos(alpha), np.sin(alpha)
+            cb, sb = np.cos(beta), np.sin(beta)
+            links.append(np.array([
+                [cb, 0.0, sb, a + d * sb],
+                [sa * sb, ca, -sa * cb, -d * sa * cb],
+                [-ca * sb, sa, ca * cb, d * ca * cb],
+                [0.0, 0.0, 0.0, 1.0],
+            ]))  # fmt: skip
+        return np.stack(links)
 
 
 @lru_cache(maxsize=64)
@@ -246,19 +256,6 @@ def _set_frames(T: Array, columns: Array) -> None:
     """Sets frames T (n, 4, 4) to their columns (4, 3, n)."""
     T[:, :3] = columns.transpose(2, 1, 0)
     T[:, 3] = (0.0, 0.0, 0.0, 1.0)
-
-
-def _joint_at_zero(arm: Arm, axis: int) -> Array:
-    """T(i-1,i) (4, 4) of one joint for theta = 0."""
-    ca, sa = np.cos(arm.alpha[axis]), np.sin(arm.alpha[axis])
-    cb, sb = np.cos(arm.beta[axis]), np.sin(arm.beta[axis])
-    d = arm.d[axis]
-    return np.array([
-        [cb, 0.0, sb, arm.a[axis] + d * sb],
-        [sa * sb, ca, -sa * cb, -d * sa * cb],
-        [-ca * sb, sa, ca * cb, d * ca * cb],
-        [0.0, 0.0, 0.0, 1.0],
-    ])  # fmt: skip
 
 
 def columns_of(T: Array) -> Array:

@@ -74,9 +74,12 @@ def canonical(arm: Arm) -> Canonical | None:
     for kind, alpha in _ALPHA.items():
         half_turns = np.rint((arm.alpha[1:] - alpha) / np.pi)
         turned = np.concatenate([arm.alpha[1:] - alpha - half_turns * np.pi, arm.beta[1:]])
-        lengths = _must_vanish(arm, kind)
+        is_spherical = kind == "spherical wrist"
+        lengths = np.array([arm.a[4], arm.a[5], arm.d[4]] if is_spherical else [arm.a[5]])  # which the kind has zero
         deviation = max(np.abs(turned).max(), np.abs(lengths).max() / _size(arm))
-        if deviation < _NEAR and not _degenerate(arm, kind):
+        forearm = np.hypot(arm.a[3], arm.d[3]) if is_spherical else abs(arm.a[3])
+        lacks_a_link = min(abs(arm.a[2]), forearm) < _DEGENERATE * _size(arm)  # of the plane arm
+        if deviation < _NEAR and not lacks_a_link:
             sign = np.cumprod(np.concatenate([[1.0], np.where(half_turns % 2 == 1, -1.0, 1.0)]))
             reach = _size(arm) + float(np.linalg.norm(arm.T_flange_tool[:3, 3])) + LENGTH_MM
             moved = float(np.abs(lengths).sum() + np.abs(turned).sum() * reach)
@@ -104,18 +107,6 @@ def canonical(arm: Arm) -> Canonical | None:
 
 def _size(arm: Arm) -> float:
     return float(np.abs(arm.a[1:]).sum() + np.abs(arm.d[1:]).sum()) or 1.0
-
-
-def _must_vanish(arm: Arm, kind: Kind) -> Array:
-    """Lengths in mm that the kind has zero."""
-    lengths = [arm.a[4], arm.a[5], arm.d[4]] if kind == "spherical wrist" else [arm.a[5]]
-    return np.array(lengths)
-
-
-def _degenerate(arm: Arm, kind: Kind) -> bool:
-    """Whether a link of the plane arm is missing."""
-    forearm = np.hypot(arm.a[3], arm.d[3]) if kind == "spherical wrist" else abs(arm.a[3])
-    return bool(min(abs(arm.a[2]), forearm) < _DEGENERATE * _size(arm))
 
 
 _BOTH = np.array([1.0, -1.0])
@@ -164,7 +155,12 @@ def _parallel_axes(form: Canonical, T: Array, sides: list[Array], spread: float)
     a, d = form.a, form.d
     t1, u = _shoulder(T, d[1] + d[2] + d[3], sides[0])
     x, y, hand = u - a[1], np.broadcast_to(T[2, 3], u.shape), complex(a[4], -d[4])
-    t234, t5, t6 = _wrist(_down(t1[:, None], T[:, None, :3]), _bent((x, y), hand, a[2], a[3]), sides[2], spread)
+    # The direction of the hand that brings the elbow nearest to a right angle.
+    square = x * x + y * y
+    reach = 2 * np.sqrt(square) * abs(hand)
+    cosine = (square + abs(hand) ** 2 - a[2] ** 2 - a[3] ** 2) / np.where(reach > 0, reach, 1.0)
+    bent = np.arctan2(y, x) + np.arccos(np.clip(cosine, -1.0, 1.0)) - np.angle(hand)
+    t234, t5, t6 = _wrist(_down(t1[:, None], T[:, None, :3]), bent, sides[2], spread)
     c, s = cos_sin(t234)
     centre = x[:, None] - hand.real * c + hand.imag * s, y[:, None] - hand.real * s - hand.imag * c
     t2, t3 = _elbow(centre, a[2], complex(a[3]), sides[1], spread)
@@ -214,13 +210,3 @@ def _down(t: Array, rows: Array | list[Array]) -> list[Array]:
     c, s = cos_sin(t)
     x, y, z = rows
     return [c * x + s * y, z, s * x - c * y]
-
-
-def _bent(centre: Point, hand: complex, upper: float, forearm: float) -> Array:
-    """Direction (…) rad of the hand that brings the elbow nearest to a right angle."""
-    x, y = centre
-    square = x * x + y * y
-    reach = 2 * np.sqrt(square) * abs(hand)
-    cosine = (square + abs(hand) ** 2 - upper**2 - forearm**2) / np.where(reach > 0, reach, 1.0)
-    angle: Array = np.arctan2(y, x) + np.arccos(np.clip(cosine, -1.0, 1.0)) - np.angle(hand)
-    return angle

@@ -32,8 +32,15 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
     `where` names the path in errors. Raises PathError where a pose cannot be reached, at a singularity
     that the arm cannot pass without a jump, or where a joint would leave its limits.
     """
-    start = _begun(arm, poses, posture, where)
-    knots = _knots(poses)
+    solution, good = newton(arm, poses[:1], posture[None])
+    start = solution[0] if good[0] else _nearest_branch(arm, poses[:1], posture)
+    if start is None:
+        raise _out_of_reach(poses, 0, where)
+    # Knots are where the tool turned or moved by a few degrees (of arm length) since the knot before.
+    steps = [pose_error(poses[:-1][block], poses[1:][block]) for block in blocks(len(poses) - 1)]
+    motion = np.abs(np.concatenate([np.zeros((1, 6)), *steps]) / ([LENGTH_MM] * 3 + [1.0] * 3)).sum(axis=1)
+    counts = np.floor(np.cumsum(motion) / _KNOT_TURN)
+    knots = np.unique([0, *(np.flatnonzero(np.diff(counts) > 0) + 1), len(poses) - 1]).astype(np.intp)
     path = _on_one_branch(arm, poses, knots, start)
     if path is None:
         path = _walked(arm, poses, knots, start, where)
@@ -48,15 +55,6 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
                 "limits",
             )
     return path
-
-
-def _begun(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
-    """Angles (6,) rad at the first of poses (n, 4, 4), by Newton from posture (6,), else the nearest branch to it."""
-    solution, good = newton(arm, poses[:1], posture[None])
-    start = solution[0] if good[0] else _nearest_branch(arm, poses[:1], posture)
-    if start is None:
-        raise _out_of_reach(poses, 0, where)
-    return start
 
 
 def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Array | None:
@@ -81,7 +79,15 @@ def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Arra
 
 def _walked(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) -> Array:
     """Angles (n, 6) rad by Newton from knot to knot, from start (6,) rad at the first, and then in between."""
-    walked = _walk(arm, poses, knots, start, where)
+    walked = np.empty((len(knots), 6))
+    q = walked[0] = start
+    for row, knot in enumerate(knots[1:].tolist(), start=1):
+        pose = poses[knot : knot + 1]
+        solution, good = newton(arm, pose, q[None])
+        if not good[0]:
+            reachable = _nearest_branch(arm, pose, q) is not None
+            raise _flips(arm, poses, knot, q, where) if reachable else _out_of_reach(poses, knot, where)
+        q = walked[row] = solution[0]
     guess = np.stack([np.interp(np.arange(len(poses)), knots, column) for column in walked.T], axis=1)
     path, good = newton(arm, poses, guess)
     jump = np.where(good, np.abs(path - guess).max(axis=1), np.inf)
@@ -89,20 +95,6 @@ def _walked(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) ->
         index = int(jump.argmax())
         raise _flips(arm, poses, index, guess[index], where)
     return path
-
-
-def _walk(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) -> Array:
-    """Angles (k, 6) rad at the knots, each from the one before, from start (6,) rad at the first."""
-    walked = np.empty((len(knots), 6))
-    q = walked[0] = start
-    for row, index in enumerate(knots[1:].tolist(), start=1):
-        pose = poses[index : index + 1]
-        solution, good = newton(arm, pose, q[None])
-        if not good[0]:
-            reachable = _nearest_branch(arm, pose, q) is not None
-            raise _flips(arm, poses, index, q, where) if reachable else _out_of_reach(poses, index, where)
-        q = walked[row] = solution[0]
-    return walked
 
 
 def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
@@ -132,17 +124,6 @@ def _flips(arm: Arm, poses: Array, index: int, q: Array, where: str) -> PathErro
         "move the circle or choose another posture_deg",
         "singularity",
     )
-
-
-def _knots(poses: Array) -> Indices:
-    """Indices at which tool turned or moved by a few degrees (of arm length) since the knot before."""
-    if len(poses) == 1:
-        return np.zeros(1, dtype=np.intp)
-    steps = [pose_error(poses[:-1][block], poses[1:][block]) for block in blocks(len(poses) - 1)]
-    motion = np.abs(np.concatenate(steps) / ([LENGTH_MM] * 3 + [1.0] * 3)).sum(axis=1)
-    counts = np.floor(np.concatenate([[0.0], np.cumsum(motion)]) / _KNOT_TURN)
-    inner = np.flatnonzero(np.diff(counts) > 0) + 1
-    return np.unique(np.concatenate([[0], inner, [len(poses) - 1]])).astype(np.intp)
 
 
 def _named(poses: Array, index: int) -> str:

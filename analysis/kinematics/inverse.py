@@ -53,9 +53,13 @@ def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mas
     q[:, :8], solved[:, :8], clear = _near_branches(arm, form, poses, theta)
     doubtful = np.flatnonzero(~clear)
     if len(doubtful):
-        more = _reached(
-            arm, poses[doubtful], _held_apart(arm, form, poses[doubtful], theta[:, :, doubtful], solved[doubtful, :8])
-        )
+        # The branches that led to no solution, and what becomes of them where the two sides of a singularity are held
+        # apart, where that is anything new.
+        snapped, apart = theta[:, :, doubtful], branches(form, poses[doubtful], _SPREAD)
+        has_moved = (np.abs(wrapped(apart - snapped)).max(axis=1) > 0).T
+        seeds = _joints(arm, np.concatenate([snapped, apart]).transpose(2, 0, 1))
+        seeds = distinct(arm, seeds, np.concatenate([~solved[doubtful, :8], has_moved], axis=1))[0]
+        more = _reached(arm, poses[doubtful], seeds)
         q[doubtful], solved[doubtful] = _beside(
             arm, poses[doubtful], *_together(arm, q[doubtful], solved[doubtful], *more)
         )
@@ -81,32 +85,8 @@ def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tup
     return q.reshape(-1, 8, 6), solved.reshape(-1, 8), clear
 
 
-def _held_apart(arm: Arm, form: Canonical, poses: Array, theta: Array, solved: Mask) -> Array:
-    """Seeds (n, 16, 6) for poses in doubt: the branches theta (8, 6, n) of the snapped arm that led to no solution, and
-    what becomes of the branches where the two sides of a singularity are held apart; nan where that is nothing new."""
-    apart = branches(form, poses, _SPREAD)
-    moved = (np.abs(wrapped(apart - theta)).max(axis=1) > 0).T
-    seeds = np.concatenate([theta, apart]).transpose(2, 0, 1)
-    return distinct(arm, _joints(arm, seeds), ~np.concatenate([solved, ~moved], axis=1))[0]
-
-
 def _beside(arm: Arm, poses: Array, q: Array, solved: Mask) -> tuple[Array, Mask]:
-    """Solutions q (n, 16, 6) and solved (n, 16), with those to both sides of each that is near a singularity."""
-    seeds = _aside(arm, q, solved)
-    again = np.isfinite(seeds).any(axis=(1, 2))
-    more = _reached(arm, poses[again], seeds[again])
-    q[again], solved[again] = _together(arm, q[again], solved[again], *more)
-    return q, solved
-
-
-def _together(arm: Arm, q: Array, solved: Mask, more: Array, solved_more: Mask) -> tuple[Array, Mask]:
-    """Solutions q (n, k, 6), solved (n, k) and more, each once."""
-    both = np.concatenate([q, more], axis=1), np.concatenate([solved, solved_more], axis=1)
-    return _first(*distinct(arm, *_first(*both, most=None)))
-
-
-def _aside(arm: Arm, q: Array, solved: Mask) -> Array:
-    """Seeds (n, s, 6) to both sides of each solution near a singularity, else nan.
+    """Solutions q (n, 16, 6) and solved (n, 16), with those to both sides of each that is near a singularity.
 
     Branches lie close together there, along the joint motion that leaves the tool still, and the seeds of
     several may have run into one.
@@ -117,7 +97,17 @@ def _aside(arm: Arm, q: Array, solved: Mask) -> Array:
     row, slot = row[near], slot[near]
     seeds = np.full((*q.shape[:2], len(_ASIDE), 6), np.nan)
     seeds[row, slot] = q[row, slot, None] + _ASIDE[:, None] * still[near, None]
-    return seeds.reshape(len(q), q.shape[1] * len(_ASIDE), 6)
+    seeds = seeds.reshape(len(q), q.shape[1] * len(_ASIDE), 6)
+    again = np.isfinite(seeds).any(axis=(1, 2))
+    more = _reached(arm, poses[again], seeds[again])
+    q[again], solved[again] = _together(arm, q[again], solved[again], *more)
+    return q, solved
+
+
+def _together(arm: Arm, q: Array, solved: Mask, more: Array, solved_more: Mask) -> tuple[Array, Mask]:
+    """Solutions q (n, k, 6), solved (n, k) and more, each once."""
+    both = np.concatenate([q, more], axis=1), np.concatenate([solved, solved_more], axis=1)
+    return _first(*distinct(arm, *_first(*both, most=None)))
 
 
 def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:

@@ -251,7 +251,13 @@ def newton_in_part(arm: Arm, targets: Array, q: Array, tool: Poses | None = None
         if not len(moving):
             break
         error = pose_error((tool or (lambda angles: forward(arm, angles)))(at[moving]), targets[moving])
-        step = _step_in_part(forward_and_jacobian(arm, at[moving])[1][:, :, : arm.axes], error)
+        J_place, J_turn = np.split(forward_and_jacobian(arm, at[moving])[1][:, :, : arm.axes], 2, axis=1)
+        # First the place, then the turn among what leaves the place alone.
+        to_place = np.linalg.pinv(J_place, rcond=_SINGULAR)
+        step = np.einsum("nij,nj->ni", to_place, error[:, :3])
+        free = np.eye(arm.axes) - to_place @ J_place
+        turn = error[:, 3:] - np.einsum("nij,nj->ni", J_turn, step)
+        step += np.einsum("nij,nj->ni", np.linalg.pinv(J_turn @ free, rcond=_SINGULAR), turn)
         arrived = np.linalg.norm(error[:, :3], axis=1) < REACHED_MM
         still = np.abs(step).max(axis=1) < _STILL_RAD
         reached[moving[arrived & still]] = True
@@ -264,14 +270,3 @@ def turned_rad(tool: Array, targets: Array) -> Array:
     """How far (n,) rad tools (n, 4, 4) are turned from their targets."""
     turned: Array = np.linalg.norm(pose_error(tool, targets)[:, 3:], axis=1)
     return turned
-
-
-def _step_in_part(jacobian: Array, error: Array) -> Array:
-    """Steps (n, axes) rad for errors (n, 6): first the place, then the turn among what leaves the place alone."""
-    J_place, J_turn = jacobian[:, :3], jacobian[:, 3:]
-    to_place = np.linalg.pinv(J_place, rcond=_SINGULAR)
-    step = np.einsum("nij,nj->ni", to_place, error[:, :3])
-    free = np.eye(jacobian.shape[2]) - to_place @ J_place
-    turn = error[:, 3:] - np.einsum("nij,nj->ni", J_turn, step)
-    step += np.einsum("nij,nj->ni", np.linalg.pinv(J_turn @ free, rcond=_SINGULAR), turn)
-    return np.asarray(step)

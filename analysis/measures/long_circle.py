@@ -19,10 +19,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.geometry.circle import SENSE, frame_of
 from analysis.geometry.programs import circle_of
@@ -105,7 +103,16 @@ class _Window:
             rows = slice(*np.searchsorted(chunk["last_byte_ns"], (begin_ns, end_ns), side="left"))
             if rows.start < rows.stop:
                 pieces.append({name: column[rows] for name, column in chunk.items()})
-        return {name: _joined([piece[name] for piece in pieces]) for name in (pieces[0] if pieces else ())}
+        joined = {}
+        for name in pieces[0] if pieces else ():
+            columns = [piece[name] for piece in pieces]
+            first = columns[0]
+            # Of those that hold one value a view of it, as `daq.store` reads them.
+            if all(column.strides == (0,) and column[:1].tobytes() == first[:1].tobytes() for column in columns):
+                joined[name] = np.broadcast_to(first[0], (sum(map(len, columns)),))
+            else:
+                joined[name] = np.concatenate(columns)
+        return joined
 
     def time_after(self, begin_ns: float, rows: int) -> float:
         """When the row came that is so many behind the first from begin_ns on; inf where hardly half as many more are
@@ -133,14 +140,6 @@ class _Window:
                 raise FileError(str(self._path), "has stamps that go back", "restore the run from a copy")
             self._kept.append(chunk)
         return True
-
-
-def _joined(pieces: list[NDArray[Any]]) -> NDArray[Any]:
-    """The pieces of a column as one; of those that hold one value a view of it, as `daq.store` reads them."""
-    first = pieces[0]
-    if all(piece.strides == (0,) and piece[:1].tobytes() == first[:1].tobytes() for piece in pieces):
-        return np.broadcast_to(first[0], (sum(len(piece) for piece in pieces),))
-    return np.concatenate(pieces)
 
 
 _SHOWN = 100_000

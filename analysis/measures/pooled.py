@@ -163,8 +163,11 @@ def pairs_of(group: Sequence[Result]) -> Pairs | None:
     runs, pairs, refused = [], [], list[str]()
     while acw_runs and cw_runs:
         acw, forth = acw_runs.pop(0)
-        nearest = min(range(len(cw_runs)), key=lambda place: _apart_mm(forth, cw_runs[place][1]))
-        cw, back = cw_runs.pop(nearest)
+        # The balls by the angle, which plays move less than the distance; what a set-up does puts none of them apart.
+        offsets = [np.hypot(forth.sine.a - ring.sine.a, forth.sine.b - ring.sine.b) for _, ring in cw_runs]
+        apart_mm = [forth.laps.frame.radius * float(offset) for offset in offsets]
+        nearest = np.argmin([mm if mm > BALL_ELSEWHERE_MM else 0.0 for mm in apart_mm])
+        cw, back = cw_runs.pop(int(nearest))
         try:
             pairs.append(pair(forth, back, f"{acw.name} and {cw.name}"))
             runs.append((acw, cw))
@@ -180,13 +183,6 @@ def pairs_of(group: Sequence[Result]) -> Pairs | None:
         figures = {**between([of_pair.figures for of_pair in pairs])}
         lag = between([{"lag_ms": of_pair.lag} for of_pair in pairs])["lag_ms"].mean
     return Pairs(tuple(runs), figures, lag, tuple(refused))
-
-
-def _apart_mm(acw: CircleResult, cw: CircleResult) -> float:
-    """How far the balls of two circles are apart by the angle, which plays move less than the distance; 0 within what a
-    set-up does."""
-    apart = acw.laps.frame.radius * float(np.hypot(acw.sine.a - cw.sine.a, acw.sine.b - cw.sine.b))
-    return apart if apart > BALL_ELSEWHERE_MM else 0.0
 
 
 @dataclass(frozen=True)

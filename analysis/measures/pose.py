@@ -156,7 +156,7 @@ def evaluate(
         notes.append("how well the instrument measures a rotation is not known: figures of the orientation have no u")
     axes, of_axes = ((), {}) if sides is None else axis_curves(table.q, sides, table.xyz_mm, arm.axes)
     figures |= of_axes
-    notes = [*kept.notes, *_misfit(figures["rms_mm"]), *_blind(setup), *notes]
+    notes = [*kept.notes, *_doubts(figures["rms_mm"], setup), *notes]
     return PoseResult(setup, position, rotation, placed, group, figures, len(T), tuple(notes), kept.rows, axes)
 
 
@@ -213,17 +213,6 @@ def _errors(bare: Arm, of_fit: PoseTable, table: PoseTable) -> tuple[Array, Arra
     tool, _ = _orientation(forward(bare, of_fit.q), of_fit.rpy, setup)
     seen = _turns_seen(table.rpy, setup)
     return position, _turns_left(T, seen, tool.T_flange_tool[:3, :3])
-
-
-def _misfit(rms: Quantity) -> list[str]:
-    """A doubt where the arm misses the poses by far more than any arm does by its nominal constants."""
-    if rms.value < _MISSES_MM or rms.value < _DOUBTFUL_U * rms.u:
-        return []
-    return [
-        f"the arm of the rig file misses these poses by {rms.value:.3g} mm (rms), {rms.value / rms.u:.0f} times its u: "
-        "no noise does this, and u does not cover it; check order, signs and zeros of the joints, whether axes 2 and 3 "
-        "are coupled (FANUC), and the arm"
-    ]
 
 
 def groups(q: Array, same_rad: float, *, rail: bool = False) -> NDArray[np.int64]:
@@ -353,11 +342,22 @@ def _turns_left(T: Array, seen: Rotation, R_tool: Array) -> Array:
     return np.asarray((seen * (Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(R_tool)).inv()).as_rotvec())
 
 
-def _blind(setup: PoseSetUp) -> tuple[str, ...]:
+def _doubts(rms: Quantity, setup: PoseSetUp) -> list[str]:
+    """Doubts where the arm misses the poses by far more than any arm does by its nominal constants, and where they do
+    not determine base and tool."""
+    doubts = []
+    if not (rms.value < _MISSES_MM or rms.value < _DOUBTFUL_U * rms.u):
+        doubts.append(
+            f"the arm of the rig file misses these poses by {rms.value:.3g} mm (rms), {rms.value / rms.u:.0f} times "
+            "its u: no noise does this, and u does not cover it; check order, signs and zeros of the joints, whether "
+            "axes 2 and 3 are coupled (FANUC), and the arm"
+        )
     s = np.linalg.svd(setup.design / np.linalg.norm(setup.design, axis=0), compute_uv=False)
-    if s[-1] > _BLIND * s[0]:
-        return ()
-    return ("the tool turned too little to distinguish base from tool: do not use their places; the errors are valid",)
+    if not s[-1] > _BLIND * s[0]:
+        doubts.append(
+            "the tool turned too little to distinguish base from tool: do not use their places; the errors are valid"
+        )
+    return doubts
 
 
 def _hold(table: PoseTable, where: str) -> None:

@@ -218,8 +218,7 @@ def evaluate(
     Raises FileError.
     """
     hold_radius(where, radius_mm)
-    _hold(table, radius_mm, where)
-    cells = _cells(table, where)
+    cells = _cells(table, radius_mm, where)
     measured = cells.by_orientation
     if len(measured) < _FEWEST:
         problem = f"has {len(measured)} targets, too few for a sphere"
@@ -236,11 +235,8 @@ def evaluate(
     points = (radius_mm + _mean(measured))[:, None] * cells.direction
     free = free_sphere(points[~far])
     figures = _figures(used, measured[~far], free, scatter, radius_mm)
-    notes = _missing(cells, expected, orientations) + _left_out(cells, far, readings, free)
-    if free.unknown:
-        why = "these targets, near one plane or place, do not determine them; measure at more polar angles"
-        notes += (f"{', '.join(free.unknown)} left out: {why}",)
-    notes += assumed(scatter) + coarse(scatter)
+    off_mm = np.linalg.norm(readings - free.centre, axis=-1) - free.radius
+    notes = (*_notes(cells, expected, orientations, far, off_mm, free), *assumed(scatter), *coarse(scatter))
     spread = np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1)
     samples = int(np.isfinite(used.g_mm).sum())
     return RadialResult(cells, spread, ~far, points, free, scatter, figures, samples, notes)
@@ -296,7 +292,18 @@ def _plain(
     return figures
 
 
-def _cells(table: RadialTable, where: str) -> Cells:
+def _cells(table: RadialTable, radius_mm: float, where: str) -> Cells:
+    """The readings by target and orientation. Raises FileError for a table that no radial test makes."""
+    if len(table.g_mm) == 0:
+        raise FileError(where, "has no rows", "give a table with readings")
+    hold_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)
+    hold_alive(where, g1_mm=table.g_mm)
+    if np.abs(table.polar).max() > np.pi + 1e-6 or np.abs(table.azimuth).max() > 2 * np.pi + 1e-6:
+        problem = "has targets beyond 180° polar or 360° azimuth"
+        raise FileError(where, problem, "check the units of polar_deg and azimuth_deg")
+    if (most_mm := np.abs(table.g_mm).max()) > 0.5 * radius_mm:
+        problem = f"a reading of {most_mm:g} mm is too large for a radius of {radius_mm:g} mm"
+        raise FileError(where, problem, "give g1_mm as the distance less the link's set length")
     targets, row = np.unique(table.target, return_inverse=True)
     orientations, column = np.unique(table.orientation, return_inverse=True)
     sine, cosine = np.sin(table.polar), np.cos(table.polar)
@@ -329,7 +336,10 @@ def _mean(x: Array) -> Array:
     return np.where(count > 0, np.where(measured, x, 0.0).sum(axis=-1) / np.maximum(count, 1), np.nan)
 
 
-def _missing(cells: Cells, expected: Collection[int], orientations: int) -> tuple[str, ...]:
+def _notes(
+    cells: Cells, expected: Collection[int], orientations: int, far: NDArray[np.bool_], off_mm: Array, free: Sphere
+) -> tuple[str, ...]:
+    """What was not measured, what is left out, off_mm (t, o) from the sphere, and what is not determined."""
     notes = []
     targets, have = len(cells.target), cells.g_mm.shape[1]
     numbers = set(expected) or set(range(1, int(cells.target.max()) + 1))
@@ -340,31 +350,15 @@ def _missing(cells: Cells, expected: Collection[int], orientations: int) -> tupl
     if have < orientations:
         without = ", so their range is not reported" if have == 1 else ""
         notes.append(f"{have} of {orientations} orientations measured{without}")
+    most = float(np.nanmax(np.abs(off_mm[~far])))
+    for k in np.flatnonzero(far):
+        worst = off_mm[k, np.nanargmax(np.abs(off_mm[k]))]
+        reading = f"a reading {worst:+.3f} mm off the sphere, those of the others within {most:.3f} mm"
+        notes.append(f"target {cells.target[k]} left out: {reading}")
+    if free.unknown:
+        why = "these targets, near one plane or place, do not determine them; measure at more polar angles"
+        notes.append(f"{', '.join(free.unknown)} left out: {why}")
     return tuple(notes)
-
-
-def _left_out(cells: Cells, far: NDArray[np.bool_], readings: Array, free: Sphere) -> tuple[str, ...]:
-    """readings (t, o, 3) mm from the ball."""
-    off = np.linalg.norm(readings - free.centre, axis=-1) - free.radius
-    most = float(np.nanmax(np.abs(off[~far])))
-    return tuple(
-        f"target {cells.target[k]} left out: a reading {off[k, np.nanargmax(np.abs(off[k]))]:+.3f} mm off the sphere, "
-        f"those of the others within {most:.3f} mm"
-        for k in np.flatnonzero(far)
-    )
-
-
-def _hold(table: RadialTable, radius_mm: float, where: str) -> None:
-    if len(table.g_mm) == 0:
-        raise FileError(where, "has no rows", "give a table with readings")
-    hold_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)
-    hold_alive(where, g1_mm=table.g_mm)
-    if np.abs(table.polar).max() > np.pi + 1e-6 or np.abs(table.azimuth).max() > 2 * np.pi + 1e-6:
-        problem = "has targets beyond 180° polar or 360° azimuth"
-        raise FileError(where, problem, "check the units of polar_deg and azimuth_deg")
-    if (most_mm := np.abs(table.g_mm).max()) > 0.5 * radius_mm:
-        problem = f"a reading of {most_mm:g} mm is too large for a radius of {radius_mm:g} mm"
-        raise FileError(where, problem, "give g1_mm as the distance less the link's set length")
 
 
 class Radial(TargetKind[RadialTable]):

@@ -80,7 +80,17 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     targets, x, notes = _sides(table, where)
     scatter = scatter_of(x, u_mm, step_mm=step_of_stops(table.g_mm)) if u_mm > 0 else None
     figures = of_scatter(plain_figures, x, scatter) if scatter else exact(plain_figures, x)
-    notes += _wild(targets, x)
+    # A reading that is far from its like stays in the figures, since the standards leave none out.
+    away = np.abs(x - np.nanmedian(x, axis=-1, keepdims=True))
+    spreads = np.zeros(x.shape)
+    spreads[np.isfinite(away)] = spreads_of(away[np.isfinite(away)], TARGET_MM.high)
+    if wild := int((spreads > SPREADS).sum()):
+        row, side, _ = np.unravel_index(int(np.argmax(spreads)), x.shape)
+        most = f"up to {np.nanmax(away):.3g} mm from the others of its target and side"
+        where_most = f"target {targets[row]}, {SIDES[side]}"
+        are = "1 reading is" if wild == 1 else f"{wild} readings are"
+        remedy = "check that the plunger touched and that the robot stood"
+        notes += (f"{are} {most} ({where_most}), and in the figures: {remedy}",)
     least = int(np.isfinite(x).sum(axis=-1).min())
     standards = (("ISO 230-2", RANGE_VISITS), ("ISO 9283", RP_VISITS))
     if asked := ", ".join(f"{name} asks {count}" for name, count in standards if least < count):
@@ -128,25 +138,6 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
     without = int((table.approach == "none").sum())
     notes += [f"{without} readings do not state their approach and are not used"] if without else []
     return np.array(kept), x, tuple(notes)
-
-
-def _wild(targets: Integers, x: Array) -> tuple[str, ...]:
-    """Name the reading of x (targets, 2, n) mm that is furthest from its like, where no robot scatters so; it stays in
-    the figures, since the standards leave none out."""
-    away = np.abs(x - np.nanmedian(x, axis=-1, keepdims=True))
-    measured = np.isfinite(away)
-    spreads = np.zeros(x.shape)
-    spreads[measured] = spreads_of(away[measured], TARGET_MM.high)
-    wild = int((spreads > SPREADS).sum())
-    if not wild:
-        return ()
-    row, side, _ = np.unravel_index(int(np.argmax(spreads)), x.shape)
-    most = f"up to {np.nanmax(away):.3g} mm from the others of its target and side"
-    are = "1 reading is" if wild == 1 else f"{wild} readings are"
-    return (
-        f"{are} {most} (target {targets[row]}, {SIDES[side]}), and in the figures: check that the plunger touched and "
-        "that the robot stood",
-    )
 
 
 class Repeatability(TargetKind[RepeatabilityTable]):

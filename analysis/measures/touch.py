@@ -79,7 +79,12 @@ class TouchResult:
 def evaluate(table: TouchTable, model: Model, where: str = "the touch table") -> TouchResult:
     """Return the figures of touches by a model of the arm: rms_mm and max_mm of the ball from its socket, spat_mm, and
     socket_distance_mm where there are two sockets. Raises FileError for too few touches, and where the robot stood."""
-    _hold(table, where)
+    hold_numbers(where, q=table.q)
+    count = len(np.unique(table.socket))
+    if 3 * len(table.q) <= 3 + 3 * count or len(table.q) < _FEWEST:
+        problem = f"has {len(table.q)} touches of {count} socket{'s' * (count > 1)}, too few to fit their places"
+        raise FileError(where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ")
+    hold_joints(where, table.q, "touch each socket in many postures")
     T = forward(model.arm, table.q) if not model.effects else moved(model, path_of(model, table)).T
     far = far_touches(table, T)
     notes = (left_out(table, far.wild, far.far_mm),) if far.wild.any() else ()
@@ -111,15 +116,6 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     if once := ", ".join(names[np.bincount(socket.ravel()) < 2].tolist()):
         notes = (*notes, f"{once} touched once only, which shows nothing: touch each in many postures")
     return TouchResult(off, terms[:3], sockets, distances, figures, len(off), notes, rows)
-
-
-def _hold(table: TouchTable, where: str) -> None:
-    hold_numbers(where, q=table.q)
-    sockets = len(np.unique(table.socket))
-    if 3 * len(table.q) <= 3 + 3 * sockets or len(table.q) < _FEWEST:
-        what = f"has {len(table.q)} touches of {sockets} socket{'s' * (sockets > 1)}, too few to fit their places"
-        raise FileError(where, what, f"give at least {max(_FEWEST, sockets + 2)}, in postures that differ")
-    hold_joints(where, table.q, "touch each socket in many postures")
 
 
 def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:

@@ -60,26 +60,21 @@ def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[floa
         # A joint may rest on after the robot has left its stand, while others turn.
         leaves = np.searchsorted(t_s, t_s[moving[k + 1]] - 2 * _NEAR_S)
         ended = stand_ends[(stand_ends >= max(moving[k], leaves)) & (stand_ends <= moving[k + 1] + 1)]
-        when = float(t_s[ended[-1]]) if len(ended) else _vertex(t_s, x, extreme, last)
-        reversals.append((when, float(direction[k + 1])))
+        if len(ended):
+            when = t_s[ended[-1]]
+        elif len(_near(t_s, extreme)) < _LEAST:
+            when = t_s[last]  # of a program's stops: it stands there, and turns back as it leaves
+        else:
+            # Between samples: the vertex of a parabola through those about the extreme, at which rounded angles stand
+            # for a while. Where they make none, as about a stop, the extreme itself is as good as anything.
+            middle = (extreme + last) // 2
+            near = _near(t_s, middle)
+            since = t_s[near] - t_s[middle]
+            bend, slope, _ = np.polyfit(since, x[near] - x[middle], 2)
+            shift = -slope / (2 * bend) if bend else np.inf
+            when = t_s[middle] + shift if abs(shift) <= 2 * np.max(np.diff(since)) else t_s[middle]
+        reversals.append((float(when), float(direction[k + 1])))
     return reversals
-
-
-def _vertex(t_s: Array, x: Array, extreme: int, last: int) -> float:
-    """When x (n,) turned, between samples: the vertex of a parabola through those about its extreme, at which it stands
-    until `last`."""
-    if len(_near(t_s, extreme)) < _LEAST:
-        # Of a program's stops: it stands there, and turns back as it leaves.
-        return float(t_s[last])
-    # Rounded angles stand about their turn.
-    middle = (extreme + last) // 2
-    near = _near(t_s, middle)
-    since = t_s[near] - t_s[middle]
-    bend, slope, _ = np.polyfit(since, x[near] - x[middle], 2)
-    shift = -slope / (2 * bend) if bend else np.inf
-    step = float(np.max(np.diff(since)))
-    # Where the samples make no parabola, as about a stop, the extreme itself is as good as anything.
-    return float(t_s[middle] + shift) if abs(shift) <= 2 * step else float(t_s[middle])
 
 
 def _near(t_s: Array, k: int) -> Integers:

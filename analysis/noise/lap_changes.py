@@ -53,7 +53,8 @@ def without_slips(laps: Array) -> tuple[Array, list[float]]:
 
 def _clearest(laps: Array) -> tuple[int, int, float] | None:
     """Return lap, node and size of the clearest step between a lap and the next, or None where none is clear."""
-    best: tuple[float, tuple[int, int, float]] | None = None
+    clearest: tuple[int, int, float] | None = None
+    most = _CLEAR
     for lap, between in enumerate(np.diff(laps, axis=0)):
         for width in _WIDE:
             level = np.median(np.lib.stride_tricks.sliding_window_view(between, width), axis=1)
@@ -66,15 +67,12 @@ def _clearest(laps: Array) -> tuple[int, int, float] | None:
             place = int(np.argmax(np.abs(steps)))
             clear = abs(float(steps[place])) / spread
             node, step = place + width, float(steps[place])
-            if clear > _CLEAR and _stays(between, node, step) and (best is None or clear > best[0]):
-                best = clear, (lap, node, step)
-    return None if best is None else best[1]
-
-
-def _stays(between: Array, node: int, step: float) -> bool:
-    """Return whether a difference of two laps (NODES,) keeps a step at a node."""
-    before, after = between[max(0, node - _LEVEL) : node], between[node : node + _LEVEL]
-    return 0.5 < (float(np.median(after)) - float(np.median(before))) / step < 2.0
+            if not clear > most:
+                continue
+            before, after = between[max(0, node - _LEVEL) : node], between[node : node + _LEVEL]
+            if 0.5 < (float(np.median(after)) - float(np.median(before))) / step < 2.0:  # it keeps the step
+                most, clearest = clear, (lap, node, step)
+    return clearest
 
 
 def bursts(laps: Array) -> Mask:

@@ -105,19 +105,15 @@ def noise_beneath(values: Array, step: float) -> float:
     third = np.abs(np.diff(values[:_SAMPLE], 3))
     if len(third) == 0:
         return 0.0
-    median = _grouped_median(third, step) if step else float(np.median(third))
+    median = float(np.median(third))
+    if step:  # as if the differences of one group were evenly distributed in it
+        groups, middle = np.rint(third / step), (len(third) - 1) // 2
+        group = np.partition(groups, middle)[middle]
+        share = (len(third) / 2 - np.sum(groups < group)) / np.sum(groups == group)
+        low, high = max(group - 0.5, 0.0), group + 0.5
+        median = float((low + share * (high - low)) * step)
     noise = float(np.sqrt(max((median / 0.6745) ** 2 / 20.0 - step**2 / 12, 0.0)))
     return noise if noise > _SEEN * step else 0.0
-
-
-def _grouped_median(values: Array, step: float) -> float:
-    """Return the median of sizes (n,) that were rounded to `step`, as if those of one group were evenly distributed in
-    it."""
-    groups, middle = np.rint(values / step), (len(values) - 1) // 2
-    group = np.partition(groups, middle)[middle]
-    share = (len(values) / 2 - np.sum(groups < group)) / np.sum(groups == group)
-    low, high = max(group - 0.5, 0.0), group + 0.5
-    return float((low + share * (high - low)) * step)
 
 
 def rounding_error(curve: Array, step: float, noise: float, phase: Array) -> tuple[Array, Array]:
@@ -160,23 +156,19 @@ def step_of_stops(readings_mm: Array) -> float:
     distances between distinct readings are multiples. Where that is coarser than any gauge, as where nearly all
     readings are equal, it is the largest usual resolution of which it is a multiple.
     """
-    step = step_of(readings_mm) or _common_step(np.diff(np.unique(readings_mm)))
+    step = step_of(readings_mm)
+    gaps = np.diff(np.unique(readings_mm))
+    gaps = gaps[gaps > 1e-6 * gaps.max(initial=0.0)]
+    if not step and len(gaps) >= _FEWEST_GAPS:
+        steps = gaps.min() / _STEPS_APART
+        multiples = gaps / steps[:, None]
+        whole = np.abs(multiples - np.round(multiples)).max(axis=1) < _NOT_WHOLE
+        step = float(steps[np.argmax(whole)]) if whole.any() else 0.0
     if step <= _COARSEST_MM:
         return step
     multiples = step / _USUAL_MM
     fits = np.abs(multiples - np.round(multiples)) < _NOT_WHOLE
     return float(_USUAL_MM[np.argmax(fits)]) if fits.any() else 0.0
-
-
-def _common_step(gaps: Array) -> float:
-    """Return the largest step of which all distances (n,) mm are multiples, or 0 if there is none."""
-    gaps = gaps[gaps > 1e-6 * gaps.max(initial=0.0)]
-    if len(gaps) < _FEWEST_GAPS:
-        return 0.0
-    steps = gaps.min() / _STEPS_APART
-    multiples = gaps / steps[:, None]
-    whole = np.abs(multiples - np.round(multiples)).max(axis=1) < _NOT_WHOLE
-    return float(steps[np.argmax(whole)]) if whole.any() else 0.0
 
 
 def shared_rounding(step_mm: float, noise_sq: Array) -> Array:

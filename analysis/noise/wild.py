@@ -42,25 +42,19 @@ def spreads_of(distances: Array, least: float) -> Array:
 def far_from_fit(distances_of: Callable[[Mask], Array], count: int, least: float) -> tuple[Array, Array]:
     """Distances (n,) in mm or rad of `count` readings from a model fitted to those that are near, and the same in
     robust standard deviations. distances_of: fits the model to some of the readings, and gives the distances of all."""
-    near = _start(distances_of, count, least)
+    near = np.ones(count, dtype=bool)
+    # Of a few, all but the one without which the others fit best, unless all fit with a scale of `least`. Among nine,
+    # fitted by nine unknowns, the steps alone do not always find it.
+    if count <= _FEW and not float(np.sqrt(np.mean(distances_of(near) ** 2))) < SPREADS * least / np.sqrt(count):
+        but_one = ~np.eye(count, dtype=bool)
+        rms = [float(np.sqrt(np.mean(distances_of(those)[those] ** 2))) for those in but_one]
+        near = but_one[int(np.argmin(rms))]
     distances = spreads = np.zeros(count)
     for _ in range(STEPS):
         distances = distances_of(near)
         spreads = spreads_of(distances, least)
         near = spreads <= NEAR
     return distances, spreads
-
-
-def _start(distances_of: Callable[[Mask], Array], count: int, least: float) -> Mask:
-    """The readings (n,) to begin with: all, or of a few all but the one, with a scale of `least` in mm or rad, without
-    which the others fit best. Among nine, fitted by nine unknowns, the steps alone do not always find it."""
-    every = np.ones(count, dtype=bool)
-    if count > _FEW or float(np.sqrt(np.mean(distances_of(every) ** 2))) < SPREADS * least / np.sqrt(count):
-        return every
-    but_one = ~np.eye(count, dtype=bool)
-    rms = [float(np.sqrt(np.mean(distances_of(those)[those] ** 2))) for those in but_one]
-    near: Mask = but_one[int(np.argmin(rms))]
-    return near
 
 
 def by_accident(far: Mask, q: Array) -> bool:

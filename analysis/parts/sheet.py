@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from xml.sax.saxutils import escape
 
 from analysis.parts.sizes import Bought, PrintedPart
-from analysis.parts.solid import Profile
 from rigs.text import plain
 
 _GRAMS_PER_CM3 = 1.24
@@ -58,7 +57,14 @@ def sheet(parts: Sequence[PrintedPart], bought: Bought, rig_name: str, remarks: 
     printed = [f"| {part.count} | `{part.name}.stl` | {part.about} |" for part in parts]
     buy = [f"| {thing.count} | {thing.name} | {thing.euro:.0f} | {thing.why} |" for thing in things]
     total = sum(thing.euro for thing in things)
-    bar = next((part for part in parts if part.name == "bar"), None)
+    bar_steps = list[str]()
+    if bar := next((part for part in parts if part.name == "bar"), None):
+        apart, over = bar.numbers["distance of the sockets"], f"{bar.numbers['over both balls']:.2f}"
+        bar_steps = [
+            f"4. Put a ball on each socket of `bar` and measure over both: about {over} mm. The distance is that less",
+            f"   {bought.ball_mm:g} mm. `rig parts RIG --over-balls-mm {over}` prints the line for the rig file.",
+            f"   A caliper knows it to some 0.02 mm, the printer to some {max(0.1, 0.003 * apart):.1f} mm.",
+        ]
     return "\n".join(
         [
             f"# Printed parts of {plain(rig_name)}",
@@ -84,21 +90,10 @@ def sheet(parts: Sequence[PrintedPart], bought: Bought, rig_name: str, remarks: 
             "   with a drop of epoxy. The ball must rest on the cone and not on the magnet.",
             "2. Glue the tool's ball into the cone of `holder` with epoxy, and let it harden with the ball upwards.",
             "3. Clean balls and cones before each touch; a hair is 0.05 mm.",
-            *(_measured(bar, bought) if bar else []),
+            *bar_steps,
             "",
         ]
     )
-
-
-def _measured(part: PrintedPart, bought: Bought) -> list[str]:
-    """How the bar gets its length."""
-    apart = part.numbers["distance of the sockets"]
-    over = part.numbers["over both balls"]
-    return [
-        f"4. Put a ball on each socket of `bar` and measure over both: about {over:.2f} mm. The distance is that less",
-        f"   {bought.ball_mm:g} mm. `rig parts RIG --over-balls-mm {over:.2f}` prints the line for the rig file.",
-        f"   A caliper knows it to some 0.02 mm, the printer to some {max(0.1, 0.003 * apart):.1f} mm.",
-    ]
 
 
 _MARGIN, _LINE, _COLUMN, _HEAD = 12.0, 5.0, 62.0, 18.0
@@ -150,11 +145,18 @@ def _part(part: PrintedPart, width: float, height: float) -> Iterator[str]:
         inner = apart - max(radius for radius, _ in part.section) * 2
         box = f'x="{-inner / 2:.3f}" y="{foot - height:.3f}" width="{inner:.3f}" height="{height:.3f}"'
         yield f'<rect class="part" {box}/>'
+    # How high above the foot the balls sit.
+    balls = [part.numbers[name] for name in ("ball's centre above the foot",) if name in part.numbers]
+    if "ball to ball" in part.numbers:
+        middle, apart = part.numbers["length"] / 2, part.numbers["ball to ball"]
+        balls = [middle - apart / 2, middle + apart / 2]
     for axis in axes:
         for side in (-1, 1):
-            yield f'<path class="part" d="{_path(part.section, axis, side, foot)}"/>'
+            points = [f"{axis + side * radius:.3f} {foot - level:.3f}" for radius, level in part.section]
+            yield f'<path class="part" d="M{" L".join(points)}Z"/>'
         yield f'<line class="axis" x1="{axis:.3f}" x2="{axis:.3f}" y1="{_MARGIN - 5:.3f}" y2="{foot + 4:.3f}"/>'
-        yield from _balls(part, axis, foot)
+        for level in balls:
+            yield f'<circle class="ball" cx="{axis:.3f}" cy="{foot - level:.3f}" r="{part.numbers["ball"] / 2:.3f}"/>'
     yield from _across(-width / 2, width / 2, foot + _below(part) + 6, f"{width:.1f}")
     right = width / 2 + 4
     yield f'<line class="dim" x1="{right:.2f}" x2="{right:.2f}" y1="{foot - height:.2f}" y2="{foot:.2f}"/>'
@@ -170,21 +172,6 @@ def _below(part: PrintedPart) -> float:
     """How far the lower ball of a link reaches below its foot."""
     reach = part.numbers.get("ball to ball", 0.0) - part.numbers.get("length", 0.0)
     return reach / 2 + part.numbers["ball"] / 2 if "ball to ball" in part.numbers else 0.0
-
-
-def _balls(part: PrintedPart, axis: float, foot: float) -> Iterator[str]:
-    """The balls where they sit."""
-    heights = [part.numbers[name] for name in ("ball's centre above the foot",) if name in part.numbers]
-    if "ball to ball" in part.numbers:
-        middle = part.numbers["length"] / 2
-        heights = [middle - part.numbers["ball to ball"] / 2, middle + part.numbers["ball to ball"] / 2]
-    for height in heights:
-        yield f'<circle class="ball" cx="{axis:.3f}" cy="{foot - height:.3f}" r="{part.numbers["ball"] / 2:.3f}"/>'
-
-
-def _path(section: Profile, axis: float, side: int, foot: float) -> str:
-    points = [f"{axis + side * radius:.3f} {foot - height:.3f}" for radius, height in section]
-    return f"M{' L'.join(points)}Z"
 
 
 def _across(left: float, right: float, y: float, words: str) -> Iterator[str]:

@@ -239,18 +239,18 @@ class EmulatedRobot:
         """What it shows of its condition, beyond that of a robot that drives undisturbed."""
         states = {"drives": ProgramState.RUNNING, "waits": ProgramState.PAUSED, "paused": ProgramState.PAUSED}
         state = states.get(self.state(now_ns), ProgramState.STOPPED)
-        return {PROGRAM: float(state), **self._of_motors(now_ns), **self._shown}
-
-    def _of_motors(self, now_ns: int) -> dict[str, float]:
-        """Currents and temperatures, where its controller shows any."""
-        if self._motors is None:
-            return {}
-        with self._lock:
-            if self._torque_nm is None:
-                self._torque_nm = pull(arm_of(self._rig.robot), load_of(self._rig.robot), self._trace.q).torque
-            speed_rad_s = self._speed_rad_s(now_ns)
-            current_a, warm_c = self._motors.shown(now_ns, self._at(now_ns, self._torque_nm), speed_rad_s)
-        return dict(zip((*CURRENTS, *TEMPERATURES), [*current_a.tolist(), *warm_c.tolist()], strict=True))
+        of_motors: dict[str, float] = {}
+        if self._motors is not None:
+            with self._lock:
+                if self._torque_nm is None:
+                    self._torque_nm = pull(arm_of(self._rig.robot), load_of(self._rig.robot), self._trace.q).torque
+                (at_s, rate), t_s, q = self._program_s(now_ns), self._trace.t_s, self._trace.q
+                k, speed_rad_s = int(np.searchsorted(t_s, at_s)), np.zeros(q.shape[1])
+                if t_s[0] < at_s < self._trace.end_s:
+                    speed_rad_s = rate * (q[k] - q[k - 1]) / (t_s[k] - t_s[k - 1])
+                current_a, warm_c = self._motors.shown(now_ns, self._at(now_ns, self._torque_nm), speed_rad_s)
+            of_motors = dict(zip((*CURRENTS, *TEMPERATURES), [*current_a.tolist(), *warm_c.tolist()], strict=True))
+        return {PROGRAM: float(state), **of_motors, **self._shown}
 
     def state(self, now_ns: int) -> State:
         """What its program does; done before the first."""
@@ -281,7 +281,15 @@ class EmulatedRobot:
 
         Raises FileError for an unknown name, or a program that this rig cannot drive.
         """
-        driven = self._driven(program)
+        match program:
+            case "acw" | "cw":
+                driven = self.traces[program]
+            case "roll acw" | "roll cw":
+                driven = trace(self._rig, "acw" if program.endswith(" acw") else "cw", "roll")
+            case "radial" | "repeatability":
+                driven = target_trace(self._rig, program)
+            case _:
+                raise FileError(repr(program), "is not a program", f"type {', '.join(PROGRAMS)} or quit")
         number = float(1 + PROGRAMS.index(program))
         return self.play(replace(driven, signals=((-_STAND_S, number), (driven.end_s, 0.0))))
 
@@ -348,25 +356,6 @@ class EmulatedRobot:
         at_s, rate = self._pace.at(now_ns)
         until_s = min([self._trace.end_s, *self._holds_s[:1]])
         return min(at_s, until_s), rate
-
-    def _speed_rad_s(self, now_ns: int) -> Array:
-        """How fast each joint moves (6,); the caller holds the lock."""
-        (at_s, rate), t_s, q = self._program_s(now_ns), self._trace.t_s, self._trace.q
-        if not t_s[0] < at_s < self._trace.end_s:
-            return np.zeros(q.shape[1])
-        k = int(np.searchsorted(t_s, at_s))
-        speed: Array = rate * (q[k] - q[k - 1]) / (t_s[k] - t_s[k - 1])
-        return speed
-
-    def _driven(self, program: str) -> Trace:
-        match program:
-            case "acw" | "cw":
-                return self.traces[program]
-            case "roll acw" | "roll cw":
-                return trace(self._rig, "acw" if program.endswith(" acw") else "cw", "roll")
-            case "radial" | "repeatability":
-                return target_trace(self._rig, program)
-        raise FileError(repr(program), "is not a program", f"type {', '.join(PROGRAMS)} or quit")
 
     def _at(self, now_ns: int, values: Array) -> Any:
         since_s, t_s = self._program_s(now_ns)[0], self._trace.t_s
