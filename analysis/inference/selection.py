@@ -479,17 +479,7 @@ class Selection:
         instead, if those are tried and one explains much more."""
         gain = np.maximum(*self.gains(state, posterior))
         gain[[k for k in state.refused if k >= 0]] = -np.inf
-        # The best form of each of the few names that gain most, the best first.
-        best_of: dict[str, int] = {}
-        for k in np.argsort(-gain).tolist() if len(state.effects) < _DEPTH else ():
-            if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best_of) == _TRIED:
-                break
-            best_of.setdefault(self.columns.forms[k].name, k)
-        if gain.max() < _MUCH and len(state.effects) < _DEPTH:
-            bent = max(self._bent_forms(posterior, state, gain), key=lambda k: gain[k], default=None)
-            if bent is not None:
-                best_of.setdefault(self.columns.forms[bent].name, bent)
-        most, changed, best = 0.0, None, list(best_of.values())
+        most, changed, best = 0.0, None, self._worth_trying(state, posterior, gain)
         if best:
             # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
             tried = {k: self.with_form(state, posterior, k) for k in best}
@@ -511,14 +501,22 @@ class Selection:
             return changed, None
         return changed, self._refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
-    def _bent_forms(self, posterior: Posterior, state: SelectionState, gain: Array) -> list[int]:
-        """Return the forms that are plain to see and whose gain (n,) may be low for their stretched shape alone."""
-        _, _, sigma, size = posterior.gains(self.columns.forms, state.level)
-        return [
-            k
-            for k in np.flatnonzero((gain > _BENT) & (np.abs(size) * sigma > _PLAIN_TO_SEE)).tolist()
-            if self.columns.forms[k].effect.STRETCHED and not is_wave(self.columns.forms[k].effect)
-        ]
+    def _worth_trying(self, state: SelectionState, posterior: Posterior, gain: Array) -> list[int]:
+        """Return the best form of each of the few names that gain (n,) most, the best first; where none gains much,
+        also that of the name which is plain to see and whose gain may be low for its stretched shape alone."""
+        forms, best_of = self.columns.forms, dict[str, int]()
+        for k in np.argsort(-gain).tolist() if len(state.effects) < _DEPTH else ():
+            if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best_of) == _TRIED:
+                break
+            best_of.setdefault(forms[k].name, k)
+        if gain.max() < _MUCH and len(state.effects) < _DEPTH:
+            _, _, sigma, size = posterior.gains(forms, state.level)
+            plain = np.flatnonzero((gain > _BENT) & (np.abs(size) * sigma > _PLAIN_TO_SEE)).tolist()
+            bent = [k for k in plain if forms[k].effect.STRETCHED and not is_wave(forms[k].effect)]
+            if bent:
+                best = max(bent, key=lambda k: float(gain[k]))
+                best_of.setdefault(forms[best].name, best)
+        return list(best_of.values())
 
     def with_form(self, state: SelectionState, posterior: Posterior, k: int) -> SelectionState:
         """Return the state with form k added as an effect and fitted; the other effects move along their earlier
