@@ -161,20 +161,22 @@ def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Ar
     return np.concatenate([np.empty((len(linear.y), 0)), *(_initial_play(linear, *gap, 1) for gap in gaps)], axis=1)
 
 
-def _initial_play(linear: Linearisation, axis: int, half_deg: float, parts: int) -> Array:
+def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts: int) -> Array:
     """Return columns (N, b) for the unknown position of a joint in its play when each circle began.
 
-    It lasts until the joint has crossed the play, which may take much of a lap. The play of ± half_deg is divided into
-    parts, each with a column for each circle; a position anywhere in the play is equally likely.
+    It lasts until the joint has crossed the play, which may take much of a lap. The play of ± half_width_deg is divided
+    into parts, each with a column for each circle; a position anywhere in the play is equally likely.
     """
-    edges, half = np.linspace(-1, 1, parts + 1), np.radians(half_deg)
+    edges, half_width_rad = np.linspace(-1, 1, parts + 1), np.radians(half_width_deg)
     # The rms of the share of each part that lies between its middle and a position anywhere in the play.
     reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
     usual = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
 
     def off(block: Block) -> Array:
         x = block.path.q[:, axis - 1]
-        return np.asarray(np.diff([play(x, half, float(edge)) for edge in edges], axis=0).T * usual, dtype=float)
+        return np.asarray(
+            np.diff([play(x, half_width_rad, float(edge)) for edge in edges], axis=0).T * usual, dtype=float
+        )
 
     return _apart(linear, linear.by_joint(axis, off), sampling=True)
 

@@ -268,7 +268,7 @@ class ExpectedPosterior:
         return self._columns.variance(self.level)
 
     @cached_property
-    def _known(self) -> FormPosterior:
+    def _form_posterior(self) -> FormPosterior:
         A = background_of(self._columns, np.ones(len(self.linear.y)), self._variance).covariance
         return FormPosterior(self._columns.forms, A, self._variance)
 
@@ -279,7 +279,7 @@ class ExpectedPosterior:
         `size` is that of the fault in healthy sizes, which matters for a play, for example; None stands for the
         smallest fault that is detected.
         """
-        sd, effect = self._known.sd(candidate), candidate.effect
+        sd, effect = self._form_posterior.sd(candidate), candidate.effect
         # A shape is fitted with the size and makes it less certain; the order of a wave does not.
         shaped = bool(effect.FREE or effect.STRETCHED) and not is_wave(effect)
         if not shaped or not is_detectable(sd):
@@ -294,7 +294,7 @@ class ExpectedPosterior:
         """Return the standard uncertainty of the size of a name, in healthy sizes, in the form that is
         detected best."""
         forms = [candidate for candidate in self.candidates if candidate.name == name]
-        return self.sd(min(forms, key=self._known.sd)) if forms else float("inf")
+        return self.sd(min(forms, key=self._form_posterior.sd)) if forms else float("inf")
 
     def separation_sigma(self, ones: Sequence[Effect], others: Sequence[Effect]) -> float:
         """Return the sigmas by which a name at its size is separated from another name of any size; each is given as
@@ -306,8 +306,8 @@ class ExpectedPosterior:
         ]
         times = [size_of(effect) / size_of(scaled_down) for effect, scaled_down in zip(effects, small, strict=True)]
         T = self.linear.columns(small) * np.array(times)
-        weighed = self._background_beside((ones[0], others[0])).weighed(T)
-        H = weighed.products(weighed)
+        marginal = self._background_beside((ones[0], others[0])).marginal(T)
+        H = marginal.products(marginal)
         q = len(ones)
         free = H[q:, q:] + np.diag([(size_of(effect) / LARGEST_FAULT) ** 2 for effect in others])
         stands_in = H[:q, q:] @ np.linalg.solve(free, H[q:, :q])
@@ -320,7 +320,7 @@ class ExpectedPosterior:
         well, with sizes (n,) in healthy sizes. They include all pairs for which `separation_sigma` is below SEPARABLE.
         """
         pairs = np.stack(np.triu_indices(len(chosen), 1), axis=1).astype(np.int64)
-        sigma = self._known.sigmas_apart(chosen, sizes, pairs)
+        sigma = self._form_posterior.sigmas_apart(chosen, sizes, pairs)
         close = np.flatnonzero(sigma < SEPARABLE)
         nearest_first = pairs[close[np.argsort(sigma[close])]].tolist()
         return [(i, j) for i, j in nearest_first if chosen[i].name != chosen[j].name]

@@ -239,7 +239,7 @@ band with two repeats."""
 _SLOW = 30
 """Orders below this share a level, and so do those above: servo ripple and path errors are slow, the noise of a probe
 is not. Chosen."""
-_SLOW_HALF = 5.0
+_SLOW_CORNER = 5.0
 """The order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s, within the
 0.1 to 5 s of real cells."""
 _ROUNDS = 4
@@ -333,7 +333,7 @@ def _assumed(group: Repeated, averaged: float) -> Array:
     """Return the assumed standard deviation (N,) mm of the entries of one run, from the noise of real cells. A drifting
     scatter, which nothing separates from the noise of a single run, is in it by bands."""
     count = len(ORDER_OF) // 2
-    slow = 1 / (1 + (ORDER_OF / _SLOW_HALF) ** 2)
+    slow = 1 / (1 + (ORDER_OF / _SLOW_CORNER) ** 2)
     # The energy of a channel of `count` unitary entries is `count` times the mean square of its readings.
     slow *= SLOW_MM.rms**2 / group.laps * count / slow[:count].sum()
     drifting = ((group.drifting * ASSUMED_SCATTER.drifting(group.response.shape[1])) ** 2).sum(axis=(0, 2))
@@ -344,8 +344,8 @@ def _assumed(group: Repeated, averaged: float) -> Array:
 
 def _bands() -> list[Integers]:
     """Return the indices of the entries of each channel and band in which noise is pooled."""
-    half = len(ORDER_OF) // 2
-    channels = (np.arange(half), np.arange(half, len(ORDER_OF)))
+    per_channel = len(ORDER_OF) // 2
+    channels = (np.arange(per_channel), np.arange(per_channel, len(ORDER_OF)))
     bands = [(channel, low, high) for channel in channels for low, high in pairwise(_BANDS)]
     return [channel[(ORDER_OF[channel] >= low) & (ORDER_OF[channel] < high)] for channel, low, high in bands]
 

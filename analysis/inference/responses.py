@@ -126,7 +126,7 @@ class Linearisation:
 
     @cached_property
     def y(self) -> Array:
-        """The residual (N,) with the known effects."""
+        """The residual (N,) with the reference effects."""
         white = [block.white(y_mm) for block, y_mm in zip(self.blocks, self.y_mm, strict=True)]
         return self.at_entries(white, self.distances.residual(self.setups))
 
@@ -141,9 +141,9 @@ class Linearisation:
         return self.blocks[0].model.load.payload_kg
 
     @property
-    def known(self) -> tuple[Effect, ...]:
+    def reference(self) -> tuple[Effect, ...]:
         """The effects beside those of the rig file that are part of the model."""
-        return self.simulated[0].known
+        return self.simulated[0].reference
 
     @cached_property
     def distances(self) -> KnownDistances:
@@ -262,7 +262,7 @@ class Linearisation:
         return self.at_entries([simulated.columns(effects) for simulated in self.simulated])
 
     def residual(self, effects: Sequence[Effect]) -> Array:
-        """Return the whitened residual (N,) with `effects` in place of the known ones, all of them on the simulator
+        """Return the whitened residual (N,) with `effects` in place of the reference ones, all of them on the simulator
         together.
 
         A large effect moves the ball by a millimetre, over which readings are not linear. So they are simulated where
@@ -276,8 +276,8 @@ class Linearisation:
         return [self.residual([*effects[:k], *effects[k + 1 :]]) - residual for k in range(len(effects))]
 
     def moves_with(self, effects: Sequence[Effect]) -> Array:
-        """Return the terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the known ones.
-        Combinations of terms that hardly show go where the tool goes."""
+        """Return the terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the reference
+        ones. Combinations of terms that hardly show go where the tool goes."""
         return self._best_fit(effects)[1].copy()
 
     def _best_fit(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
@@ -308,7 +308,7 @@ class Linearisation:
         return residual + self.U @ moves, moves
 
     def _scenes(self, effects: Sequence[Effect]) -> list[Scene]:
-        """Return the scene of each block up to the tool with `effects` in place of the known ones."""
+        """Return the scene of each block up to the tool with `effects` in place of the reference ones."""
         return [simulated.scene_with(effects) for simulated in self.simulated]
 
     def _moves_with_tool(self, scenes: Sequence[Scene]) -> Array:
@@ -321,8 +321,8 @@ class Linearisation:
         return moves
 
     def responses(self, effects: Sequence[Effect], setups: Mapping[str, SetUp] | None = None) -> list[Array]:
-        """Return what `effects`, in place of the known ones, add to the entries (N,) mm of each block, in given set-ups
-        or, without these, with each ball moved as far as the tool."""
+        """Return what `effects`, in place of the reference ones, add to the entries (N,) mm of each block, in given
+        set-ups or, without these, with each ball moved as far as the tool."""
         scenes = self._scenes(effects)
         return self._responses(effects, scenes, setups or self.setups_moved_by(self._moves_with_tool(scenes)))
 
@@ -343,8 +343,8 @@ class Linearisation:
         return self.y - self.at_entries([block.white(entries) for block, entries in added], apart)
 
     def simulated_with(self, effects: Sequence[Effect]) -> Linearisation:
-        """Return the linearisation of the same runs with readings simulated with `effects` in place of the known ones
-        and without noise; y is (N,)."""
+        """Return the linearisation of the same runs with readings simulated with `effects` in place of the reference
+        ones and without noise; y is (N,)."""
         return replace(self, y_mm=tuple(self.responses(effects)))
 
     def without_set_up(self, values: Array) -> Array:

@@ -46,8 +46,8 @@ change the columns of those found before, and of three complete selections the s
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The result of a search: the selection among runs about set-ups and known effects, its state, and each name with
-    its rivals. N counts the whitened entries of all blocks."""
+    """The result of a search: the selection among runs about set-ups and reference effects, its state, and each name
+    with its rivals. N counts the whitened entries of all blocks."""
 
     selection: Selection
     state: SelectionState
@@ -55,7 +55,7 @@ class SearchResult:
 
     @property
     def linear(self) -> Linearisation:
-        """The runs about set-ups and known effects."""
+        """The runs about set-ups and reference effects."""
         return self.selection.linear
 
     @property
@@ -117,7 +117,7 @@ class SearchResult:
     def free_share(self) -> Array:
         """What free forms add to the whitened readings (N,)."""
         free = self.fit.free.columns
-        return free @ self.posterior.known[len(self.posterior.known) - free.shape[1] :]
+        return free @ self.posterior.term_means[len(self.posterior.term_means) - free.shape[1] :]
 
     @cached_property
     def calibrated_posterior(self) -> Posterior:
