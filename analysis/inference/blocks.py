@@ -198,8 +198,14 @@ def _circle_block(first: ObservedRun, raw: Repeated, sd_mm: Array, noise: Circle
 
 def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number: int) -> Block:
     """Return the block of repeated runs at targets; `number` is that of their set-up."""
-    table, count = first.table, len(raw.rows)
-    sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(first))
+    table, count, visit = first.table, len(raw.rows), first.visits
+    if table.kind.of_places:
+        place, sides = visits(table.q[first.rows], SAME_RAD), table.kind.sides(table)
+        reached = place[:, None] if sides is None else np.column_stack([place, sides[first.rows]])
+        visit = np.column_stack([np.repeat(reached, 3, axis=0), np.tile(np.arange(3), len(place))])
+    # A number for each entry, which readings of one place, reached in the same way, share.
+    alike = np.asarray(np.unique(visit, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
+    sd, measured = target_sd(raw.rows, raw.response, alike)
     if table.kind.of_places and not measured:
         sd = np.full(len(sd), table.kind.assumed_sd_mm)
     scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.setup)) / np.sqrt(count)
@@ -208,16 +214,6 @@ def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number:
         **vars(first), y_mm=raw.rows.mean(axis=0), sd_mm=sd / np.sqrt(count), scatter_mm=scatter, stamps_mm=raw.stamps,
         apart_mm=raw.apart, steady_mm=raw.apart, band=band, count=count, measured=measured,
     )  # fmt: skip
-
-
-def _visit_numbers(run: ObservedRun) -> Integers:
-    """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
-    table, keys = run.table, run.visits
-    if table.kind.of_places:
-        visit, sides = visits(table.q[run.rows], SAME_RAD), table.kind.sides(table)
-        reached = visit[:, None] if sides is None else np.column_stack([visit, sides[run.rows]])
-        keys = np.column_stack([np.repeat(reached, 3, axis=0), np.tile(np.arange(3), len(visit))])
-    return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
 
 
 def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNoise) -> Array:
@@ -377,8 +373,13 @@ class SimulatedBlock:
         for begin in range(0, len(effects), _FEW):
             few = effects[begin : begin + _FEW]
             added = np.zeros((len(few), *self.base.shape))
+            # Most forms are sines of joints over their angles, which together take a quarter of the time.
             if waves := [k for k, effect in enumerate(few) if is_sine(effect)]:
-                added[waves] = self._added_by_waves(early, [few[k] for k in waves])
+                axes, order, phase, size = np.array([sine_of(few[k]) for k in waves]).T
+                joint = axes.astype(np.int64) - 1
+                angles = self._joints(early).q[self.block.samples].T[joint]
+                error = size[:, None] * np.sin(order[:, None] * angles + phase[:, None])
+                added[waves] = self._slopes_of_axes[joint] * error[:, :, None]
             for k, effect in enumerate(few):
                 if is_sine(effect):
                     continue
@@ -394,16 +395,6 @@ class SimulatedBlock:
                     added[k] = times * (self.read(present, scene, self.setup) - self.base)
             parts.append(self.block.whitened(np.moveaxis(added, 0, 2)))
         return np.concatenate(parts, axis=1)
-
-    def _added_by_waves(self, early: tuple[Effect, ...], waves: Sequence[Effect]) -> Array:
-        """Return what sines of joints over their angles add, (p, m, k) mm: most forms are, and together they take a
-        quarter of the time."""
-        axis, order, phase, size = np.array([sine_of(wave) for wave in waves]).T
-        joint = axis.astype(np.int64) - 1
-        angles = self._joints(early).q[self.block.samples].T[joint]
-        error = size[:, None] * np.sin(order[:, None] * angles + phase[:, None])
-        added: Array = self._slopes_of_axes[joint] * error[:, :, None]
-        return added
 
     @cached_property
     def _slopes_of_axes(self) -> Array:
