@@ -34,7 +34,7 @@ from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import SetUp, model_of, nominal_setup
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.simulation.simulate import simulate
-from analysis.traces.tables import CircleTable, Table
+from analysis.traces.tables import CircleTable
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import healthy, healthy_size, is_play, is_wave, one_sided, scaled, size_field, size_of
@@ -202,7 +202,15 @@ def planned_blocks(
     """Return the blocks, with entries (N,), of some tests driven `runs` times in each direction, and their set-ups;
     `place` distinguishes these set-ups from those of other runs. Raises FileError where the arm cannot drive a test."""
     model = model_of(rig)
-    driven = [observe_run(model, table, rig.name) for table in _tables(rig, tests)]
+    # Of a simulated table the path alone is used. Yaw and roll share one motion, and a cw program drives the joint
+    # angles of the acw program in reverse.
+    tables = [simulate(rig, test, None, None) for test in tests if test not in CIRCLES]
+    if circles := [test for test in CIRCLES if test in tests]:
+        acw = simulate(rig, circles[0], "acw", None)
+        assert isinstance(acw, CircleTable)  # noqa: S101 - what simulate makes of a circle
+        cw = replace(acw, direction="cw", t_s=acw.t_s[-1] - acw.t_s[::-1], q=acw.q[::-1])
+        tables += [replace(lap, test=test) for test in circles for lap in (acw, cw)]
+    driven = [observe_run(model, table, rig.name) for table in tables]
     seen = [part for run in driven for part in by_socket(replace(run, setup=run.setup + place))]
     setups = {run.setup: nominal_setup(rig, run.table) for run in seen}
     off_mm = np.array(_SET_BY_HAND_MM)
@@ -220,18 +228,6 @@ def planned_blocks(
         scatter, stamps = few * block.scatter_mm, few * block.stamps_mm
         blocks.append(replace(block, sd_mm=few * sd, scatter_mm=scatter, stamps_mm=stamps, count=runs, measured=False))
     return blocks, setups
-
-
-def _tables(rig: Rig, tests: Sequence[TestName]) -> list[Table]:
-    """Return the tables of the driven tests, whose readings are not used. Yaw and roll share one motion, and a cw
-    program drives the joint angles of the acw program in reverse."""
-    tables = [simulate(rig, test, None, None) for test in tests if test not in CIRCLES]
-    if circles := [test for test in CIRCLES if test in tests]:
-        acw = simulate(rig, circles[0], "acw", None)
-        assert isinstance(acw, CircleTable)  # noqa: S101 - what simulate makes of a circle
-        cw = replace(acw, direction="cw", t_s=acw.t_s[-1] - acw.t_s[::-1], q=acw.q[::-1])
-        tables += [replace(lap, test=test) for test in circles for lap in (acw, cw)]
-    return tables
 
 
 # ----------------------------------------------------------------------------------------------------------------------

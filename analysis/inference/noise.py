@@ -208,22 +208,19 @@ def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
     """
     joints, ball, share = (axis.ravel() for axis in np.meshgrid(_MULTIPLES, _MULTIPLES, _SHARES, indexing="ij"))
     squares = np.stack([joints**2 * (1 - share), ball**2 * (1 - share), joints**2 * share, ball**2 * share], axis=1)
-    evidence = sum(_evidence(runs, sd_mm, squares) for runs, sd_mm in repeated)
+    evidence = np.zeros(len(squares))
+    for runs, sd_mm in repeated:
+        apart, constant, drifting = runs.whitened(sd_mm)
+        span = _span_of(np.concatenate([constant, *drifting], axis=1))
+        waves = [drifting[:, :, columns].transpose(1, 0, 2).reshape(len(constant), -1) for columns in _OWN]
+        inside = [span.T @ part for part in (*(constant[:, columns] for columns in _OWN), *waves)]
+        C = np.tensordot(squares, np.stack([part @ part.T for part in inside]), axes=1)
+        C[:, np.arange(len(C[0])), np.arange(len(C[0]))] += 1.0
+        Z = apart @ span
+        cost = np.einsum("nr,srn->s", Z, np.linalg.solve(C, np.broadcast_to(Z.T, (len(C), *Z.T.shape))))
+        evidence += -0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost)
     weight = np.exp(evidence - np.max(evidence))
     return RunScatter(*np.sqrt(weight @ squares / weight.sum()).tolist())
-
-
-def _evidence(runs: Repeated, sd_mm: Array, squares: Array) -> Array:
-    """Return the log evidence (s,) of scatters, given their squares (s, 4) in the order of `RunScatter`."""
-    apart, constant, drifting = runs.whitened(sd_mm)
-    span = _span_of(np.concatenate([constant, *drifting], axis=1))
-    waves = [drifting[:, :, columns].transpose(1, 0, 2).reshape(len(constant), -1) for columns in _OWN]
-    inside = [span.T @ part for part in (*(constant[:, columns] for columns in _OWN), *waves)]
-    C = np.tensordot(squares, np.stack([part @ part.T for part in inside]), axes=1)
-    C[:, np.arange(len(C[0])), np.arange(len(C[0]))] += 1.0
-    Z = apart @ span
-    cost = np.einsum("nr,srn->s", Z, np.linalg.solve(C, np.broadcast_to(Z.T, (len(C), *Z.T.shape))))
-    return np.asarray(-0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------

@@ -282,30 +282,30 @@ class Linearisation:
 
     def _best_fit(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Return `residual` and `moves_with`, which fits, searches and verdicts ask of the same effects in turn."""
-        return recent(self._fits, tuple(map(without_origin, effects)), lambda: self._fitted(effects), _FITS)
 
-    def _fitted(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Return the same, computed."""
-        scenes = self._scenes(effects)
-        starts = [self._moves_with_tool(scenes)]
-        if np.abs(starts[0]).max() > _FAR_MM:
-            # After a collision, and where runs are simulated, the ball stands where it stood.
-            starts.append(np.zeros_like(starts[0]))
-        fits = []
-        for start in starts:
-            moves = start
-            residual = self._left(effects, scenes, self.setups_moved_by(moves))
-            for _ in range(_STEPS):
-                step = self._best_moves @ residual
-                if np.abs(step).max() < _NEAR_MM:
-                    break
-                nearer = self._left(effects, scenes, self.setups_moved_by(moves + step))
-                if nearer @ nearer >= residual @ residual:
-                    break
-                moves, residual = moves + step, nearer
-            fits.append((residual, moves))
-        residual, moves = min(fits, key=lambda fit: float(np.sum(self.without_set_up(fit[0]) ** 2)))
-        return residual + self.U @ moves, moves
+        def compute() -> tuple[Array, Array]:
+            scenes = self._scenes(effects)
+            starts = [self._moves_with_tool(scenes)]
+            if np.abs(starts[0]).max() > _FAR_MM:
+                # After a collision, and where runs are simulated, the ball stands where it stood.
+                starts.append(np.zeros_like(starts[0]))
+            fits = []
+            for start in starts:
+                moves = start
+                residual = self._left(effects, scenes, self.setups_moved_by(moves))
+                for _ in range(_STEPS):
+                    step = self._best_moves @ residual
+                    if np.abs(step).max() < _NEAR_MM:
+                        break
+                    nearer = self._left(effects, scenes, self.setups_moved_by(moves + step))
+                    if nearer @ nearer >= residual @ residual:
+                        break
+                    moves, residual = moves + step, nearer
+                fits.append((residual, moves))
+            residual, moves = min(fits, key=lambda fit: float(np.sum(self.without_set_up(fit[0]) ** 2)))
+            return residual + self.U @ moves, moves
+
+        return recent(self._fits, tuple(map(without_origin, effects)), compute, _FITS)
 
     def _scenes(self, effects: Sequence[Effect]) -> list[Scene]:
         """Return the scene of each block up to the tool with `effects` in place of the reference ones."""

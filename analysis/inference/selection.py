@@ -144,7 +144,15 @@ class Selection:
         bare = SelectionState(none, (-1,) * len(effects), 1.0, strength, robust, curves=first)
         state = replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), effects))
         if first is not None:
-            return self._with_curves(state)
+            # The likeliest curves and noise, and then the weights of wild readings beside them, in turn. Readings whose
+            # weights came before the curves looked wild where a curve was large, and 30 poses of a UR10 left a tenth
+            # more.
+            for _ in range(_CURVE_ROUNDS):
+                whole = self.evidence(state)
+                state = self._renewed(self._with_likeliest_curves(state, self._hyperparameters.strength_limits))
+                if self.evidence(state) - whole < _ENOUGH_OF_CURVES:
+                    break
+            return state
         state = self._renewed(self._renewed(state))
         if curves is None:
             return state
@@ -156,17 +164,6 @@ class Selection:
     def _of_tracker(self) -> bool:
         """Whether all readings are poses of a tracker."""
         return all(block.table.kind.of_tracker for block in self.linear.blocks)
-
-    def _with_curves(self, state: SelectionState) -> SelectionState:
-        """Return the state with the likeliest curves and noise, and then the weights of wild readings beside them, in
-        turn until the evidence hardly rises. Readings whose robust weights came before the curves looked wild where
-        a curve was large, and 30 poses of a UR10 left a tenth more."""
-        limits = self._hyperparameters.strength_limits
-        for _ in range(_CURVE_ROUNDS):
-            whole, state = self.evidence(state), self._renewed(self._with_likeliest_curves(state, limits))
-            if self.evidence(state) - whole < _ENOUGH_OF_CURVES:
-                break
-        return state
 
     def state_with(self, effects: Sequence[Effect], before: SelectionState | None = None) -> SelectionState:
         """Return a state with the given effects fitted, whatever size and shape they are given with.
