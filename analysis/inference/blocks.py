@@ -198,14 +198,8 @@ def _circle_block(first: ObservedRun, raw: Repeated, sd_mm: Array, noise: Circle
 
 def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number: int) -> Block:
     """Return the block of repeated runs at targets; `number` is that of their set-up."""
-    table, count, visit = first.table, len(raw.rows), first.visits
-    if table.kind.of_places:
-        place, sides = visits(table.q[first.rows], SAME_RAD), table.kind.sides(table)
-        reached = place[:, None] if sides is None else np.column_stack([place, sides[first.rows]])
-        visit = np.column_stack([np.repeat(reached, 3, axis=0), np.tile(np.arange(3), len(place))])
-    # A number for each entry, which readings of one place, reached in the same way, share.
-    alike = np.asarray(np.unique(visit, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
-    sd, measured = target_sd(raw.rows, raw.response, alike)
+    table, count = first.table, len(raw.rows)
+    sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(first))
     if table.kind.of_places and not measured:
         sd = np.full(len(sd), table.kind.assumed_sd_mm)
     scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.setup)) / np.sqrt(count)
@@ -214,6 +208,16 @@ def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number:
         **vars(first), y_mm=raw.rows.mean(axis=0), sd_mm=sd / np.sqrt(count), scatter_mm=scatter, stamps_mm=raw.stamps,
         apart_mm=raw.apart, steady_mm=raw.apart, band=band, count=count, measured=measured,
     )  # fmt: skip
+
+
+def _visit_numbers(run: ObservedRun) -> Integers:
+    """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
+    table, keys = run.table, run.visits
+    if table.kind.of_places:
+        visit, sides = visits(table.q[run.rows], SAME_RAD), table.kind.sides(table)
+        reached = visit[:, None] if sides is None else np.column_stack([visit, sides[run.rows]])
+        keys = np.column_stack([np.repeat(reached, 3, axis=0), np.tile(np.arange(3), len(visit))])
+    return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
 
 
 def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNoise) -> Array:
