@@ -50,8 +50,21 @@ class NearResponses:
     def of(self, kind: str, effect: Effect, steps: Mapping[str, float], compute: Callable[[], Array]) -> Response:
         """Return the response of one kind of the latest effect whose parameters differ by at most `steps`, in their
         units, or compute its whitened columns (N, k). Parameters without a step do not differ."""
+        after = dict[str, Any](effect)
+
+        def is_near(earlier: Effect) -> bool:
+            for name, value in dict[str, Any](earlier).items():
+                if name == "found" or value == after[name]:
+                    continue
+                if name not in steps:
+                    return False
+                apart = abs(value - after[name])  # of phases the smaller way round
+                if (min(apart % 360, -apart % 360) if name == PHASE else apart) > steps[name]:
+                    return False
+            return True
+
         kept = self._kept.setdefault((kind, name_of(effect)), [])
-        near = next((response for response in kept if _is_near(response[0], effect, steps)), None)
+        near = next((response for response in kept if is_near(response[0])), None)
         if near is None:
             near = (effect, Response(compute()))
         else:
@@ -59,21 +72,6 @@ class NearResponses:
         kept.insert(0, near)
         del kept[_KEPT:]
         return near[1]
-
-
-def _is_near(first: Effect, second: Effect, steps: Mapping[str, float]) -> bool:
-    """Return whether two effects of one name differ by at most `steps` in each parameter, phases the smaller way
-    round."""
-    after = dict[str, Any](second)
-    for name, value in dict[str, Any](first).items():
-        if name == "found" or value == after[name]:
-            continue
-        if name not in steps:
-            return False
-        apart = abs(value - after[name])
-        if (min(apart % 360, -apart % 360) if name == PHASE else apart) > steps[name]:
-            return False
-    return True
 
 
 # ----------------------------------------------------------------------------------------------------------------------
