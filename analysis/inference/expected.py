@@ -109,13 +109,13 @@ class FormPosterior:
         width = np.array([len(indices) for indices in own_columns])
         this, that, across = precisions[:, :2, :2], precisions[:, 2:, 2:], precisions[:, :2, 2:]
         values: Array = np.minimum(
-            sizes[first] * _left(this, across, that, width[first]),
-            sizes[second] * _left(that, across.transpose(0, 2, 1), this, width[second]),
+            sizes[first] * _sigmas_beside(this, across, that, width[first]),
+            sizes[second] * _sigmas_beside(that, across.transpose(0, 2, 1), this, width[second]),
         )
         return values
 
 
-def _left(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
+def _sigmas_beside(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
     """Return the sigmas (n,) of a coefficient, root mean square over its width (n,), that remain beside another
     coefficient of any size, given the precisions (n, 2, 2)."""
     free = other_precision + np.eye(2) / LARGEST_FAULT**2

@@ -225,7 +225,7 @@ class _Problem:
         limits, phases = self._limits(effects), np.array([unknown.field == PHASE for unknown in self.unknowns])
         x = np.clip(x, limits[0], limits[1])
         now = self._with(effects, x)
-        r = self._left(now)
+        r = self._residual(now)
         cost, damping = self._cost(r, x), 1e-4
         slopes = self._slopes(now)
         J = self._projected(self.background.marginal_responses(slopes))
@@ -240,7 +240,7 @@ class _Problem:
                 step = step_within(limits - x, damped, gradient)[0]
                 tried = np.where(phases, (x + step + 180) % 360 - 180, x + step)  # phases from -180 to 180 degrees
                 nearer = self._with(now, tried)
-                there_r = self._left(nearer)
+                there_r = self._residual(nearer)
                 there_cost = self._cost(there_r, tried)
                 if there_cost < cost:
                     break
@@ -264,7 +264,7 @@ class _Problem:
             self.free,
         )  # fmt: skip
 
-    def _left(self, effects: Sequence[Effect]) -> _Projected:
+    def _residual(self, effects: Sequence[Effect]) -> _Projected:
         """Return the residual (N, 1) with the effects, and with the background at its prior means."""
         return self._projected(self.background.marginal_residual(self.linear.residual(effects)))
 

@@ -243,7 +243,7 @@ class Linearisation:
         of_poses = np.where(np.isin(np.arange(len(moves)), sorted(poses)), moves, 0.0)
         scenes = self._scenes(())
         moved, unmoved = (
-            self._left((), scenes, self.setups_moved_by(terms)) for terms in (of_poses, np.zeros_like(of_poses))
+            self._residual_in((), scenes, self.setups_moved_by(terms)) for terms in (of_poses, np.zeros_like(of_poses))
         )
         entries = sum(len(block.y_mm) for block in self.blocks if block.table.kind.of_places)
         return bool(np.linalg.norm(moved - unmoved + self.U @ of_poses) <= _BENT * np.sqrt(entries))
@@ -290,12 +290,12 @@ class Linearisation:
             fits = []
             for start in starts:
                 moves = start
-                residual = self._left(effects, scenes, self.setups_moved_by(moves))
+                residual = self._residual_in(effects, scenes, self.setups_moved_by(moves))
                 for _ in range(_STEPS):
                     step = self._best_moves @ residual
                     if np.abs(step).max() < _NEAR_MM:
                         break
-                    nearer = self._left(effects, scenes, self.setups_moved_by(moves + step))
+                    nearer = self._residual_in(effects, scenes, self.setups_moved_by(moves + step))
                     if nearer @ nearer >= residual @ residual:
                         break
                     moves, residual = moves + step, nearer
@@ -334,7 +334,7 @@ class Linearisation:
             for simulated, scene in both
         ]
 
-    def _left(self, effects: Sequence[Effect], scenes: Sequence[Scene], setups: Mapping[str, SetUp]) -> Array:
+    def _residual_in(self, effects: Sequence[Effect], scenes: Sequence[Scene], setups: Mapping[str, SetUp]) -> Array:
         """Return the whitened residual (N,) with `effects` in given set-ups."""
         added = zip(self.blocks, self._responses(effects, scenes, setups), strict=True)
         apart = self.distances.residual(self.setups) - self.distances.residual(setups)
