@@ -83,7 +83,7 @@ def naming_tests(
         if name is None or is_open(part, name):
             likeliest = [name.effect] if name else [member.effect for member in part.members[:1] if not part.cause]
             asked += [(k, effect, None) for effect in likeliest if not is_play(effect)]
-        elif name.stands and part.share > _MUCH and any(r.posterior * ODDS >= name.posterior for r in name.rivals):
+        elif name.stands and part.share > _MUCH and name.likely_rivals:
             asked.append((k, name.effect, name.rivals[0].effect))
     if not asked:
         return []

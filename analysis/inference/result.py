@@ -229,6 +229,11 @@ class Named:
         return self.doubt is None
 
     @property
+    def likely_rivals(self) -> tuple[Rival, ...]:
+        """The rivals that cannot be dismissed."""
+        return tuple(rival for rival in self.rivals if rival.posterior * ODDS >= self.posterior)
+
+    @property
     def is_term(self) -> bool:
         """Whether it is one of so many waves of a joint that they are the series of an error of another form."""
         return self.doubt == "series"

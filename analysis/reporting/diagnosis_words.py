@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 
 from analysis.inference.residuals import Curve, Place, ResidualBand
-from analysis.inference.result import ODDS, Gap, Member, Named, Remains, Rival
+from analysis.inference.result import Gap, Member, Named, Remains, Rival
 from analysis.measures.quantity import Quantity, parameters_of, quantity_of
 from analysis.reporting.texts import Texts
 from rigs.effects import Effect, size_field
@@ -57,7 +57,7 @@ def rival_names(named: Named) -> list[str]:
 
 def likely_rivals(named: Named) -> list[Rival]:
     """The rivals of a name that cannot be dismissed."""
-    return [rival for rival in named.rivals if rival.posterior * ODDS >= named.posterior]
+    return list(named.likely_rivals)
 
 
 def sure(posterior: float) -> str:
