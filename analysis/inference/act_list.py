@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from analysis.inference.acts import FOUND, Act, Against, Cost, JudgedOn, NamingTest, Reason
 from analysis.inference.observation import ObservedRun
-from analysis.inference.result import LARGE_SHARE, BudgetPart, Diagnosis, Gap, Named, is_open, is_sure
+from analysis.inference.result import LARGE_SHARE, BudgetPart, Diagnosis, Gap, Named, is_open, is_sure, likely_rivals
 from analysis.inference.setups import FittedRuns
 from analysis.inference.validation import Stages, left_um
 from rigs.calibration import verdict_of
@@ -185,7 +185,7 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
     is_own = part.index is not None and diagnosis.effects[part.index] is named
     u_um, um = (part.u_um, part.um) if is_own else (named.u_um, named.worth_um)
     figures = judged.removed([*done, named.effect], u_um / um if um > 0 else 1.0)
-    rivals = tuple(name_of(rival.effect) for rival in named.likely_rivals)
+    rivals = tuple(name_of(rival.effect) for rival in likely_rivals(named))
     against = [Against("rivals", names=rivals)] if rivals else []
     if named.doubt is not None and named.doubt != "usual":
         against.append(Against("doubt", doubt=named.doubt))
@@ -272,7 +272,7 @@ def _measurements(
 
     fitted = {k: diagnosis.effects[part.index] for k, part in enumerate(diagnosis.budget) if part.index is not None}
     for k, named in fitted.items():
-        if named.stands and named.likely_rivals:
+        if named.stands and likely_rivals(named):
             acts.append(test_of("rivals", k))
     for k, part in enumerate(diagnosis.budget):
         if (part.members and not part.cause) or (k in fitted and is_open(part, fitted[k])):

@@ -18,7 +18,7 @@ from analysis.inference.expected import SEPARABLE, ExpectedPosterior, without_ba
 from analysis.inference.observation import ObservedRun
 from analysis.inference.plan import FurtherTests, PossibleTest, shortest, sigma_between
 from analysis.inference.responses import linearise
-from analysis.inference.result import ODDS, BudgetPart, Named, is_open
+from analysis.inference.result import ODDS, BudgetPart, Named, is_open, likely_rivals
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups
 from rigs.effects import Effect
@@ -83,7 +83,7 @@ def naming_tests(
         if name is None or is_open(part, name):
             likeliest = [name.effect] if name else [member.effect for member in part.members[:1] if not part.cause]
             asked += [(k, effect, None) for effect in likeliest if not is_play(effect)]
-        elif name.stands and part.share > _MUCH and name.likely_rivals:
+        elif name.stands and part.share > _MUCH and likely_rivals(name):
             asked.append((k, name.effect, name.rivals[0].effect))
     if not asked:
         return []

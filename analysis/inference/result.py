@@ -229,11 +229,6 @@ class Named:
         return self.doubt is None
 
     @property
-    def likely_rivals(self) -> tuple[Rival, ...]:
-        """The rivals that cannot be dismissed."""
-        return tuple(rival for rival in self.rivals if rival.posterior * ODDS >= self.posterior)
-
-    @property
     def is_term(self) -> bool:
         """Whether it is one of so many waves of a joint that they are the series of an error of another form."""
         return self.doubt == "series"
@@ -513,6 +508,11 @@ class Diagnosis(Tabular):
             }
         )
         return plain
+
+
+def likely_rivals(named: Named) -> list[Rival]:
+    """Return the rivals of a name that cannot be dismissed."""
+    return [rival for rival in named.rivals if rival.posterior * ODDS >= named.posterior]
 
 
 def is_open(part: BudgetPart, named: Named) -> bool:
