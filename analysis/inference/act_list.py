@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from analysis.inference.acts import FOUND, Act, Against, Cost, JudgedOn, NamingTest, Reason
 from analysis.inference.observation import ObservedRun
-from analysis.inference.result import LARGE_SHARE, ODDS, BudgetPart, Diagnosis, Gap, Member, Named, is_open, is_sure
+from analysis.inference.result import LARGE_SHARE, BudgetPart, Diagnosis, Gap, Named, is_open, is_sure, likely_rivals
 from analysis.inference.setups import FittedRuns
 from analysis.inference.validation import Stages, left_um
 from rigs.calibration import verdict_of
@@ -169,21 +169,14 @@ def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
     of_part = [diagnosis.effects[part.index]] if part.index is not None else []
     rare = (part.times_usual or 0.0) >= _RARE or diagnosis.accuracy.standing in ("watch", "fail")
     is_much = part.share > LARGE_SHARE and is_sure(diagnosis, part)
-    if part.cause:
-        of_part = [_named(part.cause)]
-    first = [
-        name for name in of_part if name.stands or (is_much and (rare or name.effect.DEED in ("remaster", "enter")))
-    ]
+    if cause := part.cause:  # the one member of a group that is certain, as an effect of usual size
+        effect, remedy = cause.effect, cause.effect.remedy()
+        of_part = [Named(effect, cause.sd, cause.odds, (), math.nan, remedy, cause.um, None, "usual", u_um=cause.u_um)]
+    own = [name for name in of_part if name.stands or (is_much and (rare or name.effect.DEED in ("remaster", "enter")))]
     cancelling = [
         name for name in diagnosis.standing if name not in of_part and label_of(name.effect) in part.cancelled
     ]
-    return [name for name in [*first, *cancelling] if name.shown]
-
-
-def _named(cause: Member) -> Named:
-    """Return the one member of a group that is certain as an effect of usual size."""
-    effect, um = cause.effect, cause.um
-    return Named(effect, cause.sd, cause.odds, (), math.nan, effect.remedy(), um, None, "usual", u_um=cause.u_um)
+    return [name for name in [*own, *cancelling] if name.shown]
 
 
 def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, done: Sequence[Effect]) -> Act:
@@ -192,7 +185,7 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
     is_own = part.index is not None and diagnosis.effects[part.index] is named
     u_um, um = (part.u_um, part.um) if is_own else (named.u_um, named.worth_um)
     figures = judged.removed([*done, named.effect], u_um / um if um > 0 else 1.0)
-    rivals = tuple(name_of(rival.effect) for rival in named.rivals if rival.posterior * ODDS >= named.posterior)
+    rivals = tuple(name_of(rival.effect) for rival in likely_rivals(named))
     against = [Against("rivals", names=rivals)] if rivals else []
     if named.doubt is not None and named.doubt != "usual":
         against.append(Against("doubt", doubt=named.doubt))
@@ -279,7 +272,7 @@ def _measurements(
 
     fitted = {k: diagnosis.effects[part.index] for k, part in enumerate(diagnosis.budget) if part.index is not None}
     for k, named in fitted.items():
-        if named.stands and any(rival.posterior * ODDS >= named.posterior for rival in named.rivals):
+        if named.stands and likely_rivals(named):
             acts.append(test_of("rivals", k))
     for k, part in enumerate(diagnosis.budget):
         if (part.members and not part.cause) or (k in fitted and is_open(part, fitted[k])):

@@ -33,17 +33,17 @@ from analysis.kinematics.arm import Array, Integers, forward
 
 
 @dataclass(frozen=True)
-class Weighed:
-    """Values (N, k) in a background: `weighted` (N, k) by the noise, and `half` (p, k), the part that the columns
-    absorb."""
+class Marginal:
+    """Values (N, k) beside a background, over whose coefficients their products are marginal: `weighted` (N, k) by the
+    noise, and `absorbed` (p, k), the part that the columns absorb."""
 
     values: Array
     weighted: Array
-    half: Array
+    absorbed: Array
 
-    def products(self, right: Weighed) -> Array:
+    def products(self, right: Marginal) -> Array:
         """Return values' C⁻¹ right, a matrix (k, l) for whitened values (N, k) and (N, l)."""
-        return self.weighted.T @ right.values - self.half.T @ right.half
+        return self.weighted.T @ right.values - self.absorbed.T @ right.absorbed
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,8 @@ class Background:
     variance: Array
     mean: Array
     gram: Callable[[], Array]
-    _latest: list[tuple[FittedTerms, Weighed]] = field(default_factory=list, init=False, repr=False)
-    _weighed: WeakKeyDictionary[Response, Weighed] = field(default_factory=WeakKeyDictionary, init=False, repr=False)
+    _latest: list[tuple[FittedTerms, Marginal]] = field(default_factory=list, init=False, repr=False)
+    _marginals: WeakKeyDictionary[Response, Marginal] = field(default_factory=WeakKeyDictionary, init=False, repr=False)
 
     @cached_property
     def _root(self) -> Array:
@@ -111,63 +111,63 @@ class Background:
         """What the columns add to the whitened readings (N,) at their prior means."""
         return self.columns.X @ self.mean
 
-    def weighed(self, values: Array) -> Weighed:
+    def marginal(self, values: Array) -> Marginal:
         """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
         weighted = self.weight[:, None] * values
         # In this order the product of many rows with few columns takes a third of the time.
-        return self._halved(values, weighted, weighted.T @ self.columns.X)
+        return self._absorbing(values, weighted, weighted.T @ self.columns.X)
 
-    def _halved(self, values: Array, weighted: Array, products: Array) -> Weighed:
+    def _absorbing(self, values: Array, weighted: Array, products: Array) -> Marginal:
         """Return values (N, k) with their products (k, p) with the weighted columns as far as these absorb them."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         right = self._root[:, None] * products.T
-        half = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
-        return Weighed(values, weighted, np.asarray(half, dtype=float))
+        absorbed = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
+        return Marginal(values, weighted, np.asarray(absorbed, dtype=float))
 
     @cached_property
-    def _weighed_means(self) -> Weighed:
-        return self.weighed(self.at_mean[:, None])
+    def _marginal_means(self) -> Marginal:
+        return self.marginal(self.at_mean[:, None])
 
-    def _weighed_response(self, response: Response) -> Weighed:
-        if response not in self._weighed:
+    def _marginal_response(self, response: Response) -> Marginal:
+        if response not in self._marginals:
             weighted = self.weight[:, None] * response.columns
             products = self.columns.weighted_products(response, self.weight)
-            self._weighed[response] = self._halved(response.columns, weighted, products)
-        return self._weighed[response]
+            self._marginals[response] = self._absorbing(response.columns, weighted, products)
+        return self._marginals[response]
 
-    def weighed_residual(self, residual: Array) -> Weighed:
-        """Return a whitened residual (N,) at the prior means, weighed as (N, 1); what does not depend on the weights is
-        kept for as long as the residual is in use."""
-        whole, means = self._weighed_response(self.columns.response_of(residual)), self._weighed_means
-        return Weighed(whole.values - means.values, whole.weighted - means.weighted, whole.half - means.half)
+    def marginal_residual(self, residual: Array) -> Marginal:
+        """Return a whitened residual (N,) less the readings at the prior means, as (N, 1); what does not depend on the
+        weights is kept for as long as the residual is in use."""
+        whole, means = self._marginal_response(self.columns.response_of(residual)), self._marginal_means
+        return Marginal(whole.values - means.values, whole.weighted - means.weighted, whole.absorbed - means.absorbed)
 
-    def weighed_responses(self, responses: Sequence[Response], residual: Array | None = None) -> Weighed:
-        """Return the columns of some responses and, last, a whitened residual (N,) at the prior means, weighed
+    def marginal_responses(self, responses: Sequence[Response], residual: Array | None = None) -> Marginal:
+        """Return the columns of some responses and, last, a whitened residual (N,) at the prior means,
         together."""
-        parts = [self._weighed_response(response) for response in responses]
-        parts += [] if residual is None else [self.weighed_residual(residual)]
+        parts = [self._marginal_response(response) for response in responses]
+        parts += [] if residual is None else [self.marginal_residual(residual)]
         if len(parts) == 1:
             return parts[0]
         empty = np.empty((len(self.weight), 0))
-        return Weighed(
+        return Marginal(
             np.concatenate([empty, *(part.values for part in parts)], axis=1),
             np.concatenate([empty, *(part.weighted for part in parts)], axis=1),
-            np.concatenate([np.empty((len(self.variance), 0)), *(part.half for part in parts)], axis=1),
+            np.concatenate([np.empty((len(self.variance), 0)), *(part.absorbed for part in parts)], axis=1),
         )
 
-    def weighed_terms(self, terms: FittedTerms) -> Weighed:
-        """Return the columns (N, q) of fitted terms and, last, the residual at the prior means, weighed. The latest
+    def marginal_terms(self, terms: FittedTerms) -> Marginal:
+        """Return the columns (N, q) of fitted terms and, last, the residual at the prior means. The latest
         ones are kept, because a state's evidence and its posterior need the same."""
         if not self._latest or self._latest[0][0] is not terms:
-            self._latest[:] = [(terms, self.weighed_responses(terms.responses, terms.r))]
+            self._latest[:] = [(terms, self.marginal_responses(terms.responses, terms.r))]
         return self._latest[0][1]
 
-    def taken(self, weighed: Weighed) -> Array:
+    def taken(self, marginal: Marginal) -> Array:
         """Return the coefficients (p, k) with which the columns absorb as much as possible of the values."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
-        back = solve_triangular(self._chol, weighed.half, lower=True, trans=1, check_finite=False)
+        back = solve_triangular(self._chol, marginal.absorbed, lower=True, trans=1, check_finite=False)
         return self._root[:, None] * back
 
     @property
@@ -200,7 +200,7 @@ class Background:
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the weights with a vector (p,), without the covariance."""
         none = np.empty((0, 1))
-        return self.taken(self._halved(none, none, vector[None]))[:, 0]
+        return self.taken(self._absorbing(none, none, vector[None]))[:, 0]
 
     @cached_property
     def spent(self) -> Array:
@@ -215,8 +215,8 @@ class Background:
     def evidence(self, terms: FittedTerms) -> float:
         """Return the log density of the readings beside the fitted terms, up to a constant; T is (N, q)."""
         q = len(terms.mean)
-        weighed = self.weighed_terms(terms)
-        products = weighed.products(weighed)
+        marginal = self.marginal_terms(terms)
+        products = marginal.products(marginal)
         normal = products[:q, :q] + terms.precision
         right = products[:q, q] + terms.precision @ terms.mean
         best = terms.best(normal, right)
@@ -233,21 +233,21 @@ class Posterior:
     terms: FittedTerms
 
     @cached_property
-    def _weighed(self) -> Weighed:
-        return self.background.weighed_terms(self.terms)
+    def _marginal(self) -> Marginal:
+        return self.background.marginal_terms(self.terms)
 
     @cached_property
     def _products(self) -> Array:
-        return self._weighed.products(self._weighed)
+        return self._marginal.products(self._marginal)
 
     @cached_property
-    def known_covariance(self) -> Array:
+    def term_covariance(self) -> Array:
         """The covariance (q, q) of the fitted terms."""
         q = len(self.terms.mean)
         return np.asarray(np.linalg.inv(self._products[:q, :q] + self.terms.precision), dtype=float)
 
     @cached_property
-    def known(self) -> Array:
+    def term_means(self) -> Array:
         """The means (q,) of the fitted terms."""
         q, terms = len(self.terms.mean), self.terms
         normal = self._products[:q, :q] + terms.precision
@@ -256,43 +256,43 @@ class Posterior:
     @cached_property
     def _taken(self) -> Array:
         """The coefficients (p, q + 1) with which the columns absorb the fitted terms and, last, the residual."""
-        return self.background.taken(self._weighed)
+        return self.background.taken(self._marginal)
 
     @cached_property
     def mean(self) -> Array:
         """The means (p,) of the columns of the background."""
-        return self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.known
+        return self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.term_means
 
     @cached_property
     def variance(self) -> Array:
         """The variances (p,) of the columns of the background."""
         taken = self._taken[:, :-1]
-        values: Array = self.background.variances + np.sum(taken @ self.known_covariance * taken, axis=1)
+        values: Array = self.background.variances + np.sum(taken @ self.term_covariance * taken, axis=1)
         return values
 
     def covariance_among(self, columns: Integers) -> Array:
         """Return the covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
         taken = self._taken[:, :-1][columns]
         without_terms = self.background.covariance[columns[..., :, None], columns[..., None, :]]
-        return np.asarray(without_terms + taken @ self.known_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
+        return np.asarray(without_terms + taken @ self.term_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
 
     def joint_covariance(self, columns: int, fitted: int) -> Array:
         """Return the covariance (f + c, f + c) of the first `fitted` terms and, after them, the first `columns` of the
         background, in healthy sizes."""
-        among_terms, taken = self.known_covariance[:fitted], self._taken[:columns, :-1]
+        among_terms, taken = self.term_covariance[:fitted], self._taken[:columns, :-1]
         across = -among_terms @ taken.T
-        below = self.background.covariance[:columns, :columns] + taken @ self.known_covariance @ taken.T
+        below = self.background.covariance[:columns, :columns] + taken @ self.term_covariance @ taken.T
         return np.asarray(np.block([[among_terms[:, :fitted], across], [across.T, below]]), dtype=float)
 
     def covariance_times(self, vector: Array) -> Array:
         """Return the product (p,) of the covariance of the whitened columns of the background with a vector (p,)."""
         taken = self._taken[:, :-1]
-        return self.background.covariance_times(vector) + taken @ (self.known_covariance @ (vector @ taken))
+        return self.background.covariance_times(vector) + taken @ (self.term_covariance @ (vector @ taken))
 
     @cached_property
     def residual(self) -> Array:
         """The whitened residual (N,) with all coefficients at their means."""
-        return self.terms.r - self.terms.T @ self.known - self.background.columns.X @ self.mean
+        return self.terms.r - self.terms.T @ self.term_means - self.background.columns.X @ self.mean
 
     @cached_property
     def spent(self) -> Array:
@@ -310,7 +310,7 @@ class Posterior:
         background, weight = self.background, self.background.weight[rows]
         X = background.columns.X[rows]
         terms = self.terms.T[rows] - X @ self._taken[:, :-1]
-        modelled = X @ background.covariance @ X.T + terms @ self.known_covariance @ terms.T
+        modelled = X @ background.covariance @ X.T + terms @ self.term_covariance @ terms.T
         covariance = np.linalg.inv(np.diag(weight) - weight[:, None] * modelled * weight)
         missed: Array = covariance @ (weight * self.residual[rows])
         return missed, np.asarray(covariance - np.diag(1 / weight), dtype=float)
@@ -327,7 +327,7 @@ class Posterior:
         """The variances (N,) of the readings that the uncertainty of the fitted terms adds: that of what the columns
         leave of them, since they take back the rest."""
         remainder = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
-        return np.asarray(np.sum(remainder @ self.known_covariance * remainder, axis=1), dtype=float)
+        return np.asarray(np.sum(remainder @ self.term_covariance * remainder, axis=1), dtype=float)
 
     @property
     def unexplained(self) -> Array:
@@ -382,17 +382,17 @@ class Posterior:
     def cavity(self, columns: Array) -> tuple[Array, Array]:
         """Return what the readings say about whitened columns (N, q) beside everything else: the precision Λ (q, q)
         and the vector η (q,)."""
-        weighed = self.background.weighed(columns)
-        across = self._weighed.products(weighed)
-        with_terms, eta = across[:-1], across[-1] - self.known @ across[:-1]
-        precision: Array = weighed.products(weighed) - with_terms.T @ self.known_covariance @ with_terms
+        marginal = self.background.marginal(columns)
+        across = self._marginal.products(marginal)
+        with_terms, eta = across[:-1], across[-1] - self.term_means @ across[:-1]
+        precision: Array = marginal.products(marginal) - with_terms.T @ self.term_covariance @ with_terms
         return precision, eta
 
     def left_of(self, columns: Array) -> Array:
         """Return what everything else leaves of whitened columns (N, q) that are added to the readings."""
-        weighed = self.background.weighed(columns)
-        terms = self.known_covariance @ self._weighed.products(weighed)[:-1]
-        taken = self.background.taken(weighed) - self._taken[:, :-1] @ terms
+        marginal = self.background.marginal(columns)
+        terms = self.term_covariance @ self._marginal.products(marginal)[:-1]
+        taken = self.background.taken(marginal) - self._taken[:, :-1] @ terms
         return columns - self.terms.T @ terms - self.background.columns.X @ taken
 
     def size(self, form: Form) -> Array:

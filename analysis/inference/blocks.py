@@ -269,11 +269,12 @@ _FEW = 64
 class SimulatedBlock:
     """One block about a set-up, simulated (m readings of k gauges).
 
-    `known` lists the effects found so far, which the readings contain beside those of the rig file.
+    `reference` lists the effects about which it is linear: those found so far, which the readings contain beside those
+    of the rig file.
     """
 
     block: Block
-    known: tuple[Effect, ...]
+    reference: tuple[Effect, ...]
     setup: SetUp
     _scenes: dict[tuple[Effect, ...], Scene] = field(default_factory=dict, init=False, repr=False)
     _errors: dict[tuple[tuple[Effect, ...], Effect], Array] = field(default_factory=dict, init=False, repr=False)
@@ -282,19 +283,19 @@ class SimulatedBlock:
     @cached_property
     def scene(self) -> Scene:
         """The scene up to the tool."""
-        return self.scene_with(self.known)
+        return self.scene_with(self.reference)
 
     @cached_property
     def base(self) -> Array:
         """The readings (m, k) mm."""
-        return self.read(self.known, self.scene, self.setup)
+        return self.read(self.reference, self.scene, self.setup)
 
     @cached_property
     def slopes(self) -> Array:
         """The derivatives (m, k, axes) of the readings in mm by the errors of the joints in rad."""
         slopes = np.empty((*self.base.shape, self.block.model.arm.axes))
         for axis in range(1, self.block.model.arm.axes + 1):
-            effects = (*self.known, turned(axis, _STEP_DEG))
+            effects = (*self.reference, turned(axis, _STEP_DEG))
             slopes[:, :, axis - 1] = self.read(effects, self.scene_with(effects), self.setup) - self.base
         slopes /= np.radians(_STEP_DEG)
         return slopes
@@ -304,11 +305,11 @@ class SimulatedBlock:
         """The change (N, t) of the whitened readings for a mm of each term of the set-up."""
         steps = _STEP_MM * np.eye(self.block.table.kind.setup_terms)
         setups = [moved_setup(self.setup, self.block.table, step) for step in steps]
-        changed = np.stack([self.read(self.known, self.scene, setup) - self.base for setup in setups], axis=2)
+        changed = np.stack([self.read(self.reference, self.scene, setup) - self.base for setup in setups], axis=2)
         return self.block.whitened(changed) / _STEP_MM
 
     def scene_with(self, effects: Sequence[Effect]) -> Scene:
-        """Return the scene up to the tool with `effects` in place of the known ones."""
+        """Return the scene up to the tool with `effects` in place of the reference ones."""
         model = _with(self.block.model, *effects)
         early = _early(model.effects)
         errors = [self._error(early, effect) for effect in model.effects if effect.STAGE == "joint"]
@@ -347,7 +348,7 @@ class SimulatedBlock:
         stamps = late_stamps()
         if not self.block.sampling:
             return np.zeros((len(self.block.y_mm), len(stamps)))
-        early = _early((*self.block.model.effects, *self.known))
+        early = _early((*self.block.model.effects, *self.reference))
         now, later = self._error(early, effect), [self._error((*early, stamp), effect) for stamp in stamps]
         change = np.stack([(error - now)[self.block.samples] for error in later], axis=2)
         return self.block.whitened(np.einsum("mka,mac->mkc", self.slopes, change))
@@ -357,7 +358,7 @@ class SimulatedBlock:
         are on average those of a moment earlier and a moment later, as with stamps that scatter; zero at targets."""
         if not self.block.sampling:
             return np.zeros((len(self.block.y_mm), 1))
-        early = _early((*self.block.model.effects, *self.known))
+        early = _early((*self.block.model.effects, *self.reference))
 
         def moment_apart() -> tuple[Scene, Scene]:
             joints = self._joints(early)
@@ -372,12 +373,17 @@ class SimulatedBlock:
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""
-        early, parts = _early((*self.block.model.effects, *self.known)), []
+        early, parts = _early((*self.block.model.effects, *self.reference)), []
         for begin in range(0, len(effects), _FEW):
             few = effects[begin : begin + _FEW]
             added = np.zeros((len(few), *self.base.shape))
+            # Most forms are sines of joints over their angles, which together take a quarter of the time.
             if waves := [k for k, effect in enumerate(few) if is_sine(effect)]:
-                added[waves] = self._added_by_waves(early, [few[k] for k in waves])
+                axes, order, phase, size = np.array([sine_of(few[k]) for k in waves]).T
+                joint = axes.astype(np.int64) - 1
+                angles = self._joints(early).q[self.block.samples].T[joint]
+                error = size[:, None] * np.sin(order[:, None] * angles + phase[:, None])
+                added[waves] = self._slopes_of_axes[joint] * error[:, :, None]
             for k, effect in enumerate(few):
                 if is_sine(effect):
                     continue
@@ -388,21 +394,11 @@ class SimulatedBlock:
                         added[k] += self._slopes_of_axes[axis] * error[self.block.samples, axis, None]
                 else:
                     times = max(1.0, abs(size_of(effect))) if effect.STAGE in _RIGID else 1.0
-                    present = (*self.known, scaled(effect, 1 / times))
+                    present = (*self.reference, scaled(effect, 1 / times))
                     scene = self.scene if effect.STAGE in _READING else self.scene_with(present)
                     added[k] = times * (self.read(present, scene, self.setup) - self.base)
             parts.append(self.block.whitened(np.moveaxis(added, 0, 2)))
         return np.concatenate(parts, axis=1)
-
-    def _added_by_waves(self, early: tuple[Effect, ...], waves: Sequence[Effect]) -> Array:
-        """Return what sines of joints over their angles add, (p, m, k) mm: most forms are, and together they take a
-        quarter of the time."""
-        axis, order, phase, size = np.array([sine_of(wave) for wave in waves]).T
-        joint = axis.astype(np.int64) - 1
-        angles = self._joints(early).q[self.block.samples].T[joint]
-        error = size[:, None] * np.sin(order[:, None] * angles + phase[:, None])
-        added: Array = self._slopes_of_axes[joint] * error[:, :, None]
-        return added
 
     @cached_property
     def _slopes_of_axes(self) -> Array:

@@ -123,7 +123,7 @@ def effect_changes(result: SearchResult) -> list[EffectChange]:
     certain as the readings show it.
     """
     refined, posterior, measure = result.fit, result.posterior, Measure(result.linear)
-    T, means, covariance = posterior.terms.T, posterior.known, posterior.known_covariance
+    T, means, covariance = posterior.terms.T, posterior.term_means, posterior.term_covariance
     allowed = len(refined.unknowns) + np.cumsum([0, *(departure.columns.shape[1] for departure in refined.departures)])
     changes = []
     for k, effect in enumerate(refined.effects):
@@ -407,7 +407,7 @@ def runs_apart(result: SearchResult, k: int) -> float:
 
 def _beside_size(result: SearchResult, k: int) -> Posterior:
     """Return the posterior of everything else, in which the size of name k stays as it was fitted."""
-    refined, fitted = result.fit, result.fit.known
+    refined, fitted = result.fit, result.fit.fitted_terms
     field = size_field(refined.effects[k])
     kept = np.ones(len(fitted.mean), dtype=bool)
     kept[: len(refined.unknowns)] = [unknown.effect != k or unknown.field != field for unknown in refined.unknowns]

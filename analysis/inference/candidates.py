@@ -161,20 +161,22 @@ def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Ar
     return np.concatenate([np.empty((len(linear.y), 0)), *(_initial_play(linear, *gap, 1) for gap in gaps)], axis=1)
 
 
-def _initial_play(linear: Linearisation, axis: int, half_deg: float, parts: int) -> Array:
+def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts: int) -> Array:
     """Return columns (N, b) for the unknown position of a joint in its play when each circle began.
 
-    It lasts until the joint has crossed the play, which may take much of a lap. The play of ± half_deg is divided into
-    parts, each with a column for each circle; a position anywhere in the play is equally likely.
+    It lasts until the joint has crossed the play, which may take much of a lap. The play of ± half_width_deg is divided
+    into parts, each with a column for each circle; a position anywhere in the play is equally likely.
     """
-    edges, half = np.linspace(-1, 1, parts + 1), np.radians(half_deg)
+    edges, half_width_rad = np.linspace(-1, 1, parts + 1), np.radians(half_width_deg)
     # The rms of the share of each part that lies between its middle and a position anywhere in the play.
     reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
     usual = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
 
     def off(block: Block) -> Array:
         x = block.path.q[:, axis - 1]
-        return np.asarray(np.diff([play(x, half, float(edge)) for edge in edges], axis=0).T * usual, dtype=float)
+        return np.asarray(
+            np.diff([play(x, half_width_rad, float(edge)) for edge in edges], axis=0).T * usual, dtype=float
+        )
 
     return _apart(linear, linear.by_joint(axis, off), sampling=True)
 
@@ -182,41 +184,27 @@ def _initial_play(linear: Linearisation, axis: int, half_deg: float, parts: int)
 def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
     """Return columns (N, j) for the samples about each reversal of a joint. The instant of a reversal is known to about
     one sample and differs by that between repeats, so a spike may begin earlier or later, and a play may be crossed
-    differently. One that fades is smaller or larger from then on."""
-    columns = []
-    for k, block in enumerate(linear.blocks):
-        if not block.sampling:
-            continue
-        path = block.path
-        for when, _ in path.motion.reversals(axis):
+    differently. One that fades, in fades_s (s), is smaller or larger from then on: of it more is left if it began
+    later."""
+    jolts, faded = [], [np.empty((len(linear.y), 0))]
+    for k, (simulated, rows) in enumerate(zip(linear.simulated, linear.rows, strict=True)):
+        path = simulated.block.path
+        turns = [when for when, _ in path.motion.reversals(axis)] if simulated.block.sampling else []
+        for when in turns:
             after = int(np.searchsorted(path.t_s, when))
-            columns += [
+            jolts += [
                 linear.jolt(k, axis, sample, min(_REVERSAL_SHIFT * size_deg, 1.0))
                 for sample in (after - 1, after)
                 if 0 <= sample < len(path.t_s)
             ]
-    jolts = np.stack(columns, axis=1) if columns else np.empty((len(linear.y), 0))
-    return np.concatenate([jolts, _faded(linear, axis, size_deg, fades_s)], axis=1) if fades_s else jolts
-
-
-def _faded(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
-    """Return a column (N,) for each reversal of a joint in each circle, as (N, j): how much more is left of an effect
-    that fades in fades_s (s) if it began later."""
-    columns = [np.empty((len(linear.y), 0))]
-    for simulated, rows in zip(linear.simulated, linear.rows, strict=True):
-        if not simulated.block.sampling:
-            continue
-        path = simulated.block.path
-        turns = [when for when, _ in path.motion.reversals(axis)]
-        if not turns:
-            continue
-        since = np.subtract.outer(path.t_s, turns)
-        later_s = _REVERSAL_SHIFT * float(np.median(np.diff(path.t_s)))
-        more_deg = size_deg * later_s / fades_s * np.exp(-np.maximum(since, 0.0) / fades_s)
-        faded = np.zeros((len(linear.y), since.shape[1]))
-        faded[rows] = simulated.by_joint(axis, np.radians(np.where(since >= 0, more_deg, 0.0)))
-        columns.append(faded)
-    return np.concatenate(columns, axis=1)
+        if fades_s and turns:
+            since = np.subtract.outer(path.t_s, turns)
+            later_s = _REVERSAL_SHIFT * float(np.median(np.diff(path.t_s)))
+            more_deg = size_deg * later_s / fades_s * np.exp(-np.maximum(since, 0.0) / fades_s)
+            faded.append(np.zeros((len(linear.y), len(turns))))
+            faded[-1][rows] = simulated.by_joint(axis, np.radians(np.where(since >= 0, more_deg, 0.0)))
+    at_samples = np.stack(jolts, axis=1) if jolts else np.empty((len(linear.y), 0))
+    return np.concatenate([at_samples, np.concatenate(faded, axis=1)], axis=1) if fades_s else at_samples
 
 
 def _that_change(columns: Array) -> Array:

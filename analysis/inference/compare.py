@@ -162,12 +162,12 @@ def _compared(runs: Sequence[Measured], rig: Rig, where: str) -> Compared:
             rms_um = float(np.sqrt(np.mean(away_um**2)))
             poses.append(PoseComparison(run.run.manifest.name, len(away_um), rms_um, float(away_um.max())))
         else:
-            comparisons.append(_one(run, part.model, placed[part.setup], part.rows, residual))
+            comparisons.append(_comparison(run, part.model, placed[part.setup], part.rows, residual))
     setups = {f"{part.setup}{where}": placed[part.setup] for part in split_up if not part.table.kind.of_places}
     return Compared(tuple(comparisons), setups, tuple(doubts), tuple(poses))
 
 
-def _one(run: Measured, model: Model, setup: SetUp, rows: Integers, residuals_mm: Array) -> Comparison:
+def _comparison(run: Measured, model: Model, setup: SetUp, rows: Integers, residuals_mm: Array) -> Comparison:
     run = run if run.rig == model.rig else replace(run, rig=model.rig)
     result = result_of(run)
     values = predict(model, run.table, path_of(model, run.table), setup)

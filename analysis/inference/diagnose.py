@@ -182,38 +182,35 @@ def diagnose(
         stages = stages.names_alone()
     gaps = _gaps(judged_runs, stages, result) if whole.names_do_better else whole
     changes = effect_changes(result)
-    named = named_effects(result, fitted, held_out_gains(result, judges), changes)
-    named = without_useless(named, gaps.train)
-    at_limits = doubts_of_limits(named)
-    named += _vibrations(result, runs, gaps.train) if given is None else []
-    named = [replace(name, alone_um=fitted.left_um([name.effect])) if name.stands or given else name for name in named]
-    named.sort(key=lambda name: (not name.stands, -name.worth_um))
+    named, at_limits = _named_in(result, fitted, (runs, judges), changes, gaps.train, given=given is not None)
     early = early_readings(result)
-    judged = accuracy_of(
-        gaps, *(standing_of(rig, used) if tolerance_um is None else standing_within(tolerance_um, fitted))
-    )
-    diagnosis = _diagnosis_of(rig, result, (whole, gaps), named, changes, judged, early=bool(early))
-    diagnosis = replace(diagnosis, given=given is not None)
-    written = [name.effect for name in diagnosis.written]
+    standing = standing_of(rig, used) if tolerance_um is None else standing_within(tolerance_um, fitted)
+    verdicts = _verdicts_of(rig, result, (whole, gaps), named, changes, accuracy_of(gaps, *standing), early=bool(early))
+    verdicts = replace(verdicts, given=given is not None)
+    written = [name.effect for name in verdicts.written]
     wider = widening(left_out := places_left_out(result), judges, elsewhere, stages, result)
-    verdict = judged_of(diagnosis, whole, gaps, wider.unexplained_mm)
-    calibrated = calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider, verdict)
-    diagnosis = replace(diagnosis, calibrated=calibrated, remains=remains_of(result, left_out, _temperature(used)))
-    diagnosis = replace(diagnosis, staircase=staircase_of(diagnosis, result, stages, sound, judges, elsewhere))
+    judged = judged_of(verdicts, whole, gaps, wider.unexplained_mm)
+    calibrated = calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider, judged)
+    remains = remains_of(result, left_out, _temperature(used))
+    staircase = staircase_of(verdicts, result, stages, sound, judges, elsewhere)
     doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
     doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, fitted)]
     kinds = tuple(dict.fromkeys(run.run.manifest.test for run in used))
     linear = result.linear
     further = cache(partial(possible_tests, rig, kinds, linear.blocks, linear.setups, result.state.level))
-    if diagnosis.condition == "ambiguous":
+    next_test = None
+    if verdicts.condition == "ambiguous":
         progress("choosing a test that separates the rivals")
         next_test, why_none = _next_test(named, further)
-        diagnosis, doubts = replace(diagnosis, next_test=next_test), doubts + why_none
-    place = JudgedPlace(judged.place, fitted, elsewhere or judges or sound, stages, gaps.judged)
-    asks = diagnosis.condition not in ("not_testable_here", "undecided") and given is None
-    tests = naming_tests(further, result, diagnosis.budget, named, (sound, elsewhere)) if asks else []
-    diagnosis = replace(diagnosis, acts=acts_of(diagnosis, place, tests, _before(used) if early else ()))
-    return replace(diagnosis, doubts=tuple(doubts), seconds=time.perf_counter() - begin_s)
+        doubts += why_none
+    asks = verdicts.condition not in ("not_testable_here", "undecided") and given is None
+    tests = naming_tests(further, result, verdicts.budget, named, (sound, elsewhere)) if asks else []
+    place = JudgedPlace(verdicts.accuracy.place, fitted, elsewhere or judges or sound, stages, gaps.judged)
+    diagnosis = replace(
+        verdicts, calibrated=calibrated, remains=remains, staircase=staircase, next_test=next_test, doubts=tuple(doubts)
+    )
+    acts = acts_of(diagnosis, place, tests, _before(used) if early else ())
+    return replace(diagnosis, acts=acts, seconds=time.perf_counter() - begin_s)
 
 
 _TEMPERATURE = re.compile(r"(?<![a-z])temp(erature)?(?![a-z])")
@@ -249,17 +246,31 @@ def _gaps(judged: Sequence[tuple[Sequence[ObservedRun], Sequence[str]]], stages:
     return Gaps(gap(sound, stages, result, used), held_out, unseen)
 
 
-def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], train: Gap) -> list[Named]:
-    """Return the vibration of the link as a name, if its worth exceeds the scatter of a circle without it, in µm."""
-    swing = find_vibration(with_effects(runs, result.effects), result.linear.setups)
-    if swing is None:
-        return []
-    circles = [block.sampling is not None for block in result.linear.blocks]
-    limits = limits_um(result.linear, swing.scatter_um)
-    return named_vibration(swing, limits[circles], train.after_um)
+def _named_in(
+    result: SearchResult,
+    fitted: FittedRuns,
+    runs: tuple[Sequence[ObservedRun], Sequence[ObservedRun]],
+    changes: Sequence[EffectChange],
+    train: Gap,
+    *,
+    given: bool,
+) -> tuple[list[Named], tuple[str, ...]]:
+    """Return the effects of a search as names, those that stand first, and doubts about their sizes. `runs` are those
+    used and those held out, of (m, k) mm; unless the effects were `given`, a vibration of the link is a name too."""
+    used, judges = runs
+    named = named_effects(result, fitted, held_out_gains(result, judges), changes)
+    named = without_useless(named, train)
+    at_limits = doubts_of_limits(named)
+    swing = None if given else find_vibration(with_effects(used, result.effects), result.linear.setups)
+    if swing is not None:  # it stands if its worth exceeds the scatter of a circle without it
+        circles = [block.sampling is not None for block in result.linear.blocks]
+        limits = limits_um(result.linear, swing.scatter_um)
+        named += named_vibration(swing, limits[circles], train.after_um)
+    named = [replace(name, alone_um=fitted.left_um([name.effect])) if name.stands or given else name for name in named]
+    return sorted(named, key=lambda name: (not name.stands, -name.worth_um)), at_limits
 
 
-def _diagnosis_of(
+def _verdicts_of(
     rig: Rig,
     result: SearchResult,
     both: tuple[Gaps, Gaps],
@@ -269,9 +280,9 @@ def _diagnosis_of(
     *,
     early: bool,
 ) -> Diagnosis:
-    """Return the diagnosis without calibrated model, next test and doubts, of readings (m, k). `both` are the gaps with
-    the whole model, which decide the condition, and with what is handed over; `early` states whether poses were read
-    before the joints came to rest."""
+    """Return the verdicts, of readings (m, k): a diagnosis without calibrated model, next test, doubts and acts. `both`
+    are the gaps with the whole model, which decide the condition, and with what is handed over; `early` states whether
+    poses were read before the joints came to rest."""
     whole, gaps = both
     remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train)
     condition = condition_of(result, named, remainder, whole, is_material=is_material, early=early)

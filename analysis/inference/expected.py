@@ -34,7 +34,7 @@ from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import SetUp, model_of, nominal_setup
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.simulation.simulate import simulate
-from analysis.traces.tables import CircleTable, Table
+from analysis.traces.tables import CircleTable
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import healthy, healthy_size, is_play, is_wave, one_sided, scaled, size_field, size_of
@@ -109,13 +109,13 @@ class FormPosterior:
         width = np.array([len(indices) for indices in own_columns])
         this, that, across = precisions[:, :2, :2], precisions[:, 2:, 2:], precisions[:, :2, 2:]
         values: Array = np.minimum(
-            sizes[first] * _left(this, across, that, width[first]),
-            sizes[second] * _left(that, across.transpose(0, 2, 1), this, width[second]),
+            sizes[first] * _sigmas_beside(this, across, that, width[first]),
+            sizes[second] * _sigmas_beside(that, across.transpose(0, 2, 1), this, width[second]),
         )
         return values
 
 
-def _left(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
+def _sigmas_beside(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
     """Return the sigmas (n,) of a coefficient, root mean square over its width (n,), that remain beside another
     coefficient of any size, given the precisions (n, 2, 2)."""
     free = other_precision + np.eye(2) / LARGEST_FAULT**2
@@ -202,7 +202,15 @@ def planned_blocks(
     """Return the blocks, with entries (N,), of some tests driven `runs` times in each direction, and their set-ups;
     `place` distinguishes these set-ups from those of other runs. Raises FileError where the arm cannot drive a test."""
     model = model_of(rig)
-    driven = [observe_run(model, table, rig.name) for table in _tables(rig, tests)]
+    # Of a simulated table the path alone is used. Yaw and roll share one motion, and a cw program drives the joint
+    # angles of the acw program in reverse.
+    tables = [simulate(rig, test, None, None) for test in tests if test not in CIRCLES]
+    if circles := [test for test in CIRCLES if test in tests]:
+        acw = simulate(rig, circles[0], "acw", None)
+        assert isinstance(acw, CircleTable)  # noqa: S101 - what simulate makes of a circle
+        cw = replace(acw, direction="cw", t_s=acw.t_s[-1] - acw.t_s[::-1], q=acw.q[::-1])
+        tables += [replace(lap, test=test) for test in circles for lap in (acw, cw)]
+    driven = [observe_run(model, table, rig.name) for table in tables]
     seen = [part for run in driven for part in by_socket(replace(run, setup=run.setup + place))]
     setups = {run.setup: nominal_setup(rig, run.table) for run in seen}
     off_mm = np.array(_SET_BY_HAND_MM)
@@ -220,18 +228,6 @@ def planned_blocks(
         scatter, stamps = few * block.scatter_mm, few * block.stamps_mm
         blocks.append(replace(block, sd_mm=few * sd, scatter_mm=scatter, stamps_mm=stamps, count=runs, measured=False))
     return blocks, setups
-
-
-def _tables(rig: Rig, tests: Sequence[TestName]) -> list[Table]:
-    """Return the tables of the driven tests, whose readings are not used. Yaw and roll share one motion, and a cw
-    program drives the joint angles of the acw program in reverse."""
-    tables = [simulate(rig, test, None, None) for test in tests if test not in CIRCLES]
-    if circles := [test for test in CIRCLES if test in tests]:
-        acw = simulate(rig, circles[0], "acw", None)
-        assert isinstance(acw, CircleTable)  # noqa: S101 - what simulate makes of a circle
-        cw = replace(acw, direction="cw", t_s=acw.t_s[-1] - acw.t_s[::-1], q=acw.q[::-1])
-        tables += [replace(lap, test=test) for test in circles for lap in (acw, cw)]
-    return tables
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -268,7 +264,7 @@ class ExpectedPosterior:
         return self._columns.variance(self.level)
 
     @cached_property
-    def _known(self) -> FormPosterior:
+    def _form_posterior(self) -> FormPosterior:
         A = background_of(self._columns, np.ones(len(self.linear.y)), self._variance).covariance
         return FormPosterior(self._columns.forms, A, self._variance)
 
@@ -279,7 +275,7 @@ class ExpectedPosterior:
         `size` is that of the fault in healthy sizes, which matters for a play, for example; None stands for the
         smallest fault that is detected.
         """
-        sd, effect = self._known.sd(candidate), candidate.effect
+        sd, effect = self._form_posterior.sd(candidate), candidate.effect
         # A shape is fitted with the size and makes it less certain; the order of a wave does not.
         shaped = bool(effect.FREE or effect.STRETCHED) and not is_wave(effect)
         if not shaped or not is_detectable(sd):
@@ -294,7 +290,7 @@ class ExpectedPosterior:
         """Return the standard uncertainty of the size of a name, in healthy sizes, in the form that is
         detected best."""
         forms = [candidate for candidate in self.candidates if candidate.name == name]
-        return self.sd(min(forms, key=self._known.sd)) if forms else float("inf")
+        return self.sd(min(forms, key=self._form_posterior.sd)) if forms else float("inf")
 
     def separation_sigma(self, ones: Sequence[Effect], others: Sequence[Effect]) -> float:
         """Return the sigmas by which a name at its size is separated from another name of any size; each is given as
@@ -306,8 +302,8 @@ class ExpectedPosterior:
         ]
         times = [size_of(effect) / size_of(scaled_down) for effect, scaled_down in zip(effects, small, strict=True)]
         T = self.linear.columns(small) * np.array(times)
-        weighed = self._background_beside((ones[0], others[0])).weighed(T)
-        H = weighed.products(weighed)
+        marginal = self._background_beside((ones[0], others[0])).marginal(T)
+        H = marginal.products(marginal)
         q = len(ones)
         free = H[q:, q:] + np.diag([(size_of(effect) / LARGEST_FAULT) ** 2 for effect in others])
         stands_in = H[:q, q:] @ np.linalg.solve(free, H[q:, :q])
@@ -320,7 +316,7 @@ class ExpectedPosterior:
         well, with sizes (n,) in healthy sizes. They include all pairs for which `separation_sigma` is below SEPARABLE.
         """
         pairs = np.stack(np.triu_indices(len(chosen), 1), axis=1).astype(np.int64)
-        sigma = self._known.sigmas_apart(chosen, sizes, pairs)
+        sigma = self._form_posterior.sigmas_apart(chosen, sizes, pairs)
         close = np.flatnonzero(sigma < SEPARABLE)
         nearest_first = pairs[close[np.argsort(sigma[close])]].tolist()
         return [(i, j) for i, j in nearest_first if chosen[i].name != chosen[j].name]

@@ -16,9 +16,28 @@ _AXES = ("axis", "from_axis", "to_axis")
 
 
 def parse_effects(words: str, axes: int = 6) -> list[Effect]:
-    """Return the effects of a list for an arm of so many axes, each once, bounded ones at half a healthy size. Raises
-    UseError for an unknown effect or place."""
-    effects = [effect for word in filter(None, map(str.strip, words.split(","))) for effect in _expanded(word, axes)]
+    """Return the effects of a list for an arm of so many axes, each once, at their starting sizes: zero or, where it
+    cannot be negative, half a healthy one. Raises UseError for an unknown effect or place."""
+    effects: list[Effect] = []
+    for word in filter(None, map(str.strip, words.split(","))):
+        name, _, place = word.partition(":")
+        if name not in VOCABULARY:
+            raise UseError(f"--fit {word}", "no such effect", f"one of {', '.join(VOCABULARY)}")
+        written = VOCABULARY[name].PLACE
+        match = re.fullmatch(written.pattern, place, re.ASCII)
+        if not match:
+            example = f"{name}:{written.example}" if written.example else name
+            raise UseError(f"--fit {word}", f"{name} has no place {place!r}", f"write {example}")
+        every = {**written.every, "axis": [str(axis) for axis in range(1, axes + 1)]}
+        keys = {key: (value,) if value is not None else every[key] for key, value in match.groupdict().items()}
+        if any(int(value) > axes for key, (value, *_) in keys.items() if key in _AXES):
+            raise UseError(f"--fit {word}", f"the arm has {axes} axes", "name one of them")
+        for values in product(*keys.values()):
+            try:
+                effect = VOCABULARY[name].model_validate(dict(zip(keys, values, strict=True)))
+            except ValueError:
+                raise UseError(f"--fit {word}", f"outside what {name} can be", "see docs/simulation.md") from None
+            effects += phases(scaled(healthy(effect), 0.5 if one_sided(effect) else 0.0))
     if not effects:
         raise UseError("--fit", "names no effect", f"write some of {', '.join(VOCABULARY)}")
     return list(dict.fromkeys(effects))
@@ -29,28 +48,3 @@ def given_effects(words: str, axes: int = 6) -> list[Effect]:
     begins. Raises UseError as `parse_effects` does."""
     quarters = {quarter for effect in parse_effects(words, axes) for quarter in phases(effect)[1:]}
     return [effect for effect in parse_effects(words, axes) if effect not in quarters or not is_wave(effect)]
-
-
-def _expanded(word: str, axes: int) -> list[Effect]:
-    """Return the effects of a word at their starting sizes: zero or, where it cannot be negative, half a healthy
-    one."""
-    name, _, place = word.partition(":")
-    if name not in VOCABULARY:
-        raise UseError(f"--fit {word}", "no such effect", f"one of {', '.join(VOCABULARY)}")
-    written = VOCABULARY[name].PLACE
-    match = re.fullmatch(written.pattern, place, re.ASCII)
-    if not match:
-        example = f"{name}:{written.example}" if written.example else name
-        raise UseError(f"--fit {word}", f"{name} has no place {place!r}", f"write {example}")
-    every = {**written.every, "axis": [str(axis) for axis in range(1, axes + 1)]}
-    keys = {key: (value,) if value is not None else every[key] for key, value in match.groupdict().items()}
-    if any(int(value) > axes for key, (value, *_) in keys.items() if key in _AXES):
-        raise UseError(f"--fit {word}", f"the arm has {axes} axes", "name one of them")
-    effects: list[Effect] = []
-    for values in product(*keys.values()):
-        try:
-            effect = VOCABULARY[name].model_validate(dict(zip(keys, values, strict=True)))
-        except ValueError:
-            raise UseError(f"--fit {word}", f"outside what {name} can be", "see docs/simulation.md") from None
-        effects += phases(scaled(healthy(effect), 0.5 if one_sided(effect) else 0.0))
-    return effects

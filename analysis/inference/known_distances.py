@@ -26,17 +26,17 @@ _SD_MM = float(np.sqrt(2.0)) * SEAT_MM
 
 @dataclass(frozen=True)
 class KnownDistances:
-    """The known distances of the sockets of some touches: `pairs` (t) has the names of two set-ups each, and `known`
-    (t) what the rig file says of them."""
+    """The known distances of the sockets of some touches: `pairs` (t) has the names of two set-ups each, and
+    `distances` (t) what the rig file says of them."""
 
     pairs: tuple[tuple[str, str], ...]
-    known: tuple[SocketDistance, ...]
+    distances: tuple[SocketDistance, ...]
 
     def residual(self, setups: Mapping[str, SetUp]) -> Array:
         """Return the known distances less those of set-ups (t,), in standard deviations of their scatter."""
         apart = [float(np.linalg.norm(_between(setups, pair))) for pair in self.pairs]
-        known_mm = [distance.distance_mm for distance in self.known]
-        return np.asarray((np.array(known_mm) - np.array(apart)) / _SD_MM, dtype=float)
+        stated_mm = [distance.distance_mm for distance in self.distances]
+        return np.asarray((np.array(stated_mm) - np.array(apart)) / _SD_MM, dtype=float)
 
     def by_setup(self, setups: Mapping[str, SetUp], terms: Mapping[str, Sequence[int]], count: int) -> Array:
         """Return the change (t, count) of the distances for a mm of each term of the set-ups, in the same unit; `terms`
@@ -52,9 +52,9 @@ class KnownDistances:
     @property
     def scatter(self) -> Array:
         """What one standard uncertainty of each distance of the rig file adds (t, c), in the same unit."""
-        different = list(dict.fromkeys(self.known))
-        alike = np.array([[distance == reference for reference in different] for distance in self.known], dtype=float)
-        return alike.reshape(len(self.known), len(different)) * [distance.u_mm / _SD_MM for distance in different]
+        different = list(dict.fromkeys(self.distances))
+        alike = np.array([[distance == other for other in different] for distance in self.distances], dtype=float)
+        return alike.reshape(len(self.distances), len(different)) * [distance.u_mm / _SD_MM for distance in different]
 
 
 def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:

@@ -18,7 +18,7 @@ from analysis.inference.expected import SEPARABLE, ExpectedPosterior, without_ba
 from analysis.inference.observation import ObservedRun
 from analysis.inference.plan import FurtherTests, PossibleTest, shortest, sigma_between
 from analysis.inference.responses import linearise
-from analysis.inference.result import ODDS, BudgetPart, Named, is_open
+from analysis.inference.result import ODDS, BudgetPart, Named, is_open, likely_rivals
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups
 from rigs.effects import Effect
@@ -77,7 +77,14 @@ def naming_tests(
 ) -> list[tuple[int, NamingTest, Cost]]:
     """Return the test that names each part of the budget that needs one, by its index: a name that stands and has a
     rival, and a group. `judges` are the runs used, and those of another place that only judged; readings are (m, k)."""
-    asked = [k for k, part in enumerate(budget) if _needs_a_test(part, named)]
+    asked: list[tuple[int, Effect, Effect | None]] = []  # parts by their index, what may be there, and its rival
+    for k, part in enumerate(budget):
+        name = None if part.index is None else named[part.index]
+        if name is None or is_open(part, name):
+            likeliest = [name.effect] if name else [member.effect for member in part.members[:1] if not part.cause]
+            asked += [(k, effect, None) for effect in likeliest if not is_play(effect)]
+        elif name.stands and part.share > _MUCH and likely_rivals(name):
+            asked.append((k, name.effect, name.rivals[0].effect))
     if not asked:
         return []
     try:
@@ -90,24 +97,9 @@ def naming_tests(
         linear = linearise(without_bands(blocks_of([*used, *elsewhere], setups)), setups)
         expected = ExpectedPosterior(linear, result.state.level)
         possible = [PossibleTest(JOINED, "they were driven already", expected, 0.0, 0, 0), *possible]
-    planned_tests = NamingTests(possible)
+    planned_tests, among = NamingTests(possible), len(result.columns.forms)
     tests = []
-    for k in asked:
-        part = budget[k]
-        if part.members:
-            planned = planned_tests.for_member(part.members[0].effect, len(result.columns.forms))
-        elif is_open(part, name := named[part.index or 0]):
-            planned = planned_tests.for_member(name.effect, len(result.columns.forms))
-        else:
-            planned = planned_tests.for_rivals(name.effect, name.rivals[0].effect)
+    for k, effect, rival in asked:
+        planned = planned_tests.for_rivals(effect, rival) if rival else planned_tests.for_member(effect, among)
         tests += [(k, *planned)] if planned else []
     return tests
-
-
-def _needs_a_test(part: BudgetPart, named: Sequence[Named]) -> bool:
-    if part.index is None:
-        return bool(part.members) and not part.cause and not is_play(part.members[0].effect)
-    name = named[part.index]
-    if is_open(part, name):
-        return not is_play(name.effect)
-    return name.stands and part.share > _MUCH and any(rival.posterior * ODDS >= name.posterior for rival in name.rivals)

@@ -44,7 +44,7 @@ DRIFTING_SHARE = 0.5
 move joints and ball smoothly. Chosen: one half."""
 _SHARES = np.array([0.0, 0.3, 0.6, 0.9])
 """Shares that are tried where repeats determine it. Chosen: a few runs do not separate closer ones."""
-_OWN = (slice(None, -3), slice(-3, None))
+_JOINTS_AND_BALL = (slice(None, -3), slice(-3, None))
 """The columns of a response that belong to the joints, and to the ball."""
 _DRIFT_ORDERS = 3
 """Orders of the drift, in cycles per run. Chosen: slower than any joint motion of a circle."""
@@ -208,22 +208,19 @@ def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
     """
     joints, ball, share = (axis.ravel() for axis in np.meshgrid(_MULTIPLES, _MULTIPLES, _SHARES, indexing="ij"))
     squares = np.stack([joints**2 * (1 - share), ball**2 * (1 - share), joints**2 * share, ball**2 * share], axis=1)
-    evidence = sum(_evidence(runs, sd_mm, squares) for runs, sd_mm in repeated)
+    evidence = np.zeros(len(squares))
+    for runs, sd_mm in repeated:
+        apart, constant, drifting = runs.whitened(sd_mm)
+        span = _span_of(np.concatenate([constant, *drifting], axis=1))
+        waves = [drifting[:, :, columns].transpose(1, 0, 2).reshape(len(constant), -1) for columns in _JOINTS_AND_BALL]
+        inside = [span.T @ part for part in (*(constant[:, columns] for columns in _JOINTS_AND_BALL), *waves)]
+        C = np.tensordot(squares, np.stack([part @ part.T for part in inside]), axes=1)
+        C[:, np.arange(len(C[0])), np.arange(len(C[0]))] += 1.0
+        Z = apart @ span
+        cost = np.einsum("nr,srn->s", Z, np.linalg.solve(C, np.broadcast_to(Z.T, (len(C), *Z.T.shape))))
+        evidence += -0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost)
     weight = np.exp(evidence - np.max(evidence))
     return RunScatter(*np.sqrt(weight @ squares / weight.sum()).tolist())
-
-
-def _evidence(runs: Repeated, sd_mm: Array, squares: Array) -> Array:
-    """Return the log evidence (s,) of scatters, given their squares (s, 4) in the order of `RunScatter`."""
-    apart, constant, drifting = runs.whitened(sd_mm)
-    span = _span_of(np.concatenate([constant, *drifting], axis=1))
-    waves = [drifting[:, :, columns].transpose(1, 0, 2).reshape(len(constant), -1) for columns in _OWN]
-    inside = [span.T @ part for part in (*(constant[:, columns] for columns in _OWN), *waves)]
-    C = np.tensordot(squares, np.stack([part @ part.T for part in inside]), axes=1)
-    C[:, np.arange(len(C[0])), np.arange(len(C[0]))] += 1.0
-    Z = apart @ span
-    cost = np.einsum("nr,srn->s", Z, np.linalg.solve(C, np.broadcast_to(Z.T, (len(C), *Z.T.shape))))
-    return np.asarray(-0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -239,7 +236,7 @@ band with two repeats."""
 _SLOW = 30
 """Orders below this share a level, and so do those above: servo ripple and path errors are slow, the noise of a probe
 is not. Chosen."""
-_SLOW_HALF = 5.0
+_SLOW_CORNER = 5.0
 """The order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s, within the
 0.1 to 5 s of real cells."""
 _ROUNDS = 4
@@ -287,7 +284,18 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
         if len(group.rows) > 1:
             repeated.setdefault(group.setup, []).append(k)
     if not repeated:
-        assumed = [np.tile(_assumed(group, averaged), (len(group.rows), 1)) for group in groups]
+        # That of real cells. A drifting scatter, which nothing separates from the noise of a single run, is in it by
+        # bands.
+        assumed, count = [], len(ORDER_OF) // 2
+        for group in groups:
+            slow = 1 / (1 + (ORDER_OF / _SLOW_CORNER) ** 2)
+            # The energy of a channel of `count` unitary entries is `count` times the mean square of its readings.
+            slow *= SLOW_MM.rms**2 / group.laps * count / slow[:count].sum()
+            drifting = ((group.drifting * ASSUMED_SCATTER.drifting(group.response.shape[1])) ** 2).sum(axis=(0, 2))
+            for entries in _bands():
+                drifting[entries] = drifting[entries].mean()
+            sd = np.sqrt(WHITE_MM.rms**2 * averaged + slow + drifting)
+            assumed.append(np.tile(sd, (len(group.rows), 1)))
         return CircleNoise(tuple(assumed), {"": ASSUMED_SCATTER}, measured=False)
     sd_mm: dict[int, Array] = {}
     scattered = {}
@@ -329,23 +337,10 @@ _PART: Integers = np.asarray((np.arange(len(ORDER_OF)) >= len(ORDER_OF) // 2) * 
 """The index of an entry's level among the four levels of a run."""
 
 
-def _assumed(group: Repeated, averaged: float) -> Array:
-    """Return the assumed standard deviation (N,) mm of the entries of one run, from the noise of real cells. A drifting
-    scatter, which nothing separates from the noise of a single run, is in it by bands."""
-    count = len(ORDER_OF) // 2
-    slow = 1 / (1 + (ORDER_OF / _SLOW_HALF) ** 2)
-    # The energy of a channel of `count` unitary entries is `count` times the mean square of its readings.
-    slow *= SLOW_MM.rms**2 / group.laps * count / slow[:count].sum()
-    drifting = ((group.drifting * ASSUMED_SCATTER.drifting(group.response.shape[1])) ** 2).sum(axis=(0, 2))
-    for entries in _bands():
-        drifting[entries] = drifting[entries].mean()
-    return np.asarray(np.sqrt(WHITE_MM.rms**2 * averaged + slow + drifting), dtype=float)
-
-
 def _bands() -> list[Integers]:
     """Return the indices of the entries of each channel and band in which noise is pooled."""
-    half = len(ORDER_OF) // 2
-    channels = (np.arange(half), np.arange(half, len(ORDER_OF)))
+    per_channel = len(ORDER_OF) // 2
+    channels = (np.arange(per_channel), np.arange(per_channel, len(ORDER_OF)))
     bands = [(channel, low, high) for channel in channels for low, high in pairwise(_BANDS)]
     return [channel[(ORDER_OF[channel] >= low) & (ORDER_OF[channel] < high)] for channel, low, high in bands]
 

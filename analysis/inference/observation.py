@@ -207,7 +207,7 @@ def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -
 # noise of a gauge, and a model that follows the steps would explain them by gauge errors. An arm on a circle moves
 # smoothly, so a local parabola over a fifth of a second to either side replaces the angles of the lap.
 
-_HALF_S = 0.2
+_HALF_WIDTH_S = 0.2
 """Half the width of the local parabola in seconds. Chosen: longer than several samples at 50 Hz, and shorter than the
 reversal of a joint."""
 
@@ -218,11 +218,11 @@ def smooth_path(run: ObservedRun) -> ObservedRun:
         return run
     # A parabola overshoots where the robot starts and stops, and would create reversals, so only laps are smoothed.
     laps, t_s, q = run.samples, run.path.t_s, run.path.q
-    reach = max(2, int(np.ceil(_HALF_S / float(np.median(np.diff(t_s))))))
+    reach = max(2, int(np.ceil(_HALF_WIDTH_S / float(np.median(np.diff(t_s))))))
     index = np.arange(len(t_s))[:, None] + np.arange(-reach, reach + 1)
     inside = (index >= 0) & (index < len(t_s))
     index = np.clip(index, 0, len(t_s) - 1)
-    x = (t_s[index] - t_s[:, None]) / _HALF_S
+    x = (t_s[index] - t_s[:, None]) / _HALF_WIDTH_S
     weight = np.where(inside & (np.abs(x) < 1), 1 - x**2, 0.0)  # Epanechnikov's kernel
     powers = np.stack([np.ones_like(x), x, x**2], axis=2)
     normal = np.einsum("nw,nwi,nwj->nij", weight, powers, powers) + 1e-12 * np.eye(3)
@@ -400,9 +400,9 @@ def by_orders(readings: Array) -> Array:
 
 def curve(vector: Array) -> Array:
     """Return readings (GRID, 2) at the grid from the orders (N,) of a circle's vector."""
-    half = len(ORDER_OF) // 2
+    per_channel = len(ORDER_OF) // 2
     channels = []
-    for part in (vector[:half], vector[half : 2 * half]):
+    for part in (vector[:per_channel], vector[per_channel : 2 * per_channel]):
         spectrum = np.zeros(ORDERS + 1, dtype=complex)
         spectrum[0] = part[0]
         spectrum[1:ORDERS] = (part[1:ORDERS] + 1j * part[ORDERS:]) / np.sqrt(2)

@@ -134,11 +134,11 @@ def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[O
     for name, homes in trials.items():
         if homes:
             home = settled[homes[0]]
-            moved_mm = rms(_left([*home, *(replace(run, setup=name) for run in runs)]))
+            moved_mm = rms(_residuals([*home, *(replace(run, setup=name) for run in runs)]))
             if few:
                 is_home = target_of(name) == target_of(homes[0])
             else:
-                apart_mm = max(rms(_left(home)), rms(_left(runs)))
+                apart_mm = max(rms(_residuals(home)), rms(_residuals(runs)))
                 is_home = moved_mm < max(_APART * apart_mm, apart_mm + _APART_MM)
             fits += [(moved_mm, name)] * is_home
     return min(fits)[1] if fits else targeted(setup, str(len(targets) + 1))
@@ -230,9 +230,9 @@ def _target_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[l
 
     def is_home(frame: Sequence[int], k: int) -> bool:
         others, last = [runs[j] for j in frame], runs[k]
-        together, alone_mm = _left([*others, last]), rms(_left(others))
+        together, alone_mm = _residuals([*others, last]), rms(_residuals(others))
         if last.values.size >= last.table.kind.setup_terms + TO_SPARE:
-            alone_mm = max(alone_mm, rms(_left([last])))
+            alone_mm = max(alone_mm, rms(_residuals([last])))
         apart = max(rms(together[:-1]), rms(together[-1:]))
         return apart < _APART * alone_mm or apart < alone_mm + _APART_MM
 
@@ -246,7 +246,7 @@ def _target_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[l
     return frames
 
 
-def _left(runs: Sequence[ObservedRun]) -> list[Array]:
+def _residuals(runs: Sequence[ObservedRun]) -> list[Array]:
     """Return the residuals (m, k) mm of runs with their set-ups fitted."""
     setups = fit_setups(runs)
     return [residual_of(run, setups) for run in runs]

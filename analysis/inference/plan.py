@@ -22,7 +22,7 @@ from analysis.inference.expected import (
     planned_blocks,
     without_bands,
 )
-from analysis.inference.responses import Linearisation, beside
+from analysis.inference.responses import beside
 from analysis.kinematics.arm import Array, transform
 from analysis.model.predict import SetUp
 from analysis.traces.kind import kinds
@@ -272,34 +272,30 @@ def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], li
     forms: dict[str, list[Candidate]] = {}
     for candidate in expected.candidates:
         forms.setdefault(label_of(candidate.effect), []).append(candidate)
-    nudges = [turned(axis, _NUDGE_DEG) for axis in range(1, expected.linear.axes + 1)]
-    zeros: Array = np.linalg.norm(expected.linear.columns(nudges), axis=0)
-    chosen, detectabilities = [], []
+    linear, chosen, detectabilities = expected.linear, [], []
+    nudges = [turned(axis, _NUDGE_DEG) for axis in range(1, linear.axes + 1)]
+    # The sigmas of each joint's zero, were the set-up known.
+    zeros: Array = np.linalg.norm(linear.columns(nudges), axis=0)
     for label, candidates in forms.items():
         candidate = sorted(candidates, key=lambda form: form.size)[len(candidates) // 2]
-        effect, sd = healthy(candidate.effect), expected.sd(candidate)
-        hidden = "" if is_detectable(sd) else _reason(expected.linear, effect, zeros)
+        effect, sd, hidden = healthy(candidate.effect), expected.sd(candidate), ""
+        if not is_detectable(sd):
+            column, axis = linear.columns([effect])[:, 0], getattr(effect, "axis", None)
+            whole, remaining = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
+            if whole > _NOTHING and remaining < _OWN_SHARE * whole:
+                terms = sorted({block.table.kind.setup_words for block in linear.blocks})
+                hidden = f"the set-up absorbs it: {'; '.join(terms)}, which are always fitted"
+            elif axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
+                hidden = f"the ball lies on axis {axis}"
+            elif LARGEST_FAULT * whole < _NOTHING:
+                hidden = effect.idle
+            elif LARGEST_FAULT * remaining < DETECTABLE:
+                hidden = f"too small: even {LARGEST_FAULT:g} times its healthy size stays below {DETECTABLE:g} sigma"
+            else:
+                hidden = "the other effects of a healthy arm hide it"
         chosen.append(candidate)
         detectabilities.append(Detectability(label, effect, sd * healthy_size(effect), hidden))
     return chosen, detectabilities
-
-
-def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
-    """Return why an effect cannot be detected; `zeros` (6,) are the sigmas of each joint's zero, were the
-    set-up known."""
-    column = linear.columns([effect])[:, 0]
-    whole, remaining = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
-    if whole > _NOTHING and remaining < _OWN_SHARE * whole:
-        terms = sorted({block.table.kind.setup_words for block in linear.blocks})
-        return f"the set-up absorbs it: {'; '.join(terms)}, which are always fitted"
-    axis = getattr(effect, "axis", None)
-    if axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
-        return f"the ball lies on axis {axis}"
-    if LARGEST_FAULT * whole < _NOTHING:
-        return effect.idle
-    if LARGEST_FAULT * remaining < DETECTABLE:
-        return f"too small: even {LARGEST_FAULT:g} times its healthy size stays below {DETECTABLE:g} sigma"
-    return "the other effects of a healthy arm hide it"
 
 
 @dataclass(frozen=True)

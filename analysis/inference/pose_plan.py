@@ -176,5 +176,5 @@ def pool_of(rig: Rig, q: Array) -> Pool:
     variance = columns.variance(_LEVEL)
     of_set_ups = columns.X[:, columns.set_ups]
     variance[columns.set_ups] = _SET_UP_SIGMA**2 / np.mean(of_set_ups**2, axis=0)
-    half = columns.X * np.sqrt(variance)
-    return Pool(q, half @ half.T, block.sd_mm)
+    root = columns.X * np.sqrt(variance)
+    return Pool(q, root @ root.T, block.sd_mm)

@@ -44,8 +44,12 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     runs = [run for use in uses for run in use]
     names = [run.run.manifest.name for run in runs]
     use_of = [number for number, use in enumerate(uses) for _ in use]
-    found_wrong = findings_of(runs)
-    wrong = _contradicted(runs, found_wrong)
+    findings = findings_of(runs)
+    shown: dict[str, Finding] = {}  # the first that shows for certain that a run is no measurement as it is labelled
+    for finding in findings:
+        if finding.strength != "likely":
+            shown = dict.fromkeys(finding.runs, finding) | shown
+    wrong = {k: shown[name] for k, name in enumerate(names) if name in shown}
     if uses[0] and all(k in wrong for k in range(len(uses[0]))):
         raise FileError(str(runs[0].path), wrong[0].what, wrong[0].remedy)
     seen = _about_one_rig(rig, runs)
@@ -54,14 +58,13 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     doubts += far
     pieces = [(k, piece) for k in kept for piece in by_socket(seen[k])]
     of_pieces = [names[k] for k, _ in pieces]
-    found, of_frames = split_by_frame([piece for _, piece in pieces], of_pieces)
-    found, of_targets = split_by_target(found, of_pieces)
+    split_up, of_frames = split_by_frame([piece for _, piece in pieces], of_pieces)
+    split_up, of_targets = split_by_target(split_up, of_pieces)
     doubts += [f"{names[k]} is left out: {finding.words}" for k, finding in wrong.items()] + of_frames + of_targets
-    doubts += _likely(found_wrong)
-    doubts += _wild([(names[k], seen[k].wild, runs[k].table) for k in kept])
+    doubts += _doubts_of_gauges(findings, [(names[k], seen[k].wild, runs[k].table) for k in kept])
     parts = []
     for number in range(len(uses)):
-        of_use = [run for (k, _), run in zip(pieces, found, strict=True) if use_of[k] == number]
+        of_use = [run for (k, _), run in zip(pieces, split_up, strict=True) if use_of[k] == number]
         enough, too_few = with_enough_readings(of_use) if of_use else ([], [])
         parts.append([of_use[k] for k in enough])
         doubts += too_few
@@ -79,18 +82,10 @@ def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Mea
     return kept, [f"{run.run.manifest.name} is left out: it {run.table.kind.without_joints}" for run in without]
 
 
-def _contradicted(runs: Sequence[Measured], findings: Sequence[Finding]) -> dict[int, Finding]:
-    """Return the runs that are no measurement as they are labelled, each with what shows it."""
-    shown: dict[str, Finding] = {}
-    for finding in findings:
-        if finding.strength != "likely":
-            shown = dict.fromkeys(finding.runs, finding) | shown
-    names = [run.run.manifest.name for run in runs]
-    return {k: shown[name] for k, name in enumerate(names) if name in shown}
-
-
-def _likely(findings: Sequence[Finding]) -> list[str]:
-    """Return a message for each doubt about the gauges, with the runs that look so: their repeats do not show it."""
+def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, int, Table]]) -> list[str]:
+    """Return a message for each doubt about the gauges, with the runs that look so: their repeats do not show it; and
+    one with the number of wild readings of circles, if there are many, from the name, wild readings and table as it was
+    read of each run."""
     likely = [finding for finding in findings if finding.convention in (ORDER, SIGN) and finding.strength == "likely"]
     doubts = []
     for meant in dict.fromkeys(finding.meant for finding in likely):
@@ -100,19 +95,13 @@ def _likely(findings: Sequence[Finding]) -> list[str]:
             f"{meant} in {names[0]}{others}, where repeats cannot show it; every size would be wrong then: press a "
             "probe to see which is which before anything is corrected"
         )
-    return doubts
-
-
-def _wild(counted: Sequence[tuple[str, int, Table]]) -> list[str]:
-    """Return a message with the number of wild readings of circles, from the name, wild readings and table of
-    each run."""
     circles = [(name, wild, table.kind.readings(table).size) for name, wild, table in counted if table.kind.swept]
     wild, readings = sum(circle[1] for circle in circles), sum(circle[2] for circle in circles)
-    if wild <= _FEW * readings:
-        return []
-    most = max(circles, key=lambda circle: circle[1])
-    message = f"{wild} of {readings} readings of circles are wild and were replaced by interpolation"
-    return [f"{message} (most, {most[1]}, in {most[0]})"]
+    if wild > _FEW * readings:
+        worst, most, _ = max(circles, key=lambda circle: circle[1])
+        message = f"{wild} of {readings} readings of circles are wild and were replaced by interpolation"
+        doubts.append(f"{message} (most, {most}, in {worst})")
+    return doubts
 
 
 def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from analysis.inference.background import Background, FittedTerms, Weighed
+from analysis.inference.background import Background, FittedTerms, Marginal
 from analysis.inference.candidates import LARGEST_FAULT, alike_columns, departure_columns, fewest_columns
 from analysis.inference.responses import Linearisation, Response
 from analysis.kinematics.arm import Array
@@ -83,7 +83,7 @@ class Refined:
         return stated
 
     @cached_property
-    def known(self) -> FittedTerms:
+    def fitted_terms(self) -> FittedTerms:
         """The fitted terms for the background, with columns (N, t), expanded about the fitted values."""
         allowances = (*self.departures, self.free)
         allowed = sum(response.columns.shape[1] for response in allowances)
@@ -179,7 +179,7 @@ def no_effects(linear: Linearisation) -> Refined:
 class _Projected:
     """Values in the background, and `across` (f, k), their products with the departures and free forms."""
 
-    weighed: Weighed
+    marginal: Marginal
     across: Array
 
 
@@ -205,9 +205,9 @@ class _Problem:
         return np.array([u.spread for u in self.unknowns])
 
     @cached_property
-    def _allowed(self) -> Weighed:
-        """What is allowed for beside the effects: the columns (N, f) of departures and free forms, weighed."""
-        return self.background.weighed_responses((*self.departures, self.free))
+    def _allowed(self) -> Marginal:
+        """What is allowed for beside the effects: the columns (N, f) of departures and free forms, marginal."""
+        return self.background.marginal_responses((*self.departures, self.free))
 
     @cached_property
     def _inverse(self) -> Array:
@@ -217,7 +217,7 @@ class _Problem:
 
     @cached_property
     def _before(self) -> _Projected:
-        return self._projected(self.background.weighed_responses(self.fitted.tangents))
+        return self._projected(self.background.marginal_responses(self.fitted.tangents))
 
     def solved(self, effects: Sequence[Effect], rounds: int) -> Refined:
         """Return the solution of the Levenberg-Marquardt iteration within the bounds of the parameters."""
@@ -225,10 +225,10 @@ class _Problem:
         limits, phases = self._limits(effects), np.array([unknown.field == PHASE for unknown in self.unknowns])
         x = np.clip(x, limits[0], limits[1])
         now = self._with(effects, x)
-        r = self._left(now)
+        r = self._residual(now)
         cost, damping = self._cost(r, x), 1e-4
         slopes = self._slopes(now)
-        J = self._projected(self.background.weighed_responses(slopes))
+        J = self._projected(self.background.marginal_responses(slopes))
         H, fall = self._normal(J, r)
         for _ in range(rounds if len(x) else 0):
             gradient, least = fall - (x - self.expected) / self.spread**2, damping
@@ -240,7 +240,7 @@ class _Problem:
                 step = step_within(limits - x, damped, gradient)[0]
                 tried = np.where(phases, (x + step + 180) % 360 - 180, x + step)  # phases from -180 to 180 degrees
                 nearer = self._with(now, tried)
-                there_r = self._left(nearer)
+                there_r = self._residual(nearer)
                 there_cost = self._cost(there_r, tried)
                 if there_cost < cost:
                     break
@@ -252,7 +252,7 @@ class _Problem:
             # A damping that was needed is mostly needed again.
             damping = damping / 10 if damping == least else damping
             slopes = self._slopes(now)
-            J = self._projected(self.background.weighed_responses(slopes))
+            J = self._projected(self.background.marginal_responses(slopes))
             H, fall = self._normal(J, r)
             if gained < _ENOUGH:
                 break
@@ -264,17 +264,17 @@ class _Problem:
             self.free,
         )  # fmt: skip
 
-    def _left(self, effects: Sequence[Effect]) -> _Projected:
+    def _residual(self, effects: Sequence[Effect]) -> _Projected:
         """Return the residual (N, 1) with the effects, and with the background at its prior means."""
-        return self._projected(self.background.weighed_residual(self.linear.residual(effects)))
+        return self._projected(self.background.marginal_residual(self.linear.residual(effects)))
 
-    def _projected(self, weighed: Weighed) -> _Projected:
-        """Return weighed values (N, k) with their products with the departures and the free forms."""
-        return _Projected(weighed, self._allowed.products(weighed))
+    def _projected(self, marginal: Marginal) -> _Projected:
+        """Return marginal values (N, k) with their products with the departures and the free forms."""
+        return _Projected(marginal, self._allowed.products(marginal))
 
     def _product(self, first: _Projected, second: _Projected) -> Array:
         """Return one' (C + FF')⁻¹ other, with F the departures and free forms: (k, l) for values (N, k) and (N, l)."""
-        return first.weighed.products(second.weighed) - first.across.T @ self._inverse @ second.across
+        return first.marginal.products(second.marginal) - first.across.T @ self._inverse @ second.across
 
     def _normal(self, J: _Projected, r: _Projected) -> tuple[Array, Array]:
         """Return the normal matrix (q, q) of Gauss-Newton for the earlier unknowns and the slopes J of the new ones,

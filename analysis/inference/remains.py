@@ -9,7 +9,7 @@ found.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -27,6 +27,9 @@ _STRENGTHS = 4.0 ** np.arange(-8, 7)
 """Squares of a form's strength in this unit; the one that leaves least is taken. From a 256th of a unit to 64."""
 _SLOW = 4
 """Half waves over the duration of a run, or one beside it. Chosen: warming, a shift of an instrument, a day's cycle."""
+_FEWEST_GROUPS = 4
+"""Neighbourhoods below which nothing is said: one left out of three leaves too little to fit."""
+_Functions = Callable[[Block], Array]
 
 
 def remains_of(result: SearchResult, left_out: LeftOut, temperature: Array | None) -> Remains | None:
@@ -35,9 +38,22 @@ def remains_of(result: SearchResult, left_out: LeftOut, temperature: Array | Non
     linear = result.linear
     if not len(left_out.rows) or len(np.unique(left_out.group)) < _FEWEST_GROUPS:
         return None
+    half_waves = np.pi * np.arange(1, _SLOW + 1)
+    warmth: Array | None = None
+    one_table = len({id(block.table) for block in linear.blocks if block.table.kind.of_places}) == 1
+    if temperature is not None and one_table and np.ptp(temperature) > 0:
+        warmth = ((temperature - temperature.mean()) / np.ptp(temperature))[:, None]
+    # What places may go with, each as functions (n, c) rad at a block's samples, None where the runs do not have it.
+    subjects: dict[Subject, _Functions | None] = {
+        "posture": _of_places(lambda block: np.concatenate([f(block.table.q) for f in (np.cos, np.sin)], axis=1)),
+        "approach": _of_places(_sides),
+        "time": _of_places(lambda block: np.cos(half_waves * np.linspace(0.0, 1.0, len(block.table.q))[:, None])),
+        "temperature": None if warmth is None else _of_places(lambda _: warmth),
+        "speed": None,  # a robot that stands has none
+    }
     off = np.sqrt(left_out.robust) * left_out.missed
     looked = []
-    for subject, functions in _subjects(linear.blocks, temperature):
+    for subject, functions in subjects.items():
         share = None
         if functions is not None:
             axes = [linear.by_joint(axis, functions)[left_out.rows] for axis in range(1, linear.axes + 1)]
@@ -48,28 +64,7 @@ def remains_of(result: SearchResult, left_out: LeftOut, temperature: Array | Non
     return Remains(whole, noise, tuple(looked))
 
 
-_FEWEST_GROUPS = 4
-"""Neighbourhoods below which nothing is said: one left out of three leaves too little to fit."""
-Functions = Callable[[Block], Array]
-
-
-def _subjects(blocks: Sequence[Block], temperature: Array | None) -> Iterator[tuple[Subject, Functions | None]]:
-    """Yield what places may go with, each as functions (n, c) rad at the samples of a block, None where the runs do not
-    have it."""
-    yield "posture", _of_places(lambda block: np.concatenate([f(block.table.q) for f in (np.cos, np.sin)], axis=1))
-    yield "approach", _of_places(_sides)
-    half_waves, ends = np.pi * np.arange(1, _SLOW + 1), (0.0, 1.0)
-    yield "time", _of_places(lambda block: np.cos(half_waves * np.linspace(*ends, len(block.table.q))[:, None]))
-    one_table = len({id(block.table) for block in blocks if block.table.kind.of_places}) == 1
-    if temperature is not None and one_table and np.ptp(temperature) > 0:
-        warmth = ((temperature - temperature.mean()) / np.ptp(temperature))[:, None]
-        yield "temperature", _of_places(lambda _: warmth)
-    else:
-        yield "temperature", None
-    yield "speed", None  # a robot that stands has none
-
-
-def _of_places(of_rows: Callable[[Block], Array]) -> Functions:
+def _of_places(of_rows: Callable[[Block], Array]) -> _Functions:
     """Return functions at the samples of a block's path, of which each row of its table has as many, from those of the
     rows (n, c); zero for circles."""
 

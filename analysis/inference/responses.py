@@ -50,8 +50,21 @@ class NearResponses:
     def of(self, kind: str, effect: Effect, steps: Mapping[str, float], compute: Callable[[], Array]) -> Response:
         """Return the response of one kind of the latest effect whose parameters differ by at most `steps`, in their
         units, or compute its whitened columns (N, k). Parameters without a step do not differ."""
+        after = dict[str, Any](effect)
+
+        def is_near(earlier: Effect) -> bool:
+            for name, value in dict[str, Any](earlier).items():
+                if name == "found" or value == after[name]:
+                    continue
+                if name not in steps:
+                    return False
+                apart = abs(value - after[name])  # of phases the smaller way round
+                if (min(apart % 360, -apart % 360) if name == PHASE else apart) > steps[name]:
+                    return False
+            return True
+
         kept = self._kept.setdefault((kind, name_of(effect)), [])
-        near = next((response for response in kept if _is_near(response[0], effect, steps)), None)
+        near = next((response for response in kept if is_near(response[0])), None)
         if near is None:
             near = (effect, Response(compute()))
         else:
@@ -59,21 +72,6 @@ class NearResponses:
         kept.insert(0, near)
         del kept[_KEPT:]
         return near[1]
-
-
-def _is_near(first: Effect, second: Effect, steps: Mapping[str, float]) -> bool:
-    """Return whether two effects of one name differ by at most `steps` in each parameter, phases the smaller way
-    round."""
-    after = dict[str, Any](second)
-    for name, value in dict[str, Any](first).items():
-        if name == "found" or value == after[name]:
-            continue
-        if name not in steps:
-            return False
-        apart = abs(value - after[name])
-        if (min(apart % 360, -apart % 360) if name == PHASE else apart) > steps[name]:
-            return False
-    return True
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -126,7 +124,7 @@ class Linearisation:
 
     @cached_property
     def y(self) -> Array:
-        """The residual (N,) with the known effects."""
+        """The residual (N,) with the reference effects."""
         white = [block.white(y_mm) for block, y_mm in zip(self.blocks, self.y_mm, strict=True)]
         return self.at_entries(white, self.distances.residual(self.setups))
 
@@ -141,9 +139,9 @@ class Linearisation:
         return self.blocks[0].model.load.payload_kg
 
     @property
-    def known(self) -> tuple[Effect, ...]:
+    def reference(self) -> tuple[Effect, ...]:
         """The effects beside those of the rig file that are part of the model."""
-        return self.simulated[0].known
+        return self.simulated[0].reference
 
     @cached_property
     def distances(self) -> KnownDistances:
@@ -245,7 +243,7 @@ class Linearisation:
         of_poses = np.where(np.isin(np.arange(len(moves)), sorted(poses)), moves, 0.0)
         scenes = self._scenes(())
         moved, unmoved = (
-            self._left((), scenes, self.setups_moved_by(terms)) for terms in (of_poses, np.zeros_like(of_poses))
+            self._residual_in((), scenes, self.setups_moved_by(terms)) for terms in (of_poses, np.zeros_like(of_poses))
         )
         entries = sum(len(block.y_mm) for block in self.blocks if block.table.kind.of_places)
         return bool(np.linalg.norm(moved - unmoved + self.U @ of_poses) <= _BENT * np.sqrt(entries))
@@ -262,7 +260,7 @@ class Linearisation:
         return self.at_entries([simulated.columns(effects) for simulated in self.simulated])
 
     def residual(self, effects: Sequence[Effect]) -> Array:
-        """Return the whitened residual (N,) with `effects` in place of the known ones, all of them on the simulator
+        """Return the whitened residual (N,) with `effects` in place of the reference ones, all of them on the simulator
         together.
 
         A large effect moves the ball by a millimetre, over which readings are not linear. So they are simulated where
@@ -276,39 +274,39 @@ class Linearisation:
         return [self.residual([*effects[:k], *effects[k + 1 :]]) - residual for k in range(len(effects))]
 
     def moves_with(self, effects: Sequence[Effect]) -> Array:
-        """Return the terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the known ones.
-        Combinations of terms that hardly show go where the tool goes."""
+        """Return the terms of the set-ups (s,) mm that fit the readings best with `effects` in place of the reference
+        ones. Combinations of terms that hardly show go where the tool goes."""
         return self._best_fit(effects)[1].copy()
 
     def _best_fit(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Return `residual` and `moves_with`, which fits, searches and verdicts ask of the same effects in turn."""
-        return recent(self._fits, tuple(map(without_origin, effects)), lambda: self._fitted(effects), _FITS)
 
-    def _fitted(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
-        """Return the same, computed."""
-        scenes = self._scenes(effects)
-        starts = [self._moves_with_tool(scenes)]
-        if np.abs(starts[0]).max() > _FAR_MM:
-            # After a collision, and where runs are simulated, the ball stands where it stood.
-            starts.append(np.zeros_like(starts[0]))
-        fits = []
-        for start in starts:
-            moves = start
-            residual = self._left(effects, scenes, self.setups_moved_by(moves))
-            for _ in range(_STEPS):
-                step = self._best_moves @ residual
-                if np.abs(step).max() < _NEAR_MM:
-                    break
-                nearer = self._left(effects, scenes, self.setups_moved_by(moves + step))
-                if nearer @ nearer >= residual @ residual:
-                    break
-                moves, residual = moves + step, nearer
-            fits.append((residual, moves))
-        residual, moves = min(fits, key=lambda fit: float(np.sum(self.without_set_up(fit[0]) ** 2)))
-        return residual + self.U @ moves, moves
+        def compute() -> tuple[Array, Array]:
+            scenes = self._scenes(effects)
+            starts = [self._moves_with_tool(scenes)]
+            if np.abs(starts[0]).max() > _FAR_MM:
+                # After a collision, and where runs are simulated, the ball stands where it stood.
+                starts.append(np.zeros_like(starts[0]))
+            fits = []
+            for start in starts:
+                moves = start
+                residual = self._residual_in(effects, scenes, self.setups_moved_by(moves))
+                for _ in range(_STEPS):
+                    step = self._best_moves @ residual
+                    if np.abs(step).max() < _NEAR_MM:
+                        break
+                    nearer = self._residual_in(effects, scenes, self.setups_moved_by(moves + step))
+                    if nearer @ nearer >= residual @ residual:
+                        break
+                    moves, residual = moves + step, nearer
+                fits.append((residual, moves))
+            residual, moves = min(fits, key=lambda fit: float(np.sum(self.without_set_up(fit[0]) ** 2)))
+            return residual + self.U @ moves, moves
+
+        return recent(self._fits, tuple(map(without_origin, effects)), compute, _FITS)
 
     def _scenes(self, effects: Sequence[Effect]) -> list[Scene]:
-        """Return the scene of each block up to the tool with `effects` in place of the known ones."""
+        """Return the scene of each block up to the tool with `effects` in place of the reference ones."""
         return [simulated.scene_with(effects) for simulated in self.simulated]
 
     def _moves_with_tool(self, scenes: Sequence[Scene]) -> Array:
@@ -321,8 +319,8 @@ class Linearisation:
         return moves
 
     def responses(self, effects: Sequence[Effect], setups: Mapping[str, SetUp] | None = None) -> list[Array]:
-        """Return what `effects`, in place of the known ones, add to the entries (N,) mm of each block, in given set-ups
-        or, without these, with each ball moved as far as the tool."""
+        """Return what `effects`, in place of the reference ones, add to the entries (N,) mm of each block, in given
+        set-ups or, without these, with each ball moved as far as the tool."""
         scenes = self._scenes(effects)
         return self._responses(effects, scenes, setups or self.setups_moved_by(self._moves_with_tool(scenes)))
 
@@ -336,15 +334,15 @@ class Linearisation:
             for simulated, scene in both
         ]
 
-    def _left(self, effects: Sequence[Effect], scenes: Sequence[Scene], setups: Mapping[str, SetUp]) -> Array:
+    def _residual_in(self, effects: Sequence[Effect], scenes: Sequence[Scene], setups: Mapping[str, SetUp]) -> Array:
         """Return the whitened residual (N,) with `effects` in given set-ups."""
         added = zip(self.blocks, self._responses(effects, scenes, setups), strict=True)
         apart = self.distances.residual(self.setups) - self.distances.residual(setups)
         return self.y - self.at_entries([block.white(entries) for block, entries in added], apart)
 
     def simulated_with(self, effects: Sequence[Effect]) -> Linearisation:
-        """Return the linearisation of the same runs with readings simulated with `effects` in place of the known ones
-        and without noise; y is (N,)."""
+        """Return the linearisation of the same runs with readings simulated with `effects` in place of the reference
+        ones and without noise; y is (N,)."""
         return replace(self, y_mm=tuple(self.responses(effects)))
 
     def without_set_up(self, values: Array) -> Array:

@@ -510,6 +510,11 @@ class Diagnosis(Tabular):
         return plain
 
 
+def likely_rivals(named: Named) -> list[Rival]:
+    """Return the rivals of a name that cannot be dismissed."""
+    return [rival for rival in named.rivals if rival.posterior * ODDS >= named.posterior]
+
+
 def is_open(part: BudgetPart, named: Named) -> bool:
     """Return whether an effect that is no fault, or that usual errors may show as well, makes much of the error, and
     its odds are below those of a sure name."""

@@ -46,8 +46,8 @@ change the columns of those found before, and of three complete selections the s
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The result of a search: the selection among runs about set-ups and known effects, its state, and each name with
-    its rivals. N counts the whitened entries of all blocks."""
+    """The result of a search: the selection among runs about set-ups and reference effects, its state, and each name
+    with its rivals. N counts the whitened entries of all blocks."""
 
     selection: Selection
     state: SelectionState
@@ -55,7 +55,7 @@ class SearchResult:
 
     @property
     def linear(self) -> Linearisation:
-        """The runs about set-ups and known effects."""
+        """The runs about set-ups and reference effects."""
         return self.selection.linear
 
     @property
@@ -117,7 +117,7 @@ class SearchResult:
     def free_share(self) -> Array:
         """What free forms add to the whitened readings (N,)."""
         free = self.fit.free.columns
-        return free @ self.posterior.known[len(self.posterior.known) - free.shape[1] :]
+        return free @ self.posterior.term_means[len(self.posterior.term_means) - free.shape[1] :]
 
     @cached_property
     def calibrated_posterior(self) -> Posterior:
@@ -221,7 +221,7 @@ once in a million diagnoses."""
 _LEAST_SHARE = 0.2
 """Smallest share of the residual energy that must follow the direction of travel. Poses are visited in some order, so a
 small share always does: 8 % in a UR10 measured at rest (Landgraf et al. 2021)."""
-_ALIKE, _OWN = 0.5, 0.2
+_ALIKE, _UNABSORBED = 0.5, 0.2
 """Chosen: a contribution counts as an arrival error when at least 0.5 of its own energy follows the direction of
 travel; and at least 0.2 of its energy must remain once the dependence on joint angle is removed."""
 _STEPS = 19
@@ -257,7 +257,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
         whole = np.concatenate([linear.by_joint(axis, _of_joint(off, axis - 1)) for axis in joints], axis=1)
         A = free(whole)
         y = free(_with_alike(result, A, free))
-        shown = (A**2).sum(axis=0) > _OWN * (whole**2).sum(axis=0)
+        shown = (A**2).sum(axis=0) > _UNABSORBED * (whole**2).sum(axis=0)
         ahead, sd = np.zeros(len(joints)), np.full(len(joints), np.inf)
         inverse = np.linalg.pinv(A[np.ix_(rows, shown)])
         ahead[shown] = inverse @ y[rows]
@@ -310,7 +310,7 @@ def _with_alike(result: SearchResult, A: Array, free: Callable[[Array], Array]) 
     freed, basis = free(taken), basis_of(A)
     energy = (freed**2).sum(axis=0)
     alike = ((basis.T @ freed) ** 2).sum(axis=0) > _ALIKE * np.maximum(energy, 1e-12)
-    alike &= energy > _OWN * (taken**2).sum(axis=0)
+    alike &= energy > _UNABSORBED * (taken**2).sum(axis=0)
     # The sum of many waves takes what goes with the way a joint came, and no single one of them resembles it.
     alike[columns.curves.columns] = True
     return np.asarray(posterior.residual + taken[:, alike].sum(axis=1), dtype=float)

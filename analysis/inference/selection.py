@@ -61,11 +61,11 @@ _FAULTS = 2.0
 """Expected number of faults of an arm that somebody diagnoses, before anything is measured. Chosen: between one fault
 and the 9 to 14 of an arm that was never calibrated."""
 _OFF = 0.1
-"""Share of what the faults do by which the known ones may differ from them. Chosen: columns beside no faults missed up
-to 1 % of a large one, so that they then miss 0.1 %."""
+"""Share of what the faults do by which the reference ones may differ from them. Chosen: columns beside no faults missed
+up to 1 % of a large one, so that they then miss 0.1 %."""
 _FEW_SIGMA = 100.0
-"""Norm of what the faults and the known ones do differently, in standard deviations of the noise, up to which columns
-hold, however small the faults are. Chosen: columns that miss 1 % of it (6 % at worst) miss one (six)."""
+"""Norm of what the faults and the reference ones do differently, in standard deviations of the noise, up to which
+columns hold, however small the faults are. Chosen: columns that miss 1 % of it (6 % at worst) miss one (six)."""
 _DEPTH = 40
 """Largest number of fitted effects: real arms that were never calibrated have 9 to 14 faults, and as many visible
 healthy effects."""
@@ -148,7 +148,15 @@ class Selection:
         bare = SelectionState(none, (-1,) * len(effects), 1.0, strength, robust, curves=first)
         state = replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), effects))
         if first is not None:
-            return self._with_curves(state)
+            # The likeliest curves and noise, and then the weights of wild readings beside them, in turn. Readings whose
+            # weights came before the curves looked wild where a curve was large, and 30 poses of a UR10 left a tenth
+            # more.
+            for _ in range(_CURVE_ROUNDS):
+                whole = self.evidence(state)
+                state = self._renewed(self._with_likeliest_curves(state, self._hyperparameters.strength_limits))
+                if self.evidence(state) - whole < _ENOUGH_OF_CURVES:
+                    break
+            return state
         state = self._renewed(self._renewed(state))
         if curves is None:
             return state
@@ -160,17 +168,6 @@ class Selection:
     def _of_tracker(self) -> bool:
         """Whether all readings are poses of a tracker."""
         return all(block.table.kind.of_tracker for block in self.linear.blocks)
-
-    def _with_curves(self, state: SelectionState) -> SelectionState:
-        """Return the state with the likeliest curves and noise, and then the weights of wild readings beside them, in
-        turn until the evidence hardly rises. Readings that were weighed before curves had their size looked wild where
-        a curve was large, and 30 poses of a UR10 left a tenth more."""
-        limits = self._hyperparameters.strength_limits
-        for _ in range(_CURVE_ROUNDS):
-            whole, state = self.evidence(state), self._renewed(self._with_likeliest_curves(state, limits))
-            if self.evidence(state) - whole < _ENOUGH_OF_CURVES:
-                break
-        return state
 
     def state_with(self, effects: Sequence[Effect], before: SelectionState | None = None) -> SelectionState:
         """Return a state with the given effects fitted, whatever size and shape they are given with.
@@ -199,7 +196,7 @@ class Selection:
         """Return the state with the likeliest sizes of the curves of joints, and the likeliest strengths of the noise
         beside them within `limits` (2, b)."""
         assert state.curves is not None  # noqa: S101 - poses alone have them
-        of_curves, terms, noise = self.columns.curves.columns, state.refined.known, self._hyperparameters
+        of_curves, terms, noise = self.columns.curves.columns, state.refined.fitted_terms, self._hyperparameters
 
         def likelihood(curves: JointCurves, strength: Array) -> tuple[float, Array, Array]:
             background = self.backgrounds.of(replace(state, curves=curves, strength=strength))
@@ -251,7 +248,7 @@ class Selection:
         linear = self.linear
         if not linear.is_straight(self.moves(state)):
             return False
-        before, now = state.faults_among(linear.known), state.faults_among(state.effects)
+        before, now = state.faults_among(linear.reference), state.faults_among(state.effects)
         if not (before or now):
             return True
         with_before, with_now, without = (linear.residual(effects) for effects in (before, now, ()))
@@ -307,7 +304,7 @@ class Selection:
                         changed = unnamed
                     elif changed is not None and changed.is_fault(-1):
                         newest = changed.effects[-1]
-                        is_new = not any(is_alike(before, newest) for before in self.linear.known)
+                        is_new = not any(is_alike(before, newest) for before in self.linear.reference)
                         if stops and with_free_form is None and is_new and not self.holds_for(changed):
                             return changed, None
                         changed = self.settled(*beginnings(changed))
@@ -319,7 +316,7 @@ class Selection:
 
     def posterior(self, state: SelectionState) -> Posterior:
         """Return the posterior of all coefficients in a state."""
-        return self.backgrounds.of(state).posterior(state.refined.known)
+        return self.backgrounds.of(state).posterior(state.refined.fitted_terms)
 
     def without_free_forms(self, state: SelectionState) -> SelectionState:
         """Return the state without its free forms, with the same effects and the noise that it shows then."""
@@ -382,9 +379,9 @@ class Selection:
         refined = state.refined
         effect = refined.effects[place]
         row = next(k for k, u in enumerate(refined.unknowns) if u.effect == place)
-        healthy, variance = healthy_size(effect), posterior.known_covariance[row, row]
+        healthy, variance = healthy_size(effect), posterior.term_covariance[row, row]
         values = np.array([max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * healthy**2])
-        seen = np.array([((refined.values[row] + posterior.known[row]) / variance * healthy) ** 2])
+        seen = np.array([((refined.values[row] + posterior.term_means[row]) / variance * healthy) ** 2])
         among = self.columns.among.get(name_of(effect), 1)
         # The variance that an arm of this state has in the form nearest to the effect.
         forms, usual = self.columns.forms, state.level**2
@@ -421,7 +418,7 @@ class Selection:
 
     def evidence(self, state: SelectionState) -> float:
         """Return the log evidence of a state, up to a constant."""
-        evidence = self.backgrounds.of(state).evidence(state.refined.known)
+        evidence = self.backgrounds.of(state).evidence(state.refined.fitted_terms)
         prices = sum(self.price(effect, state.level) for effect in state.effects)
         if stands_softly(state.effects):
             prices -= _HEALTHY_PRICE  # the shoulder's softness is free beside it, as if it were fitted

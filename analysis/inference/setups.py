@@ -229,7 +229,7 @@ def _placed(runs: Sequence[ObservedRun], starts: Mapping[str, SetUp]) -> dict[st
     def at(change: Array) -> dict[str, SetUp]:
         return {name: moved_setup(starts[name], table, change[columns[name]]) for name, table in tables.items()}
 
-    def left(change: Array) -> Array:
+    def residual(change: Array) -> Array:
         placed = at(change)
         return np.concatenate([
             (run.values - predicted_in_scene(run.model, run, scene, placed[run.setup])).ravel()
@@ -239,9 +239,9 @@ def _placed(runs: Sequence[ObservedRun], starts: Mapping[str, SetUp]) -> dict[st
     ball = np.arange(count) < (0 if poses else 3)
     so_far, change, J = np.zeros(count), np.zeros(count), np.empty(0)
     for turn in range(_ROUNDS):
-        r = left(so_far)
+        r = residual(so_far)
         if turn == 0 or np.abs(change).max() > _STRAIGHT_MM:
-            J = np.stack([(r - left(step)) / _STEP_MM for step in so_far + _STEP_MM * np.eye(count)], axis=1)
+            J = np.stack([(r - residual(step)) / _STEP_MM for step in so_far + _STEP_MM * np.eye(count)], axis=1)
         # A ball at the limit of its prior costs as much as what set-ups cannot fit. With all of the residual in place
         # of that, a ball that is a centimetre off would stay there.
         kept = r - J @ np.linalg.lstsq(J, r)[0]

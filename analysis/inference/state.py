@@ -134,7 +134,7 @@ def stands_softly(effects: Sequence[Effect]) -> bool:
 # The backgrounds of selection states, of which the most recent are kept.
 
 _KEPT = 6
-"""Number of backgrounds that are cached, at some 20 MB each with what they have weighed (1000 columns and 150 terms of
+"""Number of backgrounds that are cached, at some 20 MB each with their marginals (1000 columns and 150 terms of
 4600 entries). With twelve, 1495 poses of a UR10 took 145 factors instead of 153, and 25 MB more."""
 _GRAMS = 4
 """Number of weighted products of the columns that are cached, at some 8 MB each: one round tries two strengths."""

@@ -13,10 +13,18 @@ from functools import partial
 from typing import Any
 
 from analysis.inference.act_list import LEAST_SHARE
-from analysis.inference.result import CERTAIN_ODDS, LARGE_SHARE, BudgetPart, Diagnosis, Named, is_sure, is_there
+from analysis.inference.result import (
+    CERTAIN_ODDS,
+    LARGE_SHARE,
+    BudgetPart,
+    Diagnosis,
+    Named,
+    is_sure,
+    is_there,
+    likely_rivals,
+)
 from analysis.reporting.diagnosis_words import (
     LEAST_ODDS,
-    likely_rivals,
     micrometres,
     percent,
     plain,

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 
 from analysis.inference.residuals import Curve, Place, ResidualBand
-from analysis.inference.result import ODDS, Gap, Member, Named, Remains, Rival
+from analysis.inference.result import Gap, Member, Named, Remains, Rival, likely_rivals
 from analysis.measures.quantity import Quantity, parameters_of, quantity_of
 from analysis.reporting.texts import Texts
 from rigs.effects import Effect, size_field
@@ -53,11 +53,6 @@ def beside_size(named: Named) -> list[str]:
 def rival_names(named: Named) -> list[str]:
     """The names of the rivals of a name that cannot be dismissed."""
     return [name_of(rival.effect) for rival in likely_rivals(named)]
-
-
-def likely_rivals(named: Named) -> list[Rival]:
-    """The rivals of a name that cannot be dismissed."""
-    return [rival for rival in named.rivals if rival.posterior * ODDS >= named.posterior]
 
 
 def sure(posterior: float) -> str:

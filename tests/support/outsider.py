@@ -120,7 +120,7 @@ class Stated:
     def mean(self) -> Array:
         """The mean (d,) of every value, with the last step of the fit."""
         fitted = self.refined.values
-        return np.concatenate([fitted + self.posterior.known[: len(fitted)], self.posterior.mean])
+        return np.concatenate([fitted + self.posterior.term_means[: len(fitted)], self.posterior.mean])
 
     @property
     def u(self) -> Array:
@@ -130,7 +130,9 @@ class Stated:
     @property
     def left(self) -> Array:
         """The step (d,), in standard uncertainties, that the fit did not take, because it gained too little."""
-        return np.concatenate([self.posterior.known[: len(self.refined.values)], np.zeros(len(BESIDE) + 9)]) / self.u
+        return (
+            np.concatenate([self.posterior.term_means[: len(self.refined.values)], np.zeros(len(BESIDE) + 9)]) / self.u
+        )
 
     @cached_property
     def covariance(self) -> Array:
@@ -183,7 +185,7 @@ def stated(one: Case) -> Stated:
         columns = _columns(linear)
         background = background_of(columns, np.ones(len(linear.y)), columns.variance(1.0))
         found = refine(linear, background, effects)
-        posterior = background.posterior(found.known)
+        posterior = background.posterior(found.fitted_terms)
         effects = known = found.effects
         setups = linear.setups_moved_by(posterior.mean[columns.set_ups])
     return Stated(one, linear, found, posterior)

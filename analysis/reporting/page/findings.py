@@ -8,9 +8,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from analysis.inference.result import BudgetPart, Diagnosis, Named, Rival
+from analysis.inference.result import BudgetPart, Diagnosis, Named, Rival, likely_rivals
 from analysis.reporting.answer_words import AnswerWords, fields_of, part_of, shown_parts
-from analysis.reporting.diagnosis_words import beside_u, likely_rivals, micrometres, percent, size, sure
+from analysis.reporting.diagnosis_words import beside_u, micrometres, percent, size, sure
 from analysis.reporting.stairs import left_words, stairs_of
 from analysis.reporting.texts import Texts
 from rigs.effects import Effect

@@ -59,8 +59,8 @@ def _with_known(variance: Array) -> Array:
 
 def test_products_and_determinant_are_those_of_the_dense_covariance() -> None:
     both, wanted = np.column_stack([T, Y]), np.column_stack([T, Y]).T @ np.linalg.solve(C, np.column_stack([T, Y]))
-    weighed = BACKGROUND.weighed(both)
-    np.testing.assert_allclose(weighed.products(weighed), wanted, atol=1e-9)
+    marginal = BACKGROUND.marginal(both)
+    np.testing.assert_allclose(marginal.products(marginal), wanted, atol=1e-9)
     assert BACKGROUND.logdet == pytest.approx(np.linalg.slogdet(C)[1])
     dense = np.diag(VARIANCE) - np.diag(VARIANCE) @ X.T @ np.linalg.solve(C, X @ np.diag(VARIANCE))
     np.testing.assert_allclose(BACKGROUND.covariance, dense, atol=1e-9)
@@ -75,8 +75,8 @@ def test_a_response_has_the_same_products_in_every_background(scale: float) -> N
     for weight in (np.ones(N), WEIGHT, np.where(BAND == 0, scale, 1.0)):
         background = background_of(columns, weight, VARIANCE, EXPECTED)
         found, wanted = (
-            background.weighed_responses([one], Y),
-            background.weighed(np.column_stack([T, Y - X @ EXPECTED])),
+            background.marginal_responses([one], Y),
+            background.marginal(np.column_stack([T, Y - X @ EXPECTED])),
         )
         np.testing.assert_allclose(found.products(found), wanted.products(wanted), atol=1e-9)
 
@@ -89,14 +89,14 @@ def test_means_and_covariances_are_those_of_the_joint_normal_law() -> None:
     mean, covariance = gain @ AWAY, prior - gain @ columns @ prior
     found = _posterior()
     np.testing.assert_allclose(found.mean, EXPECTED + mean[:9], atol=1e-8)
-    np.testing.assert_allclose(found.known, MEAN + mean[9:], atol=1e-8)
+    np.testing.assert_allclose(found.term_means, MEAN + mean[9:], atol=1e-8)
     everywhere = np.array([[0, 3], [8, 1], [4, 4]])
     among = [covariance[np.ix_(some, some)] for some in everywhere]
     np.testing.assert_allclose(found.covariance_among(everywhere), among, atol=1e-8)
     np.testing.assert_allclose(found.variance, np.diag(covariance)[:9], atol=1e-8)
     np.testing.assert_allclose(found.covariance_times(EXPECTED), covariance[:9, :9] @ EXPECTED, atol=1e-8)
-    np.testing.assert_allclose(found.known_covariance, covariance[9:, 9:], atol=1e-8)
-    np.testing.assert_allclose(found.residual, Y - X @ found.mean - T @ found.known, atol=1e-9)
+    np.testing.assert_allclose(found.term_covariance, covariance[9:, 9:], atol=1e-8)
+    np.testing.assert_allclose(found.residual, Y - X @ found.mean - T @ found.term_means, atol=1e-9)
     np.testing.assert_allclose(found.healthy_share, X[:, :4] @ found.mean[:4], atol=1e-9)
     np.testing.assert_allclose(found.unexplained, Y - X @ EXPECTED, atol=1e-9)
 

@@ -84,11 +84,11 @@ def test_a_play_that_may_not_be_wide_enough_does_not_replace_a_zero() -> None:
     background = no_background(linear)
     right = refine(linear, background, [JointOffset(axis=2, offset_deg=1.4)])
     play = refine(linear, background, [Backlash(axis=2, width_deg=1.0, preload=1.0)])
-    moved = play.values + background.posterior(play.known).known[: len(play.values)]
+    moved = play.values + background.posterior(play.fitted_terms).term_means[: len(play.values)]
     for unknown, value in zip(play.unknowns, moved, strict=True):
         low, high = bounds(play.effects[0], unknown.field)
         assert low - 1e-9 <= value <= high + 1e-9, (unknown, value)
-    assert background.evidence(right.known) > background.evidence(play.known) + 100
+    assert background.evidence(right.fitted_terms) > background.evidence(play.fitted_terms) + 100
     # Beside the zero nothing is left for it.
     both = refine(linear, background, [*play.effects, *right.effects])
     assert getattr(both.effects[0], "width_deg", 1.0) < 0.02
@@ -102,7 +102,7 @@ def test_the_tangents_lead_nowhere_beyond_a_limit(case: str, rounds: int) -> Non
     start = CASES[case][1] if case in CASES else Backlash(axis=1, width_deg=0.1, transit=0.5, preload=0.3)
     linear = holding(healthy(), shown_by(healthy(), [truth]) + white(healthy(), 5))
     found = refine(linear, no_background(linear), [start], rounds=rounds)
-    moved = found.values + no_background(linear).posterior(found.known).known[: len(found.values)]
+    moved = found.values + no_background(linear).posterior(found.fitted_terms).term_means[: len(found.values)]
     held = ~np.isnan(found.to_limit)
     for unknown, value in zip(
         [u for u, out in zip(found.unknowns, held, strict=True) if out], moved[held], strict=True
@@ -201,7 +201,7 @@ def test_a_play_read_with_late_stamps_has_its_width() -> None:
 def test_nothing_named_leaves_the_residual_as_it_is() -> None:
     linear = holding(healthy(), white(healthy(), 4))
     found = refine(linear, no_background(linear), [])
-    assert (found.effects, found.unknowns, found.known.T.shape) == ((), (), (len(linear.y), 0))
+    assert (found.effects, found.unknowns, found.fitted_terms.T.shape) == ((), (), (len(linear.y), 0))
     # What noise moves the set-up by shows in second order.
     np.testing.assert_allclose(found.residual, linear.y, atol=1e-3)
 

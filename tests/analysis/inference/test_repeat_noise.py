@@ -195,8 +195,8 @@ def test_simulated_repeats_show_their_own_scatter_and_give_white_residuals() -> 
     blocks = blocks_of(runs, setups)
     assert [block.count for block in blocks] == [4, 4] and all(block.measured for block in blocks)
     linear = linearise(blocks, setups)
-    weighed = no_background(linear, linear.Z).weighed(linear.y[:, None])
-    energy = weighed.products(weighed)[0, 0]
+    marginal = no_background(linear, linear.Z).marginal(linear.y[:, None])
+    energy = marginal.products(marginal)[0, 0]
     assert energy / len(linear.y) == pytest.approx(1.0, abs=0.2)
 
 
