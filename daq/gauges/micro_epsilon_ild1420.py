@@ -79,23 +79,18 @@ class _Values:
             if self._lost:
                 self._lost = tag != _HIGH
             elif tag == len(self._bytes) or (tag == _FURTHER and len(self._bytes) == _HIGH):
-                messages += self._add(byte, now_ns)
+                if not self._bytes:
+                    self._first_ns = now_ns
+                self._bytes.append(byte)
+                if len(self._bytes) == 3:
+                    messages.append(Message(bytes(self._bytes), 3, self._first_ns, now_ns))
+                    self._bytes.clear()
             else:
                 self._bytes.clear()
                 self._lost = tag != _HIGH
                 detail = "a byte out of place, its value left out; check the line's settings and the cable"
                 messages.append(Fault(FaultKind.GARBLED, now_ns, detail))
         return messages
-
-    def _add(self, byte: int, now_ns: int) -> list[Message]:
-        if not self._bytes:
-            self._first_ns = now_ns
-        self._bytes.append(byte)
-        if len(self._bytes) < 3:
-            return []
-        message = Message(bytes(self._bytes), 3, self._first_ns, now_ns)
-        self._bytes.clear()
-        return [message]
 
 
 class _ILD1420Dialect:

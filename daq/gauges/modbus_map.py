@@ -58,7 +58,23 @@ def dialect(gauge: ModbusMap, wire: Wire) -> RegisterDialect:
 
 def held(gauge: ModbusMap, read: Read, place: int = 0) -> Held:
     """Return what the instrument's block holds, as a function of time. place: of its reading among those read."""
-    return lambda now_ns: _registers(gauge, read(now_ns)[place], now_ns)
+
+    def registers_at(now_ns: int) -> list[int] | None:
+        """All registers; None where there is not a reading and no status register to say so."""
+        raw = (read(now_ns)[place] / MM_PER_UNIT[gauge.units] - gauge.value.offset) / gauge.value.scale
+        good = fits(raw, gauge.value)
+        if not good and gauge.status is None:
+            return None
+        registers = [0] * gauge.count
+        pack(registers, gauge.value, gauge, raw if good else 0)
+        pack_verdict(registers, gauge.status, gauge, good=good)
+        seconds, rest_ns = divmod(now_ns, 1_000_000_000)
+        for register, value in ((gauge.clock_s, seconds), (gauge.clock_us, rest_ns // 1000)):
+            if register is not None:
+                pack(registers, register, gauge, value)
+        return registers
+
+    return registers_at
 
 
 class _Readings:
@@ -92,7 +108,9 @@ class _Readings:
             return Fault(FaultKind.GARBLED, at_ns, detail)
         if refused:
             return Fault(refused[0], at_ns, refused[1])
-        clock_s = _clock_s(gauge, registers)
+        parts = [(gauge.clock_s, 1.0), (gauge.clock_us, 1e-6)]
+        times_s = [unpack(registers, part, gauge) * scale for part, scale in parts if part is not None]
+        clock_s = sum(times_s) if times_s and math.isfinite(sum(times_s)) else math.nan
         return Sample((value_mm,), requested_ns, message.first_byte_ns, at_ns, message.size, clock_s, code)
 
     def _refusal(self, value_mm: float, registers: Registers) -> tuple[FaultKind, str] | None:
@@ -131,27 +149,3 @@ def _in_other_orders(registers: Registers, gauge: ModbusMap) -> list[str]:
         if abs(value_mm) > _FINE_MM and refusal(value_mm, gauge) is None:
             readings.append(f"{value_mm:.4g} mm with {', '.join(f'{key}: {order}' for key, order in changed.items())}")
     return readings
-
-
-def _clock_s(gauge: ModbusMap, registers: Registers) -> float:
-    if gauge.clock_s is None and gauge.clock_us is None:
-        return math.nan
-    parts = [(gauge.clock_s, 1.0), (gauge.clock_us, 1e-6)]
-    clock_s = sum(unpack(registers, part, gauge) * scale for part, scale in parts if part is not None)
-    return clock_s if math.isfinite(clock_s) else math.nan
-
-
-def _registers(gauge: ModbusMap, reading_mm: float, now_ns: int) -> list[int] | None:
-    """All registers; None where there is not a reading and no status register to say so."""
-    raw = (reading_mm / MM_PER_UNIT[gauge.units] - gauge.value.offset) / gauge.value.scale
-    good = fits(raw, gauge.value)
-    if not good and gauge.status is None:
-        return None
-    registers = [0] * gauge.count
-    pack(registers, gauge.value, gauge, raw if good else 0)
-    pack_verdict(registers, gauge.status, gauge, good=good)
-    seconds, rest_ns = divmod(now_ns, 1_000_000_000)
-    for register, value in ((gauge.clock_s, seconds), (gauge.clock_us, rest_ns // 1000)):
-        if register is not None:
-            pack(registers, register, gauge, value)
-    return registers

@@ -187,8 +187,8 @@ class HeldShape:
         """Whether a lost or doubled character explains the number better than a motion since the last reading."""
         if abs(wider) > 1:
             return True
-        originals = _with_one_less(written.text) if wider > 0 else _with_one_more(written.text)
         off_mm = abs(written.value_mm - self._expected_mm)
+        originals = _without_slip(written.text, doubled=wider > 0)
         return any(abs(number * written.mm - self._expected_mm) < off_mm for number in originals)
 
     def _lost_its_sign(self, written: Written) -> bool:
@@ -244,15 +244,13 @@ def _number(text: bytes) -> float:
     return float(text.replace(b" ", b""))
 
 
-def _with_one_less(text: bytes) -> Iterator[float]:
-    """The numbers of which one doubled digit makes this text."""
-    for k in range(1, len(text)):
-        if text[k] == text[k - 1] and text[k] in _DIGITS:
-            yield _number(text[:k] + text[k + 1 :])
-
-
-def _with_one_more(text: bytes) -> Iterator[float]:
-    """The numbers of which a lost digit before the point makes this text."""
+def _without_slip(text: bytes, *, doubled: bool) -> Iterator[float]:
+    """The numbers of which one doubled digit makes this text, or else a lost digit before the point."""
+    if doubled:
+        for k in range(1, len(text)):
+            if text[k] == text[k - 1] and text[k] in _DIGITS:
+                yield _number(text[:k] + text[k + 1 :])
+        return
     first = next(k for k, byte in enumerate(text) if byte in _DIGITS)
     for k in range(first, text.index(b".") + 1):
         for digit in _DIGITS:

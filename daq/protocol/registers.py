@@ -24,7 +24,6 @@ from daq.protocol.framing import Message
 from daq.protocol.modbus import (
     Block,
     Layout,
-    Resync,
     Wire,
     exception_of,
     pack,
@@ -141,7 +140,9 @@ class RegisterDialect:
         at_ns, resync = message.last_byte_ns, self._resync
         refusal, registers = exception_of(content), registers_of(content)
         mismatched = refusal is None and (registers is None or len(registers) != self._count)
-        if mismatched and (self._wire.numbered or registers is None or not _is_known(resync, len(registers))):
+        if mismatched and (
+            self._wire.numbered or registers is None or len(registers) not in (*resync.usual, *resync.counts)
+        ):
             return _garbled(f"{message.size} bytes answer a read of {self._count} registers", at_ns)
         if mismatched:
             detail = "an answer came too late, recognised by its length, and was ignored; increase timeout_s"
@@ -175,10 +176,6 @@ def unasked(wire: Wire, message: Message) -> Fault:
     return Fault(
         FaultKind.STRANGER, at_ns, f"unit {unit} answers, and was not asked from here; is there another master?"
     )
-
-
-def _is_known(resync: Resync, count: int) -> bool:
-    return count in resync.usual or count in resync.counts
 
 
 def verdict(registers: Registers, status: StatusRegister | None, layout: Layout, at_ns: int) -> int | Fault:
