@@ -115,14 +115,11 @@ def checksum(batch: pa.RecordBatch, number: int) -> int:
     head = f"{number} {batch.num_rows} {[(f.name, str(f.type)) for f in batch.schema]}"
     crc = zlib.crc32(head.encode())
     for column in batch.columns:
-        crc = zlib.crc32(_canonical(column), crc)
+        if pa.types.is_string(column.type):
+            crc = zlib.crc32(json.dumps(column.to_pylist()).encode(), crc)
+        else:
+            crc = zlib.crc32(column.to_numpy(zero_copy_only=True), crc)
     return crc
-
-
-def _canonical(column: Array) -> Any:
-    if pa.types.is_string(column.type):
-        return json.dumps(column.to_pylist()).encode()
-    return column.to_numpy(zero_copy_only=True)
 
 
 def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
