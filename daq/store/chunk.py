@@ -82,24 +82,20 @@ def table_schema(columns: Mapping[str, ColumnType]) -> pa.Schema:
 def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBatch:
     """Return rows of one stream as a batch whose `sequence` starts at `first`."""
     faults = [] if isinstance(rows, Samples) else [row for row in rows if not isinstance(row, Sample)]
-    arrays = _fault_arrays(faults) if faults else _sample_arrays(Samples.of(rows))  # type: ignore[arg-type] # no faults
+    if faults:
+        at_ns = pa.array([fault.at_ns for _, fault in faults], pa.int64())
+        words = [(stream, str(fault.kind), storable(fault.detail)) for stream, fault in faults]
+        count = pa.array([fault.count for _, fault in faults], pa.int64())
+        arrays = [at_ns, *(pa.array(list(column), pa.string()) for column in zip(*words, strict=True)), count]
+    else:
+        samples = Samples.of(rows)  # type: ignore[arg-type] # no faults
+        # A device's unsigned 32-bit status wraps and keeps its bits: an odd code must not end a recording.
+        kinds = {name: kind.to_pandas_dtype() for name, kind in SAMPLE_COLUMNS.items() if name != "sequence"}
+        fixed = [pa.array(getattr(samples, name).astype(kind)) for name, kind in kinds.items()]
+        arrays = [*fixed, *(pa.array(np.ascontiguousarray(column)) for column in samples.values.T)]
     sequence = np.arange(first, first + len(rows), dtype=np.int64)
     place = schema.get_field_index("sequence")
     return pa.record_batch([*arrays[:place], pa.array(sequence), *arrays[place:]], schema=schema)
-
-
-def _sample_arrays(samples: Samples) -> list[Array]:
-    # A device's unsigned 32-bit status wraps and keeps its bits: an odd code must not end a recording.
-    kinds = {name: kind.to_pandas_dtype() for name, kind in SAMPLE_COLUMNS.items() if name != "sequence"}
-    fixed = [pa.array(getattr(samples, name).astype(kind)) for name, kind in kinds.items()]
-    return [*fixed, *(pa.array(np.ascontiguousarray(column)) for column in samples.values.T)]
-
-
-def _fault_arrays(faults: Sequence[tuple[str, Fault]]) -> list[Array]:
-    at_ns = pa.array([fault.at_ns for _, fault in faults], pa.int64())
-    words = [(stream, str(fault.kind), storable(fault.detail)) for stream, fault in faults]
-    count = pa.array([fault.count for _, fault in faults], pa.int64())
-    return [at_ns, *(pa.array(list(column), pa.string()) for column in zip(*words, strict=True)), count]
 
 
 def storable(text: str) -> str:
