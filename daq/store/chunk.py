@@ -238,7 +238,9 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
                 end = source.tell()
     except _DAMAGE as error:
         _hold_memory(error, len(data))
-        damage = f"damaged after {len(batches)} batches ({_reason(error)})"
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        reason = "zeros or an early end mark" if isinstance(error, _ZEROS) else reason
+        damage = f"damaged after {len(batches)} batches ({reason})"
     unread = 0 if closed else len(data) - end
     return Salvage(tuple(batches), closed, unread, damage)
 
@@ -265,12 +267,6 @@ def _number(data: bytes, at: int, kind: str) -> int:
 
 def _digits(number: int) -> bytes:
     return str(number).encode()
-
-
-def _reason(error: BaseException) -> str:
-    if isinstance(error, _ZEROS):
-        return "zeros or an early end mark"
-    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def table_of(batches: tuple[pa.RecordBatch, ...], schema: pa.Schema) -> pa.Table:
