@@ -125,7 +125,17 @@ class _Readings:
             return refused
         if not refused and not (fine_before and self._fine):
             return None
-        orders = _in_other_orders(registers, self._gauge)
+        orders = list[str]()  # in which the value would be a length
+        for word_order, byte_order in product(get_args(Order), repeat=2):
+            pair: dict[str, Order] = {"word_order": word_order, "byte_order": byte_order}
+            changed = {key: order for key, order in pair.items() if order != getattr(self._gauge, key)}
+            if not changed or (self._gauge.value.count == 1 and "word_order" in changed):
+                continue
+            raw = unpack(registers, self._gauge.value, self._gauge.model_copy(update=changed))
+            length_mm = _mm(raw, self._gauge)
+            if abs(length_mm) > _FINE_MM and refusal(length_mm, self._gauge) is None:
+                words = ", ".join(f"{key}: {order}" for key, order in changed.items())
+                orders.append(f"{length_mm:.4g} mm with {words}")
         if not refused and not orders:
             return None
         problem = refused[1] if refused else f"{value_mm:.3g} mm, time after time, is no reading; check `units`"
@@ -135,17 +145,3 @@ class _Readings:
 
 def _mm(raw: float, gauge: ModbusMap) -> float:
     return (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
-
-
-def _in_other_orders(registers: Registers, gauge: ModbusMap) -> list[str]:
-    """Return what the value would be in the other orders, where that is a length."""
-    readings = []
-    for word_order, byte_order in product(get_args(Order), repeat=2):
-        orders: dict[str, Order] = {"word_order": word_order, "byte_order": byte_order}
-        changed = {key: order for key, order in orders.items() if order != getattr(gauge, key)}
-        if not changed or (gauge.value.count == 1 and "word_order" in changed):
-            continue
-        value_mm = _mm(unpack(registers, gauge.value, gauge.model_copy(update=changed)), gauge)
-        if abs(value_mm) > _FINE_MM and refusal(value_mm, gauge) is None:
-            readings.append(f"{value_mm:.4g} mm with {', '.join(f'{key}: {order}' for key, order in changed.items())}")
-    return readings
