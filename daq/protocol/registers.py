@@ -154,7 +154,12 @@ class RegisterDialect:
             detail = "an answer came that may belong to an earlier request, and was ignored; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
         if registers is None:
-            return Reply((_refusal(refusal or 0, at_ns),), Then.PAUSE)
+            code = refusal or 0
+            detail = f"exception {code}, unknown to Modbus; see the instrument's manual"
+            if code in list(ExcCodes):
+                remedy = _REMEDY.get(ExcCodes(code), "see the instrument's manual")
+                detail = f"exception {code} {ExcCodes(code).name}: {remedy}"
+            return Reply((Fault(FaultKind.DEVICE_ERROR, at_ns, detail),), Then.PAUSE)
         return self._meant(registers, message, requested_ns)
 
     def _meant(self, registers: Registers, message: Message, requested_ns: int) -> Reply:
@@ -200,14 +205,6 @@ def pack_verdict(registers: list[int], status: StatusRegister | None, layout: La
 
 def _garbled(detail: str, at_ns: int) -> Reply:
     return Reply((Fault(FaultKind.GARBLED, at_ns, detail),), Then.DRAIN)
-
-
-def _refusal(code: int, at_ns: int) -> Fault:
-    if code not in list(ExcCodes):
-        return Fault(FaultKind.DEVICE_ERROR, at_ns, f"exception {code}, unknown to Modbus; see the instrument's manual")
-    name = ExcCodes(code)
-    remedy = _REMEDY.get(name, "see the instrument's manual")
-    return Fault(FaultKind.DEVICE_ERROR, at_ns, f"exception {code} {name.name}: {remedy}")
 
 
 class RegisterDevice:
