@@ -48,14 +48,13 @@ class ClockReadings:
 
 def read_clocks() -> ClockReadings:
     """Read the three clocks now: of several tries the one that the scheduler interrupted least."""
-    return min((_read() for _ in range(_TRIES)), key=lambda tried: tried.bracket_ns)
-
-
-def _read() -> ClockReadings:
-    before = clock.now_ns()
-    wall_ns, boot_ns = clock.wall_ns(), clock.boot_ns()
-    after = clock.now_ns()
-    return ClockReadings((before + after) // 2, wall_ns, boot_ns, after - before)
+    tries = []
+    for _ in range(_TRIES):
+        before = clock.now_ns()
+        wall_ns, boot_ns = clock.wall_ns(), clock.boot_ns()
+        after = clock.now_ns()
+        tries.append(ClockReadings((before + after) // 2, wall_ns, boot_ns, after - before))
+    return min(tries, key=lambda tried: tried.bracket_ns)
 
 
 class HostClockMonitor:

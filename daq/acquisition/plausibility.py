@@ -81,27 +81,21 @@ class PlausibilityCheck:
         """Take what came on a stream since the last call, in order; return what is doubtful about it."""
         samples = samples_of(items)
         if "q1_deg" in columns:
-            self._follow(samples)
+            if len(samples):  # how far the robot has moved, by the joint that moved most: once a call is often enough
+                joints = samples[-1].values[:6]  # a signal may follow
+                moved_deg = max((abs(b - a) for a, b in zip(self._joints, joints, strict=False)), default=math.inf)
+                if moved_deg > _STILL_DEG:
+                    self._travel_deg += moved_deg if self._joints else 0.0
+                    self._joints = joints
             return []
         doubts = self._intermittent(stream, columns, items)
         for place, column in enumerate(columns):
             gauge = self._gauges.setdefault(column, _GaugeState())
             doubts += _rescaled(column, gauge, samples, place)
-            if not self.touching:
-                continue
-            doubts += self._update(column, gauge, samples, place)
-            doubts += self._sticking(column, gauge, samples)
+            if self.touching:
+                doubts += self._update(column, gauge, samples, place)
+                doubts += self._sticking(column, gauge, samples)
         return doubts
-
-    def _follow(self, samples: Samples) -> None:
-        """How far the robot has moved, by the joint that moved most; once a call is often enough."""
-        if not len(samples):
-            return
-        joints = samples[-1].values[:6]  # a signal may follow
-        moved_deg = max((abs(b - a) for a, b in zip(self._joints, joints, strict=False)), default=math.inf)
-        if moved_deg > _STILL_DEG:
-            self._travel_deg += moved_deg if self._joints else 0.0
-            self._joints = joints
 
     def _update(self, column: str, gauge: _GaugeState, samples: Samples, place: int) -> list[Fault]:
         """Take the readings of a gauge; a head in error shows none."""
@@ -167,18 +161,16 @@ class PlausibilityCheck:
                 }
             elif item.kind is FaultKind.DEVICE_ERROR and item.column not in in_error:
                 in_error.add(item.column)
-                doubts += self._count_error(stream if item.column is None else _name(columns[item.column]), item)
+                # Of a gauge, or of an instrument with several
+                name = stream if item.column is None else _name(columns[item.column])
+                times_ns = self._errors.setdefault(name, deque(maxlen=TIMES_IN_ERROR))
+                times_ns.append(item.at_ns)
+                span_s = (item.at_ns - times_ns[0]) / 1e9
+                if len(times_ns) == TIMES_IN_ERROR and span_s <= IN_ERROR_S:
+                    times_ns.clear()
+                    often = f"{name} went in and out of error {TIMES_IN_ERROR} times in {span_s:.0f} s ({item.detail})"
+                    doubts.append(_doubtful(item.at_ns, f"{often}: does the whole motion lie within its range?"))
         return doubts
-
-    def _count_error(self, name: str, fault: Fault) -> list[Fault]:
-        """Count that a gauge, or an instrument with several, went into error."""
-        times = self._errors.setdefault(name, deque(maxlen=TIMES_IN_ERROR))
-        times.append(fault.at_ns)
-        if len(times) < TIMES_IN_ERROR or (span_s := (fault.at_ns - times[0]) / 1e9) > IN_ERROR_S:
-            return []
-        times.clear()
-        observation = f"{name} went in and out of error {TIMES_IN_ERROR} times in {span_s:.0f} s ({fault.detail})"
-        return [_doubtful(fault.at_ns, f"{observation}: does the whole motion lie within its range?")]
 
 
 def _rescaled(column: str, gauge: _GaugeState, samples: Samples, place: int) -> list[Fault]:

@@ -145,9 +145,13 @@ class StreamBuffer:
         """Return the state of the stream as of now."""
         now = clock.now_ns()
         with self._lock:
+            rate_hz = 0.0
+            if len(self._arrivals) >= 2 and now - self._arrivals[-1][0] <= 2_000_000_000:
+                (first_ns, before), (last_ns, until) = self._arrivals[0], self._arrivals[-1]
+                rate_hz = (until - before) * 1e9 / (last_ns - first_ns) if last_ns > first_ns else 0.0
             return StreamState(
                 self.connected,
-                self._rate_hz(now),
+                rate_hz,
                 {name: value for name, (value, _) in self._last.items()},
                 {name: (now - at) / 1e9 for name, (_, at) in self._last.items()},
                 dict(self._counters),
@@ -189,12 +193,6 @@ class StreamBuffer:
         for name, value in zip(self.columns, item.values, strict=True):
             if not math.isnan(value):
                 self._last[name] = (value, item.last_byte_ns)
-
-    def _rate_hz(self, now: int) -> float:
-        if len(self._arrivals) < 2 or now - self._arrivals[-1][0] > 2_000_000_000:
-            return 0.0
-        (first_ns, before), (last_ns, until) = self._arrivals[0], self._arrivals[-1]
-        return (until - before) * 1e9 / (last_ns - first_ns) if last_ns > first_ns else 0.0
 
 
 def size_of(item: Item) -> int:

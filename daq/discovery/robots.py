@@ -64,24 +64,24 @@ def layout_of(arrivals: Sequence[Arrival]) -> Layout | None:
             [number(part.strip()) for part in text.split(None if separator == " " else separator)] for text, _ in lines
         ]
         if len(rows) >= _FEWEST_LINES and len(rows[0]) >= 6 and len({len(row) for row in rows}) == 1:
-            columns = [list(column) for column in zip(*rows, strict=True)]
-            return _layout(columns, [at_s for _, at_s in lines], separator)
-    return None
-
-
-def _layout(columns: list[list[float | None]], at_s: list[float], separator: str) -> Layout | None:
-    clocks = {place: name for place, column in enumerate(columns) if (name := _clock(column, at_s))}
-    clock = next(iter(clocks), None)
-    numbers = [
-        place for place, column in enumerate(columns) if place != clock and all(value is not None for value in column)
-    ]
-    if len(numbers) < 6:
+            break
+    else:
         return None
-    joints = numbers[:6]
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    at_s = [at_s for _, at_s in lines]
+    clocks = {place: name for place, column in enumerate(columns) if (name := _clock(column, at_s))}
+    first_clock = next(iter(clocks), None)
+    joints = [
+        place
+        for place, column in enumerate(columns)
+        if place != first_clock and all(value is not None for value in column)
+    ][:6]
+    if len(joints) < 6:
+        return None
     largest = max(abs(value) for place in joints for value in columns[place] if value is not None)
     names = {place: f"q{axis}_deg" for axis, place in enumerate(joints, 1)}
-    if clock is not None:
-        names[clock] = clocks[clock]
+    if first_clock is not None:
+        names[first_clock] = clocks[first_clock]
     fields = tuple(names.get(place, "_") for place in range(len(columns)))
     return Layout(fields, separator, largest > 2 * math.pi)
 
@@ -189,11 +189,18 @@ def _line_feed(address: str) -> _Tried:
     """A line feed: listened to once, since some programs end with their connection, and read as its lines look."""
     plain = LineFeed(interface="line_feed", port=address)
     try:
-        arrivals = _heard(address)
+        link = open_link(ROBOT, address, NO_LINE)
     except CellError as error:
         return _Tried(plain, Trial(error=error))
+    try:
+        arrivals, until_s = list[Arrival](), clock.now_s() + _LISTEN_S
+        while (left_s := until_s - clock.now_s()) > 0:
+            if data := link.read(left_s):
+                arrivals.append((data, clock.now_ns()))
     except LinkLost as lost:
         return _Tried(plain, Trial([Fault(FaultKind.DISCONNECTED, clock.now_ns(), str(lost))]))
+    finally:
+        link.close()
     layout = layout_of(arrivals)
     fields = {"fields": layout.fields, "separator": layout.separator} if layout else {}
     read = plain.model_copy(update=fields)
@@ -201,18 +208,6 @@ def _line_feed(address: str) -> _Tried:
     items = [item for data, at_ns in arrivals for item in host.received(data, at_ns).items]
     received = sum(len(data) for data, _ in arrivals)
     return _Tried(read, Trial(items, _LISTEN_S, received, received), sure=layout is None or layout.sure)
-
-
-def _heard(address: str) -> list[Arrival]:
-    link = open_link(ROBOT, address, NO_LINE)
-    try:
-        arrivals, until_s = list[Arrival](), clock.now_s() + _LISTEN_S
-        while (left_s := until_s - clock.now_s()) > 0:
-            if data := link.read(left_s):
-                arrivals.append((data, clock.now_ns()))
-        return arrivals
-    finally:
-        link.close()
 
 
 def _try(robot: Feedback) -> _Tried:

@@ -140,7 +140,14 @@ class Cell:
     def _open_port(
         self, stream: Stream, make: Callable[[], Device], adversity: Adversity, link: Path | None, paced: bool
     ) -> None:
-        name, made, late_ms = stream.name, self._noted(stream.name, make), adversity.jitter_ms
+        name, late_ms = stream.name, adversity.jitter_ms
+        self._devices[name] = []
+
+        def made() -> Device:
+            device = make()
+            self._devices[name].append(device)
+            return device
+
         if udp_address(stream.port):
             port = self._serve(name, UdpPort.open(made, calls=stream.listens, jitter_ms=late_ms))
         elif tcp_address(stream.port) and stream.listens:
@@ -152,16 +159,6 @@ class Cell:
             port = self._serve_pty(name, made, line, paced)
         called = ["feedback"] if name == ROBOT else name.split("_")
         self.ports.update(dict.fromkeys(called, port))
-
-    def _noted(self, name: str, make: Callable[[], Device]) -> Callable[[], Device]:
-        self._devices[name] = []
-
-        def made() -> Device:
-            device = make()
-            self._devices[name].append(device)
-            return device
-
-        return made
 
     def _serve(self, name: str, server: Server) -> str:
         self._servers[name] = server

@@ -138,20 +138,14 @@ class UdpPort(_Port):
                 continue
             self._hang_up.clear()
             with _bound(0 if self._calls else self._number) as sock:
-                if self._found_peer(sock, stop):
+                peer = (_HOST, self._number) if self._calls else None
+                while peer is None and not stop.is_set():
+                    came = select.select([sock], [], [], _AGAIN_S)[0]
+                    peer = sock.recvfrom(1, socket.MSG_PEEK)[1] if came else None
+                if peer is not None:
+                    sock.connect(peer)
                     self._converse(sock, stop)
             stop.wait(_AGAIN_S)
-
-    def _found_peer(self, sock: socket.socket, stop: clock.Event) -> bool:
-        """Whether there is somebody to speak to before `stop`; the socket is then connected to him."""
-        if self._calls:
-            sock.connect((_HOST, self._number))
-            return True
-        while not stop.is_set():
-            if select.select([sock], [], [], _AGAIN_S)[0]:
-                sock.connect(sock.recvfrom(1, socket.MSG_PEEK)[1])
-                return True
-        return False
 
 
 def _bound(number: int) -> socket.socket:

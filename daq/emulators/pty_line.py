@@ -45,25 +45,22 @@ def heard(data: bytes, sent: Line, at: Line) -> bytes:
 
     Parity is not checked, and a character without its stop bit is passed on, as most drivers do.
     """
-    return b"".join(bytes(_characters(_levels(character, sent), sent.baud, at)) for character in data)
+    return b"".join(bytes(_characters(character, sent, at)) for character in data)
 
 
-def _levels(character: int, line: Line) -> list[int]:
-    """The wire during one character, a bit time each: start, data with the lowest bit first, parity, stop."""
+def _characters(character: int, line: Line, at: Line) -> Iterator[int]:
+    """Characters that a receiver finds, sampling each bit in its middle; the wire is idle afterwards."""
+    # The wire during the one that is sent, a bit time each: start, data with the lowest bit first, parity, stop
     data = [character >> n & 1 for n in range(line.bits)]
     parity = {"N": [], "E": [sum(data) % 2], "O": [1 - sum(data) % 2]}[line.parity]
-    return [0, *data, *parity, *[1] * line.stop]
-
-
-def _characters(levels: list[int], baud: int, at: Line) -> Iterator[int]:
-    """Characters that a receiver finds, sampling each bit in its middle; the wire is idle afterwards."""
+    levels = [0, *data, *parity, *[1] * line.stop]
 
     def level(bits: float) -> int:
         """Return the level of the line at a time in the receiver's bit times."""
-        sent = int(bits * baud / at.baud)
+        sent = int(bits * line.baud / at.baud)
         return levels[sent] if sent < len(levels) else 1
 
-    now, end = 0.0, len(levels) * at.baud / baud
+    now, end = 0.0, len(levels) * at.baud / line.baud
     while now < end:
         if level(now):
             now += 1 / _LOOKS
@@ -94,7 +91,10 @@ class LatencyTimer:
     def add(self, data: bytes, now_ns: int) -> None:
         """Take bytes that came through the line."""
         if not self._held:
-            self._due_ns = self._next_ns(now_ns)
+            self._due_ns = now_ns
+            if self._latency_ns:
+                periods = -(-(now_ns - self._sent_ns) // self._latency_ns)
+                self._due_ns = self._sent_ns + max(1, periods) * self._latency_ns
         self._held += data
         if len(self._held) >= _PACKET:
             self._due_ns = now_ns
@@ -107,12 +107,6 @@ class LatencyTimer:
         self._held.clear()
         self._sent_ns = self._due_ns
         return data
-
-    def _next_ns(self, now_ns: int) -> int:
-        if not self._latency_ns:
-            return now_ns
-        periods = -(-(now_ns - self._sent_ns) // self._latency_ns)
-        return self._sent_ns + max(1, periods) * self._latency_ns
 
 
 class LateLink:

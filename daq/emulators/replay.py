@@ -49,7 +49,11 @@ class Replay:
         Raises FileError where the capture holds nothing of a stream of the rig, OSError where the file cannot be made.
         """
         streams, timebase = streams_of(rig), Timebase()
-        heard = {stream.name: _pieces(rig, stream, capture) for stream in streams}
+        heard = {stream.name: capture.of(stream.name) for stream in streams}
+        for name, pieces in heard.items():
+            if not any(piece.mark is Mark.CAME for piece in pieces):
+                problem = f"the capture holds nothing of {name} (it has {', '.join(capture.streams) or 'nothing'})"
+                raise FileError(rig.name, problem, "give the rig file that it was captured with")
         may_ns = bearable_ns(
             [_u_ns(stream, heard[stream.name]) for stream in streams if stream.name != ROBOT],
             *(_u_ns(stream, heard[stream.name]) for stream in streams if stream.name == ROBOT),
@@ -191,14 +195,6 @@ def _u_ns(stream: Stream, pieces: Sequence[Piece]) -> float:
     if stream.name == ROBOT or not stream.port.startswith("/"):
         return u_cycle_ns(pieces)
     return stream.line.character_ns / 3**0.5
-
-
-def _pieces(rig: Rig, stream: Stream, capture: Capture) -> tuple[Piece, ...]:
-    pieces = capture.of(stream.name)
-    if not any(piece.mark is Mark.CAME for piece in pieces):
-        problem = f"the capture holds nothing of {stream.name} (it has {', '.join(capture.streams) or 'nothing'})"
-        raise FileError(rig.name, problem, "give the rig file that it was captured with")
-    return pieces
 
 
 def _connections(stream: Stream, pieces: Sequence[Piece]) -> Iterable[Sequence[Piece]]:

@@ -140,12 +140,11 @@ class _RSIController(SteadyDevice):
             self._awaited[ipoc] = self._ticked_ns
         shown = self._read(instant_ns)
         joints = " ".join(f'A{axis}="{angle:.5f}"' for axis, angle in enumerate(shown[:6], 1))
-        condition = "".join(map(_element, self._feedback.condition.values(), shown[6:]))
+        condition = ""
+        for tag, value in zip(self._feedback.condition.values(), shown[6:], strict=False):
+            element, _, attribute = tag.partition(".")
+            shows = f' {attribute}="{value:.3f}"/>' if attribute else f">{value:.3f}</{element}>"
+            condition += f"<{element}{shows}"
         pose = " ".join(f'{name}="0.00000"' for name in "XYZABC")
         delay = f'<Delay D="{self._delays}"/><IPOC>{ipoc}</IPOC>'
         return f'<Rob Type="KUKA"><RIst {pose}/><AIPos {joints}/>{condition}{delay}</Rob>'.encode()
-
-
-def _element(tag: str, value: float) -> str:
-    element, _, attribute = tag.partition(".")
-    return f'<{element} {attribute}="{value:.3f}"/>' if attribute else f"<{element}>{value:.3f}</{element}>"

@@ -79,23 +79,18 @@ class _Values:
             if self._lost:
                 self._lost = tag != _HIGH
             elif tag == len(self._bytes) or (tag == _FURTHER and len(self._bytes) == _HIGH):
-                messages += self._add(byte, now_ns)
+                if not self._bytes:
+                    self._first_ns = now_ns
+                self._bytes.append(byte)
+                if len(self._bytes) == 3:
+                    messages.append(Message(bytes(self._bytes), 3, self._first_ns, now_ns))
+                    self._bytes.clear()
             else:
                 self._bytes.clear()
                 self._lost = tag != _HIGH
                 detail = "a byte out of place, its value left out; check the line's settings and the cable"
                 messages.append(Fault(FaultKind.GARBLED, now_ns, detail))
         return messages
-
-    def _add(self, byte: int, now_ns: int) -> list[Message]:
-        if not self._bytes:
-            self._first_ns = now_ns
-        self._bytes.append(byte)
-        if len(self._bytes) < 3:
-            return []
-        message = Message(bytes(self._bytes), 3, self._first_ns, now_ns)
-        self._bytes.clear()
-        return [message]
 
 
 class _ILD1420Dialect:
@@ -117,7 +112,18 @@ class _ILD1420Dialect:
             self._alone = True
             return Reaction((message,))
         before, self._alone = self._alone, message.data[2] >> 6 == _HIGH
-        reading = _distance(message.data, self._gauge) if before and self._alone else _MORE
+        low, middle, high = (byte & 0x3F for byte in message.data)
+        x = low | middle << 6 | high << 12
+        reading: Reading
+        if not (before and self._alone):
+            reading = _MORE
+        elif x >= _FIRST_ERROR:
+            reading = Trouble(f"error {x} of the sensor: no valid reading; check the target, its range and the laser")
+        elif not _FIRST <= x <= _LAST:
+            place = f"{'before' if x < _FIRST else 'behind'} the measuring range"
+            reading = Trouble(f"the target is {place}, or mastering is on; move it, or switch that off")
+        else:
+            reading = float(_mm(x, self._gauge))
         return Reaction(items_of(message, NO_TIME, [reading]))
 
     def read_run(self, arrivals: Sequence[Arrival]) -> tuple[Samples, Sequence[Arrival]]:
@@ -145,17 +151,6 @@ class _ILD1420Dialect:
 
     def silent(self) -> Reaction:
         return Reaction(send=_START)
-
-
-def _distance(data: bytes, gauge: MicroEpsilonILD1420) -> Reading:
-    low, middle, high = (byte & 0x3F for byte in data)
-    x = low | middle << 6 | high << 12
-    if x >= _FIRST_ERROR:
-        return Trouble(f"error {x} of the sensor: no valid reading; check the target, its range and the laser")
-    if not _FIRST <= x <= _LAST:
-        where = "before" if x < _FIRST else "behind"
-        return Trouble(f"the target is {where} the measuring range, or mastering is on; move it, or switch that off")
-    return float(_mm(x, gauge))
 
 
 def _mm(x: float | NDArray[np.int64], gauge: MicroEpsilonILD1420) -> Any:

@@ -187,9 +187,16 @@ class HeldShape:
         """Whether a lost or doubled character explains the number better than a motion since the last reading."""
         if abs(wider) > 1:
             return True
-        originals = _with_one_less(written.text) if wider > 0 else _with_one_more(written.text)
+        text = written.text
+        if wider > 0:  # one digit was doubled
+            doubled = (k for k in range(1, len(text)) if text[k] == text[k - 1] and text[k] in _DIGITS)
+            originals = [text[:k] + text[k + 1 :] for k in doubled]
+        else:  # one before the point was lost
+            first = next(k for k, byte in enumerate(text) if byte in _DIGITS)
+            places = range(first, text.index(b".") + 1)
+            originals = [text[:k] + bytes([digit]) + text[k:] for k in places for digit in _DIGITS]
         off_mm = abs(written.value_mm - self._expected_mm)
-        return any(abs(number * written.mm - self._expected_mm) < off_mm for number in originals)
+        return any(abs(_number(original) * written.mm - self._expected_mm) < off_mm for original in originals)
 
     def _lost_its_sign(self, written: Written) -> bool:
         if b"-" not in self._text or b"-" in written.text or b"+" in written.text:
@@ -242,21 +249,6 @@ def _in_words(shape: Shape) -> str:
 
 def _number(text: bytes) -> float:
     return float(text.replace(b" ", b""))
-
-
-def _with_one_less(text: bytes) -> Iterator[float]:
-    """The numbers of which one doubled digit makes this text."""
-    for k in range(1, len(text)):
-        if text[k] == text[k - 1] and text[k] in _DIGITS:
-            yield _number(text[:k] + text[k + 1 :])
-
-
-def _with_one_more(text: bytes) -> Iterator[float]:
-    """The numbers of which a lost digit before the point makes this text."""
-    first = next(k for k, byte in enumerate(text) if byte in _DIGITS)
-    for k in range(first, text.index(b".") + 1):
-        for digit in _DIGITS:
-            yield _number(text[:k] + bytes([digit]) + text[k:])
 
 
 def _with_another(text: bytes, least: float) -> Iterator[float]:

@@ -225,13 +225,13 @@ class Received:
 
 def chunks() -> Sized:
     """Return what cuts a stream into chunks."""
-    return Sized(_HEADER.size, _chunk_size)
 
+    def size_of(header: bytes) -> int | None:
+        kind, _, size = _HEADER.unpack(header)
+        is_known = kind in (*_PLAIN, OPEN, MESSAGE, CLOSE)
+        return size if is_known and _HEADER.size <= size <= CHUNK else None
 
-def _chunk_size(header: bytes) -> int | None:
-    kind, _, size = _HEADER.unpack(header)
-    is_known = kind in (*_PLAIN, OPEN, MESSAGE, CLOSE)
-    return size if is_known and _HEADER.size <= size <= CHUNK else None
+    return Sized(_HEADER.size, size_of)
 
 
 class Channel:
@@ -259,17 +259,12 @@ class Channel:
         head = _u32(self.number) + security
         room = self._longest - _HEADER.size - len(head) - _NUMBERS.size
         parts = [body[begin : begin + room] for begin in range(0, len(body), room)]
-        return b"".join(
-            _HEADER.pack(kind, final, _HEADER.size + len(head) + _NUMBERS.size + len(part))
-            + head
-            + _NUMBERS.pack(self._next_number(), request)
-            + part
-            for part, final in zip(parts, [_INTERMEDIATE] * (len(parts) - 1) + [_FINAL], strict=True)
-        )
-
-    def _next_number(self) -> int:
-        self._sent = self._sent % (2**32 - 1) + 1
-        return self._sent
+        whole = b""
+        for part, final in zip(parts, [_INTERMEDIATE] * (len(parts) - 1) + [_FINAL], strict=True):
+            self._sent = self._sent % (2**32 - 1) + 1
+            size = _HEADER.size + len(head) + _NUMBERS.size + len(part)
+            whole += _HEADER.pack(kind, final, size) + head + _NUMBERS.pack(self._sent, request) + part
+        return whole
 
     def read(self, chunk: bytes) -> Received | None:
         """Return the message that a chunk completes; None where more has to come. Raises Unreadable."""

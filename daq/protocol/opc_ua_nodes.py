@@ -51,7 +51,15 @@ def condition_of(shown: Mapping[str, Any]) -> dict[str, float]:
     if state == "Ready" and shown.get(READY) == _SUSPENDED:
         program = float(ProgramState.PAUSED)
     motors = float(drives) if isinstance(drives, bool) else math.nan
-    columns = {PROGRAM: program, SAFETY: _safety(shown), MOTORS: motors}
+    # Both stops have to be shown for a robot to be called free of them.
+    emergency, protective, safety = shown.get(EMERGENCY), shown.get(PROTECTIVE), math.nan
+    if emergency is True:
+        safety = float(SafetyState.EMERGENCY_STOP)
+    elif protective is True:
+        safety = float(SafetyState.PROTECTIVE_STOP)
+    elif emergency is False and protective is False:
+        safety = float(SafetyState.REDUCED if shown.get(MODE) == _MANUAL_REDUCED else SafetyState.NORMAL)
+    columns = {PROGRAM: program, SAFETY: safety, MOTORS: motors}
     columns |= {SPEED: _number(shown.get(OVERRIDE)), PAYLOAD: _number(shown.get(MASS))}
     return columns | {name: _number(shown.get(name)) for name in TEMPERATURES}
 
@@ -69,18 +77,6 @@ def shown_of(condition: Mapping[str, float]) -> dict[str, Any]:
         STATE: "Executing" if program == ProgramState.RUNNING else "Ready",
         READY: _SUSPENDED if program == ProgramState.PAUSED else "AtProgramStart",
     } | {name: condition[name] for name in TEMPERATURES}
-
-
-def _safety(shown: Mapping[str, Any]) -> float:
-    """Both stops have to be shown for a robot to be called free of them."""
-    emergency, protective = shown.get(EMERGENCY), shown.get(PROTECTIVE)
-    if emergency is True:
-        return float(SafetyState.EMERGENCY_STOP)
-    if protective is True:
-        return float(SafetyState.PROTECTIVE_STOP)
-    if emergency is not False or protective is not False:
-        return math.nan
-    return float(SafetyState.REDUCED if shown.get(MODE) == _MANUAL_REDUCED else SafetyState.NORMAL)
 
 
 def _number(value: Any) -> float:
@@ -389,7 +385,16 @@ def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
     items = ua.CreateMonitoredItemsRequest()
     items.Parameters.SubscriptionId = made.SubscriptionId
     items.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Both  # the server's own, where there is no source's
-    items.Parameters.ItemsToCreate = [_item(place, node, interval_ms) for place, node in enumerate(nodes.all)]
+    items.Parameters.ItemsToCreate = []
+    for place, node in enumerate(nodes.all):
+        item = ua.MonitoredItemCreateRequest()
+        item.ItemToMonitor = ua.ReadValueId(node, ua.AttributeIds.Value)
+        item.MonitoringMode = ua.MonitoringMode.Reporting
+        sampled = item.RequestedParameters
+        sampled.ClientHandle, sampled.SamplingInterval = place, interval_ms
+        sampled.QueueSize, sampled.DiscardOldest = max(2, round(1e3 * _QUEUED_S / interval_ms)), True
+        sampled.Filter = ua.DataChangeFilter(Trigger=ua.DataChangeTrigger.StatusValueTimestamp)
+        items.Parameters.ItemsToCreate.append(item)
     results = (yield items).Results or ()
     refused = [result.StatusCode.name for result in results[: len(nodes.axes)] if not result.StatusCode.is_good()]
     if refused or len(results) < len(nodes.axes):
@@ -399,17 +404,6 @@ def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
 def _keep_alive(interval_ms: float, feedback: OPCUARobotics) -> int:
     """After how many intervals without anything new the server says so: three times within the time-out."""
     return max(1, int(1e3 * feedback.timeout_s / 3 / max(interval_ms, 1.0)))
-
-
-def _item(place: int, node: Any, interval_ms: float) -> Any:
-    item = ua.MonitoredItemCreateRequest()
-    item.ItemToMonitor = ua.ReadValueId(node, ua.AttributeIds.Value)
-    item.MonitoringMode = ua.MonitoringMode.Reporting
-    asked = item.RequestedParameters
-    asked.ClientHandle, asked.SamplingInterval = place, interval_ms
-    asked.QueueSize, asked.DiscardOldest = max(2, round(1e3 * _QUEUED_S / interval_ms)), True
-    asked.Filter = ua.DataChangeFilter(Trigger=ua.DataChangeTrigger.StatusValueTimestamp)
-    return item
 
 
 def publish_request(acknowledged: Any | None = None) -> Any:

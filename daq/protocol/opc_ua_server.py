@@ -7,7 +7,7 @@ everything at each of its intervals, on time.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -108,7 +108,11 @@ def robot_space(feedback: OPCUARobotics) -> Space:
     """Return a robot with the axes that a rig file names. Where that states the unit of angles, the server does not."""
     space, unit = Space(), None if feedback.units else DEGREE
     system, robot = "DeviceSet/System", f"DeviceSet/System/MotionDevices/{feedback.device or 'Robot'}"
-    for number, (name, node) in enumerate(_axes(feedback), 1):
+    # Names of q1 … q6, or the nodes of their positions where the rig file gives those
+    axes: Sequence[str] = feedback.axes or [f"Axis_{number}" for number in range(1, 7)]
+    by_nodes = bool(feedback.axes) and are_nodes(axes)
+    for number, declared in enumerate(axes, 1):
+        name, node = (f"Axis_{number}", ua.NodeId.from_string(declared)) if by_nodes else (declared, None)
         axis = space.add(f"{robot}/Axes/{name}")
         space.add(f"{robot}/Axes/{name}/ParameterSet/ActualPosition", f"q{number}", unit, node)
         train = f"{robot}/PowerTrains/PowerTrain_{number}"
@@ -123,15 +127,6 @@ def robot_space(feedback: OPCUARobotics) -> Space:
     space.add(f"{machine}/CurrentState", STATE)
     space.add(f"{machine}/{READY.replace('.', '/')}", READY)
     return space
-
-
-def _axes(feedback: OPCUARobotics) -> Iterator[tuple[str, Any | None]]:
-    """Names of q1 … q6, and the nodes of their positions where the rig file gives those."""
-    declared: Sequence[str] = feedback.axes or ()
-    if declared and are_nodes(declared):
-        yield from ((f"Axis_{number}", ua.NodeId.from_string(axis)) for number, axis in enumerate(declared, 1))
-        return
-    yield from ((name, None) for name in declared or [f"Axis_{number}" for number in range(1, 7)])
 
 
 _REQUESTS = {
@@ -199,11 +194,28 @@ class RobotServer:
         return self._step(answers)
 
     def tick(self, now_ns: int) -> Step:
-        """Send what one instant brings; a tick that is late is followed by the next at once."""
+        """Send everything that is subscribed to, as of one instant; a tick that is late is followed by the next at
+        once."""
         if self._pace is None or not self._waiting:
             return Step()
         instant_ns = self._pace.step(now_ns)
-        return self._step(b"" if instant_ns is None else self._note(instant_ns))
+        if instant_ns is None:
+            return self._step(b"")
+        self.sent += 1
+        self._notes = self._notes % (2**32 - 1) + 1
+        number, request = self._waiting.pop(0)
+        values = self._values(instant_ns)
+        items = [
+            ua.MonitoredItemNotification(handle, self._value(values, node, instant_ns))
+            for handle, node in self._items.items()
+        ]
+        response = ua.PublishResponse()
+        response.Parameters.SubscriptionId = 1
+        response.Parameters.MoreNotifications = False
+        response.Parameters.NotificationMessage = ua.NotificationMessage(
+            self._notes, self._clock(instant_ns), [ua.DataChangeNotification(MonitoredItems=items)]
+        )
+        return self._step(self._reply(request, number, response))
 
     def _step(self, send: bytes) -> Step:
         return Step(send, wake_ns=self._pace.next_ns if self._pace and self._waiting else None)
@@ -282,24 +294,6 @@ class RobotServer:
                 response.Results = [ua.MonitoredItemCreateResult() for _ in asked.ItemsToCreate]
                 self._pace = Pace(1e3 / self._interval_ms, now_ns)
         return response
-
-    def _note(self, instant_ns: int) -> bytes:
-        """Everything that is subscribed to, as of this instant."""
-        self.sent += 1
-        self._notes = self._notes % (2**32 - 1) + 1
-        number, request = self._waiting.pop(0)
-        values = self._values(instant_ns)
-        items = [
-            ua.MonitoredItemNotification(handle, self._value(values, node, instant_ns))
-            for handle, node in self._items.items()
-        ]
-        response = ua.PublishResponse()
-        response.Parameters.SubscriptionId = 1
-        response.Parameters.MoreNotifications = False
-        response.Parameters.NotificationMessage = ua.NotificationMessage(
-            self._notes, self._clock(instant_ns), [ua.DataChangeNotification(MonitoredItems=items)]
-        )
-        return self._reply(request, number, response)
 
     def _clock(self, now_ns: int) -> datetime:
         return self.EPOCH + timedelta(microseconds=(now_ns - self._start_ns) / 1e3)

@@ -254,9 +254,18 @@ class SteadySteps:
         if not clock_s > before_s:
             return []
         self._unjudged.append((before_s, clock_s))
-        faults = [] if math.isfinite(self._period_s) else self._found_period(at_ns)
-        if math.isnan(self._period_s):
-            return []
+        faults = list[Fault]()
+        if math.isnan(self._period_s):  # take the period from the steps so far, if they are enough
+            least_s = min(after_s - before_s for before_s, after_s in self._unjudged)
+            if least_s < _MORE * self._asked_s:
+                self._period_s = self._asked_s
+            elif len(self._unjudged) < _FIRST:
+                return []
+            else:
+                self._period_s = round(least_s / self._asked_s) * self._asked_s
+                sent_hz, asked_hz = 1 / self._period_s, 1 / self._asked_s
+                rates = f"the controller sends {sent_hz:g} packets a second, not {asked_hz:g}"
+                faults.append(Fault(FaultKind.DOUBTFUL, at_ns, f"{rates}; write rate_hz: {sent_hz:g}"))
         steps, self._unjudged = self._unjudged, []
         for before_s, after_s in steps:
             periods = (after_s - before_s) / self._period_s
@@ -264,15 +273,3 @@ class SteadySteps:
                 detail = f"controller time goes from {before_s:.3f} s to {after_s:.3f} s; lower rate_hz if this recurs"
                 faults.append(Fault(FaultKind.SKIPPED, at_ns, detail, round(periods) - 1))
         return faults
-
-    def _found_period(self, at_ns: int) -> list[Fault]:
-        """Take the period from the steps so far, if they are enough."""
-        least_s = min(after_s - before_s for before_s, after_s in self._unjudged)
-        if least_s < _MORE * self._asked_s:
-            self._period_s = self._asked_s
-        elif len(self._unjudged) >= _FIRST:
-            self._period_s = round(least_s / self._asked_s) * self._asked_s
-            sent_hz, asked_hz = 1 / self._period_s, 1 / self._asked_s
-            detail = f"the controller sends {sent_hz:g} packets a second, not {asked_hz:g}; write rate_hz: {sent_hz:g}"
-            return [Fault(FaultKind.DOUBTFUL, at_ns, detail)]
-        return []

@@ -24,7 +24,6 @@ from daq.protocol.framing import Message
 from daq.protocol.modbus import (
     Block,
     Layout,
-    Resync,
     Wire,
     exception_of,
     pack,
@@ -141,7 +140,9 @@ class RegisterDialect:
         at_ns, resync = message.last_byte_ns, self._resync
         refusal, registers = exception_of(content), registers_of(content)
         mismatched = refusal is None and (registers is None or len(registers) != self._count)
-        if mismatched and (self._wire.numbered or registers is None or not _is_known(resync, len(registers))):
+        if mismatched and (
+            self._wire.numbered or registers is None or len(registers) not in (*resync.usual, *resync.counts)
+        ):
             return _garbled(f"{message.size} bytes answer a read of {self._count} registers", at_ns)
         if mismatched:
             detail = "an answer came too late, recognised by its length, and was ignored; increase timeout_s"
@@ -153,7 +154,12 @@ class RegisterDialect:
             detail = "an answer came that may belong to an earlier request, and was ignored; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
         if registers is None:
-            return Reply((_refusal(refusal or 0, at_ns),), Then.PAUSE)
+            code = refusal or 0
+            detail = f"exception {code}, unknown to Modbus; see the instrument's manual"
+            if code in list(ExcCodes):
+                remedy = _REMEDY.get(ExcCodes(code), "see the instrument's manual")
+                detail = f"exception {code} {ExcCodes(code).name}: {remedy}"
+            return Reply((Fault(FaultKind.DEVICE_ERROR, at_ns, detail),), Then.PAUSE)
         return self._meant(registers, message, requested_ns)
 
     def _meant(self, registers: Registers, message: Message, requested_ns: int) -> Reply:
@@ -175,10 +181,6 @@ def unasked(wire: Wire, message: Message) -> Fault:
     return Fault(
         FaultKind.STRANGER, at_ns, f"unit {unit} answers, and was not asked from here; is there another master?"
     )
-
-
-def _is_known(resync: Resync, count: int) -> bool:
-    return count in resync.usual or count in resync.counts
 
 
 def verdict(registers: Registers, status: StatusRegister | None, layout: Layout, at_ns: int) -> int | Fault:
@@ -203,14 +205,6 @@ def pack_verdict(registers: list[int], status: StatusRegister | None, layout: La
 
 def _garbled(detail: str, at_ns: int) -> Reply:
     return Reply((Fault(FaultKind.GARBLED, at_ns, detail),), Then.DRAIN)
-
-
-def _refusal(code: int, at_ns: int) -> Fault:
-    if code not in list(ExcCodes):
-        return Fault(FaultKind.DEVICE_ERROR, at_ns, f"exception {code}, unknown to Modbus; see the instrument's manual")
-    name = ExcCodes(code)
-    remedy = _REMEDY.get(name, "see the instrument's manual")
-    return Fault(FaultKind.DEVICE_ERROR, at_ns, f"exception {code} {name.name}: {remedy}")
 
 
 class RegisterDevice:

@@ -90,13 +90,11 @@ def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -
     faults = tuple(Fault(trouble.kind, at_ns, trouble.detail) for trouble in troubles)
     if all(isinstance(reading, Trouble) for reading in readings):
         return faults
-    return (Sample(tuple(map(_value_mm, readings)), requested_ns, message.first_byte_ns, at_ns, message.size), *faults)
-
-
-def _value_mm(reading: Reading) -> float:
-    if isinstance(reading, Trouble):
-        return math.nan
-    return reading.value_mm if isinstance(reading, Written) else reading
+    values_mm = tuple(
+        math.nan if isinstance(reading, Trouble) else reading.value_mm if isinstance(reading, Written) else reading
+        for reading in readings
+    )
+    return (Sample(values_mm, requested_ns, message.first_byte_ns, at_ns, message.size), *faults)
 
 
 def held(

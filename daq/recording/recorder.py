@@ -228,8 +228,11 @@ class Recorder(clock.Thread):
                 case Close(number, ending, why):
                     self.last_end = f"{ending}: {why}"
                     self._io.submit_close(partial(self._close_run, self._runs[number], ending, why))
-                case Suspend(number, why):
-                    self._suspend(self._runs[number], why)
+                case Suspend(number, why) if (writer := self._runs[number].writer) is not None:
+                    # What comes from now on counts as missed, and later what was taken and is not stored.
+                    self._gap = Gap(writer.path, writer.device, why, self._runs[number].taken)
+                    message = "%s: run ended, %s; another run follows when the disk allows it"
+                    log.error(message, writer.path, self.last_end)
                 case GiveUp():
                     self._give_up(self._gap)
                     self._gap = None
@@ -292,13 +295,6 @@ class Recorder(clock.Thread):
         if sync and run is not None and run.writer is not None:
             run.writer.write()
             self._io.advance(run.writer)
-
-    def _suspend(self, run: ActiveRun, why: str) -> None:
-        """Count what comes from now on as missed, and later what was taken and is not stored."""
-        if run.writer is not None:
-            self._gap = Gap(run.writer.path, run.writer.device, why, run.taken)
-            message = "%s: run ended, %s; another run follows when the disk allows it"
-            log.error(message, run.writer.path, self.last_end)
 
     def _give_up(self, gap: Gap | None) -> None:
         if gap:

@@ -157,7 +157,12 @@ class ControlServer:
                 (user, _), *_ = Counter(connection.user for connection in self._open).most_common(1)
                 limited = {connection for connection in self._open if connection.user == user}
             if limited is not None and not self._make_room(limited):
-                _refuse(new)
+                busy = "all its connections are busy with other requests"
+                refusal = _as_answer(CellError("rigd", busy, "try again when they are answered"))
+                with contextlib.suppress(OSError):
+                    new.sock.setblocking(False)
+                    new.sock.sendall(_encoded(refusal))
+                new.sock.close()
                 return
             self._open.add(new)
         try:
@@ -206,14 +211,6 @@ class ControlServer:
             connection.sock.close()
             self._open.discard(connection)
             self._changed.notify_all()
-
-
-def _refuse(connection: _Connection) -> None:
-    error = CellError("rigd", "all its connections are busy with other requests", "try again when they are answered")
-    with contextlib.suppress(OSError):
-        connection.sock.setblocking(False)
-        connection.sock.sendall(_encoded(_as_answer(error)))
-    connection.sock.close()
 
 
 def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:

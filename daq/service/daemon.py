@@ -93,27 +93,20 @@ def recent_samples(request: Mapping[str, Any], buffers: Mapping[str, StreamBuffe
     except ValidationError as error:
         problem = f"a samples request is not valid: {error.errors(include_url=False)[0]['msg']}"
         raise CellError("control socket", problem, 'send {"command": "samples", "after": {"g1": 0}}') from None
-    streams = {name: _stream(buffer, asked.after.get(name, 0)) for name, buffer in buffers.items()}
-    text = rig_text if asked.rig and len(rig_text) <= _LONGEST_RIG else ""
-    return {"now_ns": clock.now_ns(), "streams": streams, "rig_lines": text.splitlines()}
-
-
-def _stream(buffer: StreamBuffer, after: int) -> dict[str, Any]:
-    """Number of the newest sample, the columns, and of the samples after `after` [first_byte_ns, value, …] each."""
-    newest, samples = buffer.recent(after)
-    step = max(1, math.ceil(len(samples) / MOST))
-    thinned = samples[::-1][::step][::-1]  # the newest is always among them
-    return {
-        "newest": newest,
-        "columns": list(buffer.columns),
-        "rows": [
+    streams = {}
+    for name, buffer in buffers.items():
+        newest, samples = buffer.recent(asked.after.get(name, 0))
+        step = max(1, math.ceil(len(samples) / MOST))
+        rows = [
             [
                 sample.first_byte_ns,
                 *(round(value, _DIGITS) if math.isfinite(value) else None for value in sample.values),
             ]
-            for sample in thinned
-        ],
-    }
+            for sample in samples[::-1][::step][::-1]  # the newest is always among them
+        ]
+        streams[name] = {"newest": newest, "columns": list(buffer.columns), "rows": rows}
+    text = rig_text if asked.rig and len(rig_text) <= _LONGEST_RIG else ""
+    return {"now_ns": clock.now_ns(), "streams": streams, "rig_lines": text.splitlines()}
 
 
 log = logging.getLogger("rigd")

@@ -29,17 +29,14 @@ def render(metrics: Iterable[Metric]) -> str:
         if metric.values:
             lines += [f"# HELP {metric.name} {_escaped(metric.help)}", f"# TYPE {metric.name} {metric.kind}"]
         for labels, value in metric.values:
-            written = ",".join(f'{name}="{_quoted(text)}"' for name, text in labels.items())
+            quoted = {name: _escaped(text).replace('"', r"\"") for name, text in labels.items()}
+            written = ",".join(f'{name}="{text}"' for name, text in quoted.items())
             lines.append(f"{metric.name}{f'{{{written}}}' if written else ''} {_number(value)}")
     return "".join(f"{line}\n" for line in lines)
 
 
 def _escaped(text: str) -> str:
     return plain_lines(text).replace("\\", r"\\").replace("\n", r"\n")
-
-
-def _quoted(text: str) -> str:
-    return _escaped(text).replace('"', r"\"")
 
 
 def _number(value: float) -> str:

@@ -117,8 +117,12 @@ class RunRetention:
 
     def apply(self) -> None:
         """Apply the retention once to all runs of this rig."""
+        runs = list[RunInfo]()
         try:
-            runs = self._runs_of_rig()
+            for run in survey(self._runs) if self._runs.exists() else ():
+                clock.sleep(_PAUSE_S)
+                if run.manifest is None or run.manifest.rig_name == self._rig_name:
+                    runs.append(run)
         except (OSError, FileError) as error:
             log.warning("retention: %s", error)
             return
@@ -148,14 +152,6 @@ class RunRetention:
             "deleted_bytes": self.deleted_bytes,
             "over_bytes": self.over_bytes,
         }
-
-    def _runs_of_rig(self) -> list[RunInfo]:
-        runs = []
-        for run in survey(self._runs) if self._runs.exists() else ():
-            clock.sleep(_PAUSE_S)
-            if run.manifest is None or run.manifest.rig_name == self._rig_name:
-                runs.append(run)
-        return runs
 
     def _delete(self, run: RunInfo) -> bool:
         try:

@@ -20,6 +20,10 @@ _RETENTION = {
     "deleted": ("rig_retention_deleted_runs_total", "counter", "Runs deleted since the daemon started."),
     "deleted_bytes": ("rig_retention_deleted_bytes_total", "counter", "Bytes of the deleted runs."),
 }
+_AUTOMATIC = {
+    "started": "Runs started by the robot.",
+    "refused": "Runs that the robot asked for and that did not start.",
+}
 _CLOCKS = {
     "offset_s": ("rig_clock_offset_seconds", "Host's monotonic clock less the instrument's, by the earliest messages."),
     "drift_ppm": ("rig_clock_drift_ppm", "How much faster the host's clock runs than the instrument's, in millionths."),
@@ -49,7 +53,11 @@ def _all(status: Status) -> Iterator[Metric]:
         run = {**about, "run": status["run"]}
         yield Metric("rig_recording_info", "gauge", "The run that is recorded.", ((run, 1.0),))
         yield _single("rig_recording_seconds", "How long it has been recorded.", status["seconds"])
-    yield from _automatic(status["automatic"])
+    if (automatic := status["automatic"]) is not None:
+        is_recorded = float(bool(automatic["recording"]))
+        yield _single("rig_automatic_recording", "1 while the robot's own run is recorded.", is_recorded)
+        for key, words in _AUTOMATIC.items():
+            yield Metric(f"rig_automatic_{key}_total", "counter", words, (({}, automatic[key]),))
     disk = status["disk"]
     yield _single("rig_disk_free_bytes", "Room on the disk of the runs for this user.", disk and disk["free_bytes"])
     yield _single("rig_disk_size_bytes", "Size of the disk of the runs.", disk and disk["size_bytes"])
@@ -86,20 +94,6 @@ def _streams(streams: Mapping[str, Any], host: Mapping[str, int]) -> Iterator[Me
         for column, age_s in stream["age_s"].items()
     )
     yield Metric("rig_reading_age_seconds", "gauge", "Since the last good value; none where none came yet.", ages)
-
-
-def _automatic(automatic: Status | None) -> Iterator[Metric]:
-    if automatic is None:
-        return
-    yield _single(
-        "rig_automatic_recording", "1 while the robot's own run is recorded.", float(bool(automatic["recording"]))
-    )
-    counted = {
-        "started": "Runs started by the robot.",
-        "refused": "Runs that the robot asked for and that did not start.",
-    }
-    for key, words in counted.items():
-        yield Metric(f"rig_automatic_{key}_total", "counter", words, (({}, automatic[key]),))
 
 
 def _single(name: str, words: str, value: float | None) -> Metric:

@@ -84,7 +84,9 @@ def rigd(
         locked_file = None if is_shipped(file) else file  # a shipped one is everybody's
         if metrics is None and "RUNTIME_DIRECTORY" in os.environ:  # systemd provides a directory for it and the socket
             metrics = socket_directory() / "rig.prom"
-        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics, locked_file)
+        state = os.environ.get("STATE_DIRECTORY")
+        runs = runs or (Path(state.split(":")[0]) / "runs" if state else Path("runs"))
+        daemon = Daemon(rig, text, runs.absolute(), socket, capture, metrics, locked_file)
         daemon.start()
     except RigError as error:
         for line in error.lines():
@@ -128,8 +130,3 @@ def _listen() -> SimpleQueue[_End]:
         signal.signal(number, signalled)
     threading.excepthook = died
     return ends
-
-
-def _runs() -> Path:
-    state = os.environ.get("STATE_DIRECTORY")
-    return Path(state.split(":")[0]) / "runs" if state else Path("runs")

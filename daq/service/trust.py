@@ -121,7 +121,14 @@ class InstanceLock:
         """Raises CellError if another daemon holds it, or if the place is not safe."""
         try:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            _hold_private(path.parent)
+            status = path.parent.stat()
+            if status.st_uid not in (os.geteuid(), 0):
+                remedy = "set XDG_RUNTIME_DIR, or give another --socket"
+                raise CellError(str(path.parent), "belongs to another user", remedy)
+            if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+                problem = "can be written by other users, who could put a file in the place of rigd's"
+                remedy = "give --socket in a directory of your own, or chmod go-w it"
+                raise CellError(str(path.parent), problem, remedy)
             fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
         except OSError as error:
             problem = "is a symbolic link" if path.is_symlink() else error.strerror or str(error)
@@ -230,13 +237,3 @@ def _is_of_this_user(address: str) -> bool:
         probe.connect(address)
         return peer_user(probe) in (0, os.geteuid())
     return False
-
-
-def _hold_private(directory: Path) -> None:
-    """Raise CellError if another user may put files into a directory."""
-    status = directory.stat()
-    if status.st_uid not in (os.geteuid(), 0):
-        raise CellError(str(directory), "belongs to another user", "set XDG_RUNTIME_DIR, or give another --socket")
-    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        problem = "can be written by other users, who could put a file in the place of rigd's"
-        raise CellError(str(directory), problem, "give --socket in a directory of your own, or chmod go-w it")

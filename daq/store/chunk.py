@@ -82,24 +82,20 @@ def table_schema(columns: Mapping[str, ColumnType]) -> pa.Schema:
 def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBatch:
     """Return rows of one stream as a batch whose `sequence` starts at `first`."""
     faults = [] if isinstance(rows, Samples) else [row for row in rows if not isinstance(row, Sample)]
-    arrays = _fault_arrays(faults) if faults else _sample_arrays(Samples.of(rows))  # type: ignore[arg-type] # no faults
+    if faults:
+        at_ns = pa.array([fault.at_ns for _, fault in faults], pa.int64())
+        words = [(stream, str(fault.kind), storable(fault.detail)) for stream, fault in faults]
+        count = pa.array([fault.count for _, fault in faults], pa.int64())
+        arrays = [at_ns, *(pa.array(list(column), pa.string()) for column in zip(*words, strict=True)), count]
+    else:
+        samples = Samples.of(rows)  # type: ignore[arg-type] # no faults
+        # A device's unsigned 32-bit status wraps and keeps its bits: an odd code must not end a recording.
+        kinds = {name: kind.to_pandas_dtype() for name, kind in SAMPLE_COLUMNS.items() if name != "sequence"}
+        fixed = [pa.array(getattr(samples, name).astype(kind)) for name, kind in kinds.items()]
+        arrays = [*fixed, *(pa.array(np.ascontiguousarray(column)) for column in samples.values.T)]
     sequence = np.arange(first, first + len(rows), dtype=np.int64)
     place = schema.get_field_index("sequence")
     return pa.record_batch([*arrays[:place], pa.array(sequence), *arrays[place:]], schema=schema)
-
-
-def _sample_arrays(samples: Samples) -> list[Array]:
-    # A device's unsigned 32-bit status wraps and keeps its bits: an odd code must not end a recording.
-    kinds = {name: kind.to_pandas_dtype() for name, kind in SAMPLE_COLUMNS.items() if name != "sequence"}
-    fixed = [pa.array(getattr(samples, name).astype(kind)) for name, kind in kinds.items()]
-    return [*fixed, *(pa.array(np.ascontiguousarray(column)) for column in samples.values.T)]
-
-
-def _fault_arrays(faults: Sequence[tuple[str, Fault]]) -> list[Array]:
-    at_ns = pa.array([fault.at_ns for _, fault in faults], pa.int64())
-    words = [(stream, str(fault.kind), storable(fault.detail)) for stream, fault in faults]
-    count = pa.array([fault.count for _, fault in faults], pa.int64())
-    return [at_ns, *(pa.array(list(column), pa.string()) for column in zip(*words, strict=True)), count]
 
 
 def storable(text: str) -> str:
@@ -115,14 +111,11 @@ def checksum(batch: pa.RecordBatch, number: int) -> int:
     head = f"{number} {batch.num_rows} {[(f.name, str(f.type)) for f in batch.schema]}"
     crc = zlib.crc32(head.encode())
     for column in batch.columns:
-        crc = zlib.crc32(_canonical(column), crc)
+        if pa.types.is_string(column.type):
+            crc = zlib.crc32(json.dumps(column.to_pylist()).encode(), crc)
+        else:
+            crc = zlib.crc32(column.to_numpy(zero_copy_only=True), crc)
     return crc
-
-
-def _canonical(column: Array) -> Any:
-    if pa.types.is_string(column.type):
-        return json.dumps(column.to_pylist()).encode()
-    return column.to_numpy(zero_copy_only=True)
 
 
 def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
@@ -245,7 +238,9 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
                 end = source.tell()
     except _DAMAGE as error:
         _hold_memory(error, len(data))
-        damage = f"damaged after {len(batches)} batches ({_reason(error)})"
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        reason = "zeros or an early end mark" if isinstance(error, _ZEROS) else reason
+        damage = f"damaged after {len(batches)} batches ({reason})"
     unread = 0 if closed else len(data) - end
     return Salvage(tuple(batches), closed, unread, damage)
 
@@ -272,12 +267,6 @@ def _number(data: bytes, at: int, kind: str) -> int:
 
 def _digits(number: int) -> bytes:
     return str(number).encode()
-
-
-def _reason(error: BaseException) -> str:
-    if isinstance(error, _ZEROS):
-        return "zeros or an early end mark"
-    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def table_of(batches: tuple[pa.RecordBatch, ...], schema: pa.Schema) -> pa.Table:

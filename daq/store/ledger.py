@@ -188,20 +188,16 @@ def verified(data: bytes) -> Verified:
     entries: list[Entry] = []
     size, last, seal = 0, "", ""
     for line in data.split(b"\n")[:-1]:
-        entry = _entry(line, last)
+        match = _LINE.fullmatch(line)
+        if match is None or match["digest"].decode() != sha256(last.encode() + b"{" + match["rest"] + b"}"):
+            break
+        entry = _content(match)
         if entry is None:
             break
         entries.append(entry)
         size, last = size + len(line) + 1, line[len(b'{"sha256":"') :][:64].decode()
         seal = last if entry.seal else seal
     return Verified(tuple(entries), size, last, len(data) - size, data.count(b"\n", size), seal)
-
-
-def _entry(line: bytes, before: str) -> Entry | None:
-    match = _LINE.fullmatch(line)
-    if match is None or match["digest"].decode() != sha256(before.encode() + b"{" + match["rest"] + b"}"):
-        return None
-    return _content(match)
 
 
 def _content(line: re.Match[bytes]) -> Entry | None:

@@ -287,7 +287,13 @@ def load_manifest(run: Path) -> Manifest:
             raise no_run(run)
         data = read_bytes(path, _MOST_BYTES)
         manifest = Manifest.model_validate_json(data)
-        return manifest if manifest.version == 1 else _with_ledger(run, manifest, sha256(data))
+        if manifest.version == 1:
+            return manifest
+        entries = read_ledger(run).entries
+        if entries and entries[0].opening != sha256(data):
+            problem = f"has changed since the run began: {LEDGER} names another SHA-256"
+            raise FileError(str(path), problem, f"{to_recover(run)} or restore the file")
+        return manifest.with_entries(entries)
     except FileNotFoundError:
         if any(run.glob(f"*/{MANIFEST}")):
             raise FileError(str(run), "is not a run but holds runs", f"give one of them, as {run}/NAME") from None
@@ -310,14 +316,6 @@ def _of_another_package(path: Path, error: ValidationError) -> UnknownTestError 
         return None
     problem = f"is of the test {first['input'][:60]!r}, which neither rig nor a package beside it has"
     return UnknownTestError(str(path), problem, "install that package where rig runs, or use the run where it was made")
-
-
-def _with_ledger(run: Path, manifest: Manifest, digest: str) -> Manifest:
-    entries = read_ledger(run).entries
-    if entries and entries[0].opening != digest:
-        problem = f"has changed since the run began: {LEDGER} names another SHA-256"
-        raise FileError(str(run / MANIFEST), problem, f"{to_recover(run)} or restore the file")
-    return manifest.with_entries(entries)
 
 
 def unreadable(path: Path, error: OSError) -> FileError:

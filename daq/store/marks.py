@@ -173,7 +173,9 @@ def _test_and_direction(
     run: Path, manifest: Manifest, test: TestName, direction: Direction | None
 ) -> dict[str, str | None]:
     """What both become. Raises FileError where the run cannot be that, UseError for a direction without a circle."""
-    if test != manifest.test and not _alike(manifest, test):
+    # Recorded streams may be of any test with gauges, a table of either circle.
+    alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
+    if test != manifest.test and not (manifest.test in alike and test in alike):
         problem = f"holds data of a {manifest.test} test, which cannot be of a {test} test"
         raise FileError(str(run), problem, f"import them again with --test {test}")
     if test not in CIRCLES:
@@ -190,9 +192,3 @@ def _test_and_direction(
         remedy = f"import it again with --direction {direction}, its direction column left out"
         raise FileError(str(run), problem, remedy)
     return {"test": test, "direction": direction or manifest.direction}
-
-
-def _alike(manifest: Manifest, test: TestName) -> bool:
-    """Whether data may be of another test: recorded streams of any with gauges, a table of either circle."""
-    alike: tuple[TestName, ...] = get_args(DrivenTest) if manifest.table is None else CIRCLES
-    return manifest.test in alike and test in alike

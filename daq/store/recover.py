@@ -82,15 +82,10 @@ def recover(path: Path) -> Recovery:
         finally:
             durable.close(lock)
     except (OSError, pa.ArrowException) as error:
-        raise CellError(
-            str(path), f"cannot be recovered: {_in_words(error)}", f"{_remedy(error)}; nothing was lost"
-        ) from error
-
-
-def _in_words(error: Exception) -> str:
-    """Return what went wrong and with which file; the system names some by a number that says nothing."""
-    reason, file = getattr(error, "strerror", None), getattr(error, "filename", None)
-    return f"{reason}: {file!r}" if reason and isinstance(file, str) else str(reason or error)
+        reason, file = getattr(error, "strerror", None), getattr(error, "filename", None)
+        # The system names some files by a number, which says nothing.
+        words = f"{reason}: {file!r}" if reason and isinstance(file, str) else str(reason or error)
+        raise CellError(str(path), f"cannot be recovered: {words}", f"{_remedy(error)}; nothing was lost") from error
 
 
 def _remedy(error: Exception) -> str:
@@ -159,14 +154,6 @@ def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manife
     upgraded.save(path)
     done.notes.append(f"{LEDGER}: made, since there was none that could be read")
     return upgraded
-
-
-def _claimed(path: Path) -> Claim:
-    """Return what the ledgers kept as torn claim, so that an interruption forgets nothing of it."""
-    entries, claimed = read_ledger(path).entries, Claim(Counter())
-    for torn in path.glob(f"{LEDGER}{TORN}*"):
-        claimed |= claim_in(read_bytes(torn, MOST_BYTES), entries[0].opening if entries else None)
-    return claimed
 
 
 def _opening_in(path: Path) -> bytes | None:
@@ -270,7 +257,9 @@ class _Repair:
         self.done.losses[file.name] = f"{why}; kept as {torn.name}"
 
     def _seal(self) -> None:
-        was, claimed = self.manifest, _claimed(self.path)
+        was, entries, claimed = self.manifest, read_ledger(self.path).entries, Claim(Counter())
+        for torn in self.path.glob(f"{LEDGER}{TORN}*"):  # so that an interruption forgets nothing of what they claim
+            claimed |= claim_in(read_bytes(torn, MOST_BYTES), entries[0].opening if entries else None)
         row_counts = {stream: self._rows(stream) for stream in self.manifest.all_streams}
         counters = {stream: dict(counts) for stream, counts in (was.counters or self._count()).items()}
         for stream in row_counts.keys() & counters.keys():

@@ -121,7 +121,12 @@ def create_run_directory(runs: Path, manifest: Manifest, companions: Mapping[str
     """
     durable.make_directories(runs)
     require_room(runs, TO_BEGIN_BYTES + sum(map(len, companions.values())))
-    path = _fresh_directory(runs, manifest.name)
+    stem = manifest.name if _TIMED.match(manifest.name) else f"{clock.wall_time():%Y%m%dT%H%M%SZ}_{manifest.name}"
+    for number in count(1):
+        path = runs / (stem if number == 1 else f"{stem}.{number}")
+        with suppress(FileExistsError):
+            durable.make_directory(path)
+            break
     try:
         lock = durable.lock(path)
         try:
@@ -142,16 +147,6 @@ def write_beside(path: Path, companions: Mapping[str, bytes]) -> None:
     of each, and the manifest that of the rig file. Raises OSError."""
     for name, content in companions.items():
         durable.replace(path / name, content)
-
-
-def _fresh_directory(runs: Path, name: str) -> Path:
-    stem = name if _TIMED.match(name) else f"{clock.wall_time():%Y%m%dT%H%M%SZ}_{name}"
-    for number in count(1):
-        path = runs / (stem if number == 1 else f"{stem}.{number}")
-        with suppress(FileExistsError):
-            durable.make_directory(path)
-            return path
-    raise AssertionError("count has no end")
 
 
 try:
@@ -248,7 +243,12 @@ def removed_at_signals(directory: str | Path, before: Callable[[], None] = lambd
 
 @contextmanager
 def _hidden(parent: Path) -> Iterator[Path]:
-    _remove_left_over(parent)
+    for directory in parent.glob(f".*{durable.TEMPORARY}"):
+        if _OURS.fullmatch(directory.name) and not directory.is_symlink():
+            fd = _lock_of(directory)
+            if fd is not None:  # of a process that was killed while it filled it
+                shutil.rmtree(directory, ignore_errors=True)
+                os.close(fd)
     # A hidden directory that no other command removes; the lock is None where the disk has none
     for _ in range(_TRIES):
         made = parent / f".{secrets.token_hex(8)}{durable.TEMPORARY}"
@@ -281,17 +281,6 @@ def _lock_of(directory: Path) -> int | None:
         os.close(fd)
         return None
     return fd
-
-
-def _remove_left_over(parent: Path) -> None:
-    """Remove the hidden directories of processes that were killed while they filled them."""
-    for directory in parent.glob(f".*{durable.TEMPORARY}"):
-        if not _OURS.fullmatch(directory.name) or directory.is_symlink():
-            continue
-        fd = _lock_of(directory)
-        if fd is not None:
-            shutil.rmtree(directory, ignore_errors=True)
-            os.close(fd)
 
 
 def _hold_free(path: Path) -> None:

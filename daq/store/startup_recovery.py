@@ -33,7 +33,14 @@ class StartupRecovery(clock.Thread):
 
     def run(self) -> None:
         """Recover the runs until `stop`: the body of the thread."""
-        for path in self._directories():
+        try:
+            paths = sorted(filter(_may_be_run, self._runs.iterdir()), reverse=True)
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            log.warning("%s: cannot be searched for crashed runs: %s", self._runs, error.strerror)
+            return
+        for path in paths:
             if self._stop_asked.is_set():
                 return
             try:
@@ -43,15 +50,6 @@ class StartupRecovery(clock.Thread):
                 log.warning("not recovered: %s", error)
             except Exception:  # no odd old run may keep the cell from recording new ones
                 log.exception("%s: not recovered because of an internal error; run: rig recover %s", path, path)
-
-    def _directories(self) -> list[Path]:
-        try:
-            return sorted(filter(_may_be_run, self._runs.iterdir()), reverse=True)
-        except FileNotFoundError:
-            return []
-        except OSError as error:
-            log.warning("%s: cannot be searched for crashed runs: %s", self._runs, error.strerror)
-            return []
 
 
 def _may_be_run(path: Path) -> bool:

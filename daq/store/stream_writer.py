@@ -158,21 +158,19 @@ class StreamWriter:
             self.full, self.open = self.open, None
         if not len(self.pending):
             return
-        chunk = self.open or self._begin()
+        if self.open is None:
+            number = self.chunks + 1
+            path = (self.run / chunk_name(self.stream, number)).with_suffix(".arrow")
+            start = head(self.schema)
+            self.open = OpenChunk(path, number, durable.create(path, start), len(start), clock.now_ns())
+            self.chunks = number
+        chunk = self.open
         batch = batch_of(self.pending.rows(), self.schema.remove_metadata(), self.rows)
         chunk.append(frame(batch, chunk.frames))
         self.pending = Pending()
         chunk.frames += 1
         chunk.rows += batch.num_rows
         self.rows += batch.num_rows
-
-    def _begin(self) -> OpenChunk:
-        number = self.chunks + 1
-        path = (self.run / chunk_name(self.stream, number)).with_suffix(".arrow")
-        start = head(self.schema)
-        self.open = OpenChunk(path, number, durable.create(path, start), len(start), clock.now_ns())
-        self.chunks = number
-        return self.open
 
     def begin_sync(self) -> Sync | None:
         """Return what there is to sync, or None."""

@@ -106,7 +106,6 @@ def judge(path: Path) -> Verdict:
     try:
         manifest = load_manifest(path)
         verified = _read_ledger(path)
-        ledger = _ledger(path, manifest, verified)
     except FileError as error:
         return Verdict(path, problems=(str(error),))
     streams = [_read(path, manifest, stream) for stream in manifest.all_streams]
@@ -114,7 +113,9 @@ def judge(path: Path) -> Verdict:
     recovered = manifest.exit_status == "recovered"
     is_recorded = manifest.exit_status == "recording" and durable.may_be_locked(path)
     # While a run is recorded, each chunk enters the ledger once it is full.
-    leftovers = [] if is_recorded else _left_over(path, manifest)
+    leftovers = [] if is_recorded else left_over(path, manifest)
+    place = "manifest" if manifest.version == 1 else "ledger"
+    unlisted = [f"{file}: is not in the {place}; {to_recover(path)}" for file in leftovers]
     if not problems:  # a chunk that cannot be read explains every number that does not fit
         problems = _counters(path, manifest, {stream.name: stream for stream in streams})
     return Verdict(
@@ -125,8 +126,8 @@ def judge(path: Path) -> Verdict:
         verified.seal,
         tuple(gap for stream in streams for gap in stream.gaps),
         (
-            *(ledger or _table(path, manifest)), *_manifest(path, manifest, is_recorded=is_recorded),
-            *_marks(path), *leftovers, *problems,
+            *_ledger(path, manifest, verified), *_manifest(path, manifest, is_recorded=is_recorded),
+            *_beside(path, manifest), *unlisted, *problems,
         ),
     )  # fmt: skip
 
@@ -139,13 +140,14 @@ def _read_ledger(path: Path) -> Verified:
 
 
 def _ledger(path: Path, manifest: Manifest, verified: Verified) -> list[str]:
-    if manifest.version == 1:
-        return []
-    if not verified.entries:
+    """What is wrong with the ledger, or with an imported run whose ledger lists no table."""
+    if manifest.version > 1 and not verified.entries:
         return [f"{path / LEDGER}: is missing or damaged from its first line on; {to_recover(path)}"]
-    if verified.unread and manifest.exit_status != "recording":
+    if manifest.version > 1 and verified.unread and manifest.exit_status != "recording":
         line = len(verified.entries) + 1
         return [f"{path / LEDGER}: line {line} and what follows cannot be verified; {to_recover(path)}"]
+    if manifest.table is not None and not manifest.chunks_of(TABLE):
+        return [f"{path}: its table is not there; import {manifest.table.file} again"]
     return []
 
 
@@ -157,12 +159,12 @@ def _manifest(path: Path, manifest: Manifest, *, is_recorded: bool) -> list[str]
         problems.append(f"{path}: was never ended: the recording crashed; {to_recover(path)}")
     if sha256(manifest.rig_text.encode()) != manifest.rig_sha256:
         problems.append(f"{path}: the rig file in the manifest does not match its SHA-256")
-    return [*problems, *_companions(path, manifest)]
+    return problems
 
 
-def _companions(path: Path, manifest: Manifest) -> list[str]:
-    """What is wrong with a calibration beside a run, of which the rig file in the manifest has the digest. Older runs
-    have none."""
+def _beside(path: Path, manifest: Manifest) -> list[str]:
+    """What is wrong with the calibrations beside a run, of which the rig file in the manifest has the digests (older
+    runs have none), and with its marks."""
     problems = []
     for file in sorted(path.glob(f"*{CALIBRATION}")):
         try:
@@ -175,27 +177,11 @@ def _companions(path: Path, manifest: Manifest) -> list[str]:
             continue
         if digest not in manifest.rig_text:
             problems.append(f"{file}: is not the calibration that the rig file in the manifest names (SHA-256)")
-    return problems
-
-
-def _table(path: Path, manifest: Manifest) -> list[str]:
-    """What is wrong with an imported run whose ledger lists no table."""
-    if manifest.table is None or manifest.chunks_of(TABLE):
-        return []
-    return [f"{path}: its table is not there; import {manifest.table.file} again"]
-
-
-def _marks(path: Path) -> list[str]:
     try:
         load_marks(path)
     except FileError as error:
-        return [str(error)]
-    return []
-
-
-def _left_over(path: Path, manifest: Manifest) -> list[str]:
-    where = "manifest" if manifest.version == 1 else "ledger"
-    return [f"{file}: is not in the {where}; {to_recover(path)}" for file in left_over(path, manifest)]
+        problems.append(str(error))
+    return problems
 
 
 def _read(path: Path, manifest: Manifest, stream: str) -> _Stream:

@@ -228,13 +228,13 @@ class RunWriter:
         problems = [problem for step in steps if (problem := _attempt(step))]
         if problems and exit_status != "failed":
             exit_status, reason = "failed", f"{reason}; {_words(problems[0])}".lstrip("; ")
-        seal = Seal(
-            exit_status=exit_status,
-            reason=reason,
-            ended=iso_now(),
-            rows={stream: writer.rows for stream, writer in self._writers.items()},
-            counters={stream: self._counted(stream, counts) for stream, counts in counters.items()},
-        )
+        rows = {stream: writer.rows for stream, writer in self._writers.items()}
+        stored = {stream: {"samples": count} for stream, count in rows.items()}
+        counted = {
+            stream: {str(kind): count for kind, count in counts.items()} | stored.get(stream, {})
+            for stream, counts in counters.items()
+        }
+        seal = Seal(exit_status=exit_status, reason=reason, ended=iso_now(), rows=rows, counters=counted)
         if unsealed := _attempt(partial(self._ledger.append, Entry(seal=seal))):
             problems.append(unsealed)
         else:
@@ -250,10 +250,6 @@ class RunWriter:
         durable.close(self._lock)
         if problems:
             raise _refused(self.path, problems[0]) from problems[0]
-
-    def _counted(self, stream: str, counts: Mapping[str, int]) -> dict[str, int]:
-        rows = {"samples": self._writers[stream].rows} if stream in self._writers else {}
-        return {str(kind): count for kind, count in counts.items()} | rows
 
     def _write(self) -> None:
         for writer in self._writers.values():

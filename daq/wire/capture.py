@@ -80,17 +80,17 @@ def read_capture(path: Path) -> Capture:
         raise FileError(str(path), "is not a capture written by rigd", f"one begins with {HEAD!r}: rigd --capture FILE")
     lines = text.split("\n")
     cut = lines.pop() != ""
-    numbered = [(number, line) for number, line in enumerate(lines, 1) if not line.startswith("#")]
-    return Capture(tuple(_piece(path, number, line) for number, line in numbered), cut)
-
-
-def _piece(path: Path, number: int, line: str) -> Piece:
-    try:
-        match = _LINE.fullmatch(line)
-        if match is None:
-            raise ValueError("no piece")
-        data = match[4].encode("ascii").decode("unicode_escape").encode("latin-1")
-        return Piece(int(match[1]), match[2], Mark(match[3]), data)
-    except ValueError:
-        problem = f"line {number} cannot be read as part of a capture: {line[:40]!r}"
-        raise FileError(str(path), problem, "correct or delete that line") from None
+    pieces = list[Piece]()
+    for number, line in enumerate(lines, 1):
+        if line.startswith("#"):
+            continue
+        try:
+            match = _LINE.fullmatch(line)
+            if match is None:
+                raise ValueError("no piece")
+            data = match[4].encode("ascii").decode("unicode_escape").encode("latin-1")
+            pieces.append(Piece(int(match[1]), match[2], Mark(match[3]), data))
+        except ValueError:
+            problem = f"line {number} cannot be read as part of a capture: {line[:40]!r}"
+            raise FileError(str(path), problem, "correct or delete that line") from None
+    return Capture(tuple(pieces), cut)

@@ -69,7 +69,11 @@ class Link:
     def read(self, timeout_s: float) -> bytes:
         """Return what has come, waiting at most `timeout_s` for it; empty if nothing came. Raises LinkLost."""
         try:
-            if not self._comes(timeout_s):
+            if timeout_s < _COARSE_S:
+                came = bool(select.select([self._fd], [], [], max(0.0, timeout_s))[0])
+            else:  # this takes half of what `select` does, and whole milliseconds
+                came = bool(self._poll.poll(1e3 * timeout_s))
+            if not came:
                 if clock.now_s() - self._heard_s > self._dead_s:
                     raise LinkLost(f"nothing arrived for {self._dead_s:g} s, the other end may be gone")
                 return b""
@@ -88,12 +92,6 @@ class Link:
         poll = select.poll()
         poll.register(self._fd, select.POLLIN)
         return poll
-
-    def _comes(self, timeout_s: float) -> bool:
-        """Whether something comes within the time. `poll` takes half of what `select` does, and whole milliseconds."""
-        if timeout_s < _COARSE_S:
-            return bool(select.select([self._fd], [], [], max(0.0, timeout_s))[0])
-        return bool(self._poll.poll(1e3 * timeout_s))
 
     def write(self, data: bytes) -> None:
         """Send all of the data. Raises LinkLost, also if the line accepts nothing for some seconds."""

@@ -75,7 +75,15 @@ def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> s
             settings[_IFLAG] |= termios.INPCK
             termios.tcsetattr(fd, termios.TCSANOW, settings)
     except serial.SerialException as error:
-        raise CellError(where, *_serial_problem(error)) from None
+        text = str(error)
+        if "exclusively lock" in text or "busy" in text:
+            problem, remedy = "in use by another program", "stop the other program (another rigd, a terminal)"
+        elif "Permission denied" in text:
+            problem, remedy = "permission denied", "add the user to the group dialout and log in again"
+        else:
+            problem = f"cannot be opened as a serial port ({error.strerror or text})"
+            remedy = "give the path of a serial port"
+        raise CellError(where, problem, remedy) from None
     except (OSError, ValueError, termios.error) as error:
         raise CellError(where, f"is not a serial device ({error})", "give the path of a serial port") from None
     return device
@@ -108,12 +116,3 @@ def line_errors(fd: int) -> dict[str, int]:
     except (OSError, ValueError):
         return {}
     return {name: counts[place] for name, place in _PLACES.items()}
-
-
-def _serial_problem(error: serial.SerialException) -> tuple[str, str]:
-    text = str(error)
-    if "exclusively lock" in text or "busy" in text:
-        return "in use by another program", "stop the other program (another rigd, a terminal)"
-    if "Permission denied" in text:
-        return "permission denied", "add the user to the group dialout and log in again"
-    return f"cannot be opened as a serial port ({error.strerror or text})", "give the path of a serial port"

@@ -64,7 +64,8 @@ def run_conversation(
         if now_ns >= alive_ns:
             alive()
             alive_ns = now_ns + _ALIVE_NS
-        data = link.read(_wait_s(step))
+        due_s = _LONGEST_WAIT_S if step.wake_ns is None else max(0.0, (step.wake_ns - clock.now_ns()) / 1e9)
+        data = link.read(min(_LONGEST_WAIT_S, due_s))
         now_ns = clock.now_ns()
         if data and gathering:
             arrivals, lost = _gathered(link, (data, now_ns), gathering.gather_ns)
@@ -94,9 +95,3 @@ def _gathered(link: ByteLink, first: Arrival, gather_ns: int) -> tuple[list[Arri
     except LinkLost as error:
         return arrivals, error
     return arrivals, None
-
-
-def _wait_s(step: Step) -> float:
-    if step.wake_ns is None:
-        return _LONGEST_WAIT_S
-    return min(_LONGEST_WAIT_S, max(0.0, (step.wake_ns - clock.now_ns()) / 1e9))
