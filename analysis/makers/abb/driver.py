@@ -38,6 +38,14 @@ _KINDS = {
     "speeddata": "nnnn",
 }
 """What stands in each kind of data: b a boolean, n a number, t a text, p a pose."""
+_STREAMS = (
+    "EGMGetId @",
+    "EGMReset @",
+    "EGMStreamStop @",
+    "EGMStreamStart @ \\ SampleRate := 4",
+    'EGMSetupUC ROB_1 , @ , "default" , "rig" \\ Joint',
+)
+"""The instructions of a stream of joint angles, with @ for its egmident."""
 
 
 def run(text: str, _: str, machine: Machine) -> None:
@@ -139,16 +147,11 @@ class _Controller:
             case ["Stop"]:
                 self._machine.events.append(Held())
             case [name, *_] if name.startswith("EGM"):
-                self._stream(words)
+                form = " ".join("@" if self._data.get(word) == "egmident" else word for word in words)
+                if form not in _STREAMS:
+                    raise ProgramError(f"{' '.join(words)} is not known")
             case _:
                 self._move(words)
-
-    def _stream(self, words: list[str]) -> None:
-        forms = [*(f"EGM{name} @" for name in ("GetId", "Reset", "StreamStop")), "EGMStreamStart @ \\ SampleRate := 4"]
-        forms.append('EGMSetupUC ROB_1 , @ , "default" , "rig" \\ Joint')
-        form = " ".join("@" if self._data.get(word) == "egmident" else word for word in words)
-        if form not in forms:
-            raise ProgramError(f"{' '.join(words)} is not known")
 
     def _move(self, words: list[str]) -> None:
         match words:

@@ -9,7 +9,7 @@ controller. A listing is one program; those beside it are followed where it call
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -209,20 +209,6 @@ def _number(component: re.Match[str], begin: int) -> Number:
     return Number(begin + component.start(2), begin + component.end(2), float(component[2]))
 
 
-def _statements(text: str, begin: int, end: int) -> Iterator[list[tuple[int, str]]]:
-    """Yield the statements between two places, each as the lines over which it goes, with where they begin."""
-    statement: list[tuple[int, str]] = []
-    for line in _LINE.finditer(text, begin, end):
-        body = line["body"].strip()
-        ended = not statement or statement[-1][1].endswith(";")
-        if statement and (line["number"] or ended):
-            yield statement
-            statement = []
-        statement.append((line.start("body"), body))
-    if statement:
-        yield statement
-
-
 def _read(reader: _Reader, file: int) -> None:
     """Read the instructions of a listing."""
     text = reader.texts[file]
@@ -232,7 +218,12 @@ def _read(reader: _Reader, file: int) -> None:
     reader.labels = tuple(re.findall(r"\bLBL\[\s*(\d+)", text[begin:middle]))
     if _TRACKING.search(text, 0, begin):
         reader.blocks.add(Set("tracking", "on"))
-    for statement in _statements(text, begin, middle):
+    statements: list[list[tuple[int, str]]] = []  # each as the lines over which it goes, with where they begin
+    for line in _LINE.finditer(text, begin, middle):
+        if line["number"] or not statements or statements[-1][-1][1].endswith(";"):
+            statements.append([])
+        statements[-1].append((line.start("body"), line["body"].strip()))
+    for statement in statements:
         reader.line = reader.lines[file].at(statement[0][0])
         whole = " ".join(body for _, body in statement)
         _statement(reader, whole.rstrip("; "), reader.lines[file].at(statement[-1][0]))
