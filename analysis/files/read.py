@@ -32,7 +32,6 @@ from analysis.files.cells import Columns, Problems, Row, TableFileError, TablePr
 from analysis.files.ros_bag import table_of_bag
 from analysis.files.table_map import MAPPED
 from analysis.files.write import as_it_was
-from analysis.kinematics.arm import Array
 from analysis.measures.stops import target_count
 from analysis.traces.kind import kind_named, kinds
 from analysis.traces.table_layout import (
@@ -97,37 +96,36 @@ def check_sequence(
                 fact = f"{socket!r} is no socket of the rig file: {', '.join(declared)}"
                 yield TableProblem(int(line), SOCKET, fact)
     if "direction" in columns_of_test:
-        yield from _one_direction(columns["direction"], lines, direction)
-        t_s = columns["t_s"].to_numpy()
-        for axis, name in zip(rig.robot.axes, JOINTS, strict=True):
-            yield from _jumps(name, t_s, columns[name].to_numpy(), lines, axis.speed_deg_s)
+        yield from _of_circle(columns, lines, rig, direction)
 
 
-def _one_direction(words: pa.ChunkedArray, lines: np.ndarray, direction: Direction | None) -> Iterator[TableProblem]:
+def _of_circle(columns: Columns, lines: np.ndarray, rig: Rig, direction: Direction | None) -> Iterator[TableProblem]:
+    """Mistakes in the direction of a circle, and where a joint jumps by more than it can run."""
+    words = columns["direction"]
     named = pc.unique(words.drop_null()).to_pylist()
     if direction and named == ["acw" if direction == "cw" else "cw"]:
         yield TableProblem(int(lines[0]), "direction", f"the table says {named[0]}; leave --direction out")
     elif len(named) > 1:
         fact = f"{named[1]} after {named[0]}: a file may hold one direction only; split it here"
         yield TableProblem(int(lines[pc.index(words, named[1]).as_py()]), "direction", fact)
-
-
-def _jumps(name: str, t_s: Array, q_deg: Array, lines: np.ndarray, speed_deg_s: float) -> Iterator[TableProblem]:
-    finite = np.flatnonzero(np.isfinite(t_s) & np.isfinite(q_deg))
-    step, gap_s = np.diff(q_deg[finite]), np.diff(t_s[finite])
-    reachable = _SPEED_FACTOR * speed_deg_s * np.maximum(gap_s, 0.0) + _ROUNDING_DEG
-    jump = (np.abs(step) > np.minimum(reachable, _LARGEST_STEP_DEG)) & (gap_s > 0)
-    came = -2
-    for k in np.flatnonzero(jump).tolist():
-        # A single bad row jumps there and back: it is named, the good one after it is not.
-        if came == k - 1 and step[k] * step[k - 1] < 0:
-            came = -2
-            continue
-        came = k
-        fact = f"jumps by {step[k]:.4g}° in {gap_s[k]:.3g} s"
-        if abs(abs(step[k]) - 360) < 20:
-            fact += ": a full turn is missing; unwrap the angle"
-        yield TableProblem(int(lines[finite[k + 1]]), name, fact)
+    t_s = columns["t_s"].to_numpy()
+    for axis, name in zip(rig.robot.axes, JOINTS, strict=True):
+        q_deg = columns[name].to_numpy()
+        finite = np.flatnonzero(np.isfinite(t_s) & np.isfinite(q_deg))
+        step, gap_s = np.diff(q_deg[finite]), np.diff(t_s[finite])
+        reachable = _SPEED_FACTOR * axis.speed_deg_s * np.maximum(gap_s, 0.0) + _ROUNDING_DEG
+        jump = (np.abs(step) > np.minimum(reachable, _LARGEST_STEP_DEG)) & (gap_s > 0)
+        came = -2
+        for k in np.flatnonzero(jump).tolist():
+            # A single bad row jumps there and back: it is named, the good one after it is not.
+            if came == k - 1 and step[k] * step[k - 1] < 0:
+                came = -2
+                continue
+            came = k
+            fact = f"jumps by {step[k]:.4g}° in {gap_s[k]:.3g} s"
+            if abs(abs(step[k]) - 360) < 20:
+                fact += ": a full turn is missing; unwrap the angle"
+            yield TableProblem(int(lines[finite[k + 1]]), name, fact)
 
 
 _CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word in words)

@@ -166,9 +166,7 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
         yield "changed", (point.changed,)
     if not usages:
         yield "unused", ()
-    if place := _offset_unknown(target, usages):
-        yield "offset", (place,)
-    yield from _elsewhere(usages)
+    yield from _elsewhere(target, usages)
     for usage in () if target.joints else usages:
         move = _here(usage, "the move")
         if isinstance(usage.tool, Unknown):
@@ -182,8 +180,17 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
             yield "two_postures", (_here(usages[0], "one move"), _here(usage, "another move"))
 
 
-def _elsewhere(usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
-    """Yield why moves do not go to the point itself, if they may not."""
+def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
+    """Yield why moves do not go to the point itself, or beside it by an offset that is not known or not the same on all
+    ways."""
+    offsets: dict[str, object] = {}
+    for usage in usages:
+        if offsets.setdefault(usage.move.key, usage.offset) != usage.offset:
+            yield "offset", (_here(usage, "the offset differs between the ways that lead here"),)
+        elif usage.offset and target.joints:
+            yield "offset", (_here(usage, "an offset from joint angles"),)
+        elif usage.offset and not isinstance(value := usage.offset[1], tuple):
+            yield "offset", (value if isinstance(value, Unknown) else _here(usage, "the move with the offset"),)
     for usage in usages:
         for part, value in usage.needs:
             reason, move = _BY_PART[part.partition(" ")[0]], _here(usage, "the move")
@@ -191,19 +198,6 @@ def _elsewhere(usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown,
                 yield "not_understood" if value.everything else reason, (value, move)
             elif value != OFF:
                 yield reason, (move,)
-
-
-def _offset_unknown(target: Target, usages: Sequence[Usage]) -> Unknown | None:
-    """Return the move whose offset is not known, or not the same on all ways, if there is one."""
-    offsets: dict[str, object] = {}
-    for usage in usages:
-        if offsets.setdefault(usage.move.key, usage.offset) != usage.offset:
-            return _here(usage, "the offset differs between the ways that lead here")
-        if usage.offset and target.joints:
-            return _here(usage, "an offset from joint angles")
-        if usage.offset and not isinstance(value := usage.offset[1], tuple):
-            return value if isinstance(value, Unknown) else _here(usage, "the move with the offset")
-    return None
 
 
 def _here(usage: Usage, what: str) -> Unknown:

@@ -146,15 +146,6 @@ class _Controller:
                 self._machine.events.append(Switched(signal, state == "1"))
             case ["Stop"]:
                 self._machine.events.append(Held())
-            case [name, *_] if name.startswith("EGM"):
-                form = " ".join("@" if self._data.get(word) == "egmident" else word for word in words)
-                if form not in _STREAMS:
-                    raise ProgramError(f"{' '.join(words)} is not known")
-            case _:
-                self._move(words)
-
-    def _move(self, words: list[str]) -> None:
-        match words:
             case ["MoveAbsJ", target, "\\", "NoEOffs", ",", speed, ",", "fine", ",", *frames]:
                 self._frames(frames)
                 self._machine.joints(np.radians(self._of(target, "jointtarget")[0]), self._limits(speed))
@@ -168,6 +159,10 @@ class _Controller:
                 place, at, stops = self._pose(via).place, self._pose(end), zone == "fine"
                 limits = self._limits(speed)
                 self._machine.arc(place, at, self._mm_s(speed), turning=turning, stops=stops, speed=limits)
+            case [name, *_] if name.startswith("EGM"):
+                form = " ".join("@" if self._data.get(word) == "egmident" else word for word in words)
+                if form not in _STREAMS:
+                    raise ProgramError(f"{' '.join(words)} is not known")
             case _:
                 raise ProgramError(f"{' '.join(words)} is not an instruction")
 

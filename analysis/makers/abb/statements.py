@@ -453,32 +453,30 @@ def _move(reader: Reader, at: int, instruction: re.Match[str], move: re.Match[st
     if len(places) < count + 3:
         _leave(reader, at, "computed", instruction[0])
         return
-    tool = (
-        text[slice(*places[count + 2 if _TOOL_THIRD.fullmatch(instruction["name"]) else -1])].partition("\\")[0].strip()
-    )
+    of_tool = places[count + 2 if _TOOL_THIRD.fullmatch(instruction["name"]) else -1]
     wobj = _WOBJ.search(text, instruction.start("rest"), instruction.end("rest"))
-    frame = wobj["name"].strip() if wobj else "wobj0"
+    names = {
+        "tool": text[slice(*of_tool)].partition("\\")[0].strip(),
+        "frame": wobj["name"].strip() if wobj else "wobj0",
+    }
+    active: dict[str, Unknown | Ref] = {}
+    for what, name in names.items():
+        part = f"{what} {name.lower()}"
+        active[what] = reader.shadowed.get(part) or Ref(part)
+        if not _WORD.fullmatch(name):  # parts of records and elements of arrays are not followed
+            active[what] = reader.why(at, f"{name} is a part of other data")
+    if wobj and wobj["given"] == "?":
+        active["frame"] = reader.why(at, f"{names['frame']} is what a routine may be given")
     way = "joint" if kind in ("J", "ABSJ") else "line"
     tracked = _TRACKED.search(text, instruction.start("rest"), instruction.end("rest"))
     reader.blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
     for begin, end in places[:count]:
         line = reader.lines[reader.file].at(begin)
         needs, trusts = ("shift", "tracking here", "switch"), "conf j" if way == "joint" else "conf l"
-        tool_now, frame_now = (_data(reader, at, kind, name) for kind, name in (("tool", tool), ("frame", frame)))
-        if wobj and wobj["given"] == "?":
-            frame_now = reader.why(at, f"{frame} is what a routine may be given")
-        state = Move("", way, reader.file, line, tool_now, frame_now, needs, trusts)
+        state = Move("", way, reader.file, line, active["tool"], active["frame"], needs, trusts)
         _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", instruction["name"])
     if instruction["name"].lower().endswith("sync"):
         reader.blocks.add(Forget(reader.why(at, f"{instruction['name']} runs a procedure that a text names")))
-
-
-def _data(reader: Reader, at: int, kind: str, name: str) -> Unknown | Ref:
-    """Return the tool or work object of a move; parts of records and elements of arrays are not followed."""
-    if not _WORD.fullmatch(name):
-        return reader.why(at, f"{name} is a part of other data")
-    part = f"{kind} {name.lower()}"
-    return reader.shadowed.get(part) or Ref(part)
 
 
 def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:
