@@ -288,22 +288,10 @@ def parse_csv(
         raise FileError(where, f"is of a {test} test, which has no direction", "leave --direction out")
     _require_text(where, data)
     rows = _rows(data, where)
-    _, names = next(rows, (1, []))
-    if names and names[0].startswith("#"):
+    _, header = next(rows, (1, []))
+    if header and header[0].startswith("#"):
         refuse_comments(where, data, test)
-    if not any(names):
-        raise FileError(where, "is empty", "give a table with a header line")
-    if len(names) > _MOST_COLUMNS:
-        raise FileError(where, f"has {len(names)} columns, more than {_MOST_COLUMNS}", "leave out those not needed")
-    names = [as_it_was(name) for name in names]
-    if joints == "commanded":
-        # The commanded joints are the robot's, and those measured have a name that says so.
-        if missing := [name for name in COMMANDED if name not in names]:
-            problem = f"has no {', '.join(missing)}, which --joints commanded reads"
-            raise FileError(where, problem, "rename the columns of the commanded joints, or leave --joints out")
-        measured = [name.replace("_deg", "_measured_deg") for name in JOINTS]
-        renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
-        names = [renamed.get(name, name) for name in names]
+    names = _names(header, where, joints)
     axes = len(rig.robot.axes)
     layout = kind_named(test).layout(axes, rail=rig.robot.rail is not None)
     check_header(where, names, test, direction is not None, axes, layout)
@@ -312,11 +300,34 @@ def parse_csv(
     if not len(lines) and not problems.count:
         raise FileError(where, "has a header and no rows", "give the measured rows")
     if direction and "direction" not in columns:
-        columns = _with_direction(columns, direction, len(lines))
+        completed: dict[str, pa.ChunkedArray] = {}
+        for name, values in columns.items():
+            completed[name] = values
+            if name == "t_s":
+                completed["direction"] = pa.chunked_array([pa.repeat(direction, len(lines))])
+        columns = completed
     problems.add(check_sequence(columns, lines, test, rig, direction))
     if problems.count:
         raise TableFileError(where, problems.first, count=problems.count)
     return pa.table(columns, schema=table_schema({name: column_type(name, layout) for name in columns}))
+
+
+def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
+    """The names of the columns. Raises FileError for no header, one of too many, and one without the joints to read."""
+    if not any(header):
+        raise FileError(where, "is empty", "give a table with a header line")
+    if len(header) > _MOST_COLUMNS:
+        raise FileError(where, f"has {len(header)} columns, more than {_MOST_COLUMNS}", "leave out those not needed")
+    names = [as_it_was(name) for name in header]
+    if joints != "commanded":
+        return names
+    # The commanded joints are the robot's, and those measured have a name that says so.
+    if missing := [name for name in COMMANDED if name not in names]:
+        problem = f"has no {', '.join(missing)}, which --joints commanded reads"
+        raise FileError(where, problem, "rename the columns of the commanded joints, or leave --joints out")
+    measured = [name.replace("_deg", "_measured_deg") for name in JOINTS]
+    renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
+    return [renamed.get(name, name) for name in names]
 
 
 def read_whole(path: Path) -> bytes:
@@ -380,12 +391,3 @@ def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Pro
             raise FileError(where, problem, "import it in several runs")
         count += 1
         yield line, fields
-
-
-def _with_direction(columns: Columns, direction: Direction, rows: int) -> Columns:
-    completed: dict[str, pa.ChunkedArray] = {}
-    for name, values in columns.items():
-        completed[name] = values
-        if name == "t_s":
-            completed["direction"] = pa.chunked_array([pa.repeat(direction, rows)])
-    return completed

@@ -200,8 +200,8 @@ def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason
                 yield reason, (move,)
 
 
-def _here(usage: Usage, what: str) -> Unknown:
-    return Unknown(usage.move.file, usage.move.line, what)
+def _here(usage: Usage, fact: str) -> Unknown:
+    return Unknown(usage.move.file, usage.move.line, fact)
 
 
 def _tool(value: Value, of_point: Array | str) -> Array | str:

@@ -175,9 +175,9 @@ class Reader:
     routine: str = ""
     _defined: dict[str, list[str]] | None = None
 
-    def why(self, begin: int, what: str) -> Unknown:
+    def why(self, begin: int, fact: str) -> Unknown:
         """Return a reason at a place of the module that is read."""
-        return Unknown(self.file, self.lines[self.file].at(begin), " ".join(what.split())[:80])
+        return Unknown(self.file, self.lines[self.file].at(begin), " ".join(fact.split())[:80])
 
     def defined(self, name: str) -> list[str]:
         """Return the routines that a name can stand for: that of the module, or those that all modules see."""
@@ -460,11 +460,11 @@ def _move(reader: Reader, at: int, instruction: re.Match[str], move: re.Match[st
         "frame": wobj["name"].strip() if wobj else "wobj0",
     }
     active: dict[str, Unknown | Ref] = {}
-    for what, name in names.items():
-        part = f"{what} {name.lower()}"
-        active[what] = reader.shadowed.get(part) or Ref(part)
+    for family, name in names.items():
+        part = f"{family} {name.lower()}"
+        active[family] = reader.shadowed.get(part) or Ref(part)
         if not _WORD.fullmatch(name):  # parts of records and elements of arrays are not followed
-            active[what] = reader.why(at, f"{name} is a part of other data")
+            active[family] = reader.why(at, f"{name} is a part of other data")
     if wobj and wobj["given"] == "?":
         active["frame"] = reader.why(at, f"{names['frame']} is what a routine may be given")
     way = "joint" if kind in ("J", "ABSJ") else "line"

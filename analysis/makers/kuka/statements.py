@@ -168,9 +168,9 @@ class Reader:
         why = self.why(file, begin, f"{name} is called" if len(routines) == 1 else f"{name} is not known here")
         return Call(routines[0], why) if len(routines) == 1 else Forget(why)
 
-    def why(self, file: int, begin: int, what: str) -> Unknown:
+    def why(self, file: int, begin: int, fact: str) -> Unknown:
         """Return a reason at a place in a text."""
-        return Unknown(file, self.lines[file].at(begin), what[:80])
+        return Unknown(file, self.lines[file].at(begin), fact[:80])
 
     def begin(self, file: int, name: str) -> None:
         """Begin a routine."""
