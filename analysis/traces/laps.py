@@ -130,7 +130,7 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
         rows, ahead = max(ways, key=lambda way: float(way[1][-1] - way[1][0]))
         laps = [_lap_from(rows, ahead, _turns_before(ahead, lead))]
     for _, ahead in laps:
-        _is_covered(where, ahead, sense, start)
+        _require_covered(where, ahead, sense, start)
     # Of a single lap a view is enough: it may be long.
     inside = laps[0][0] if len(laps) == 1 else np.concatenate([np.arange(rows.start, rows.stop) for rows, _ in laps])
     begins = np.array([table.t_s[rows.start] for rows, _ in laps])
@@ -157,7 +157,7 @@ def _ways_along(
         phi = np.interp(np.arange(len(table.q)), rows_seen, phi)
     turned = [float(np.ptp(phi[rows])) for rows in stretches]
     if max(turned, default=0.0) < np.pi:
-        _is_this_circle(where, frame, tool, bool(stretches))
+        _require_this_circle(where, frame, tool, bool(stretches))
     ways: list[tuple[slice, Array]] = []
     for stretch in stretches:
         rows = _without_leaps(where, table, phi, stretch, rig)
@@ -272,7 +272,7 @@ def leaps_of(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
     return sorted(leaps)
 
 
-def _is_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool) -> None:
+def _require_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool) -> None:
     radius = float(np.median(np.linalg.norm(tool - frame.centre, axis=1)))
     height = float(np.median(np.abs((tool - frame.centre) @ frame.n)))
     if not ever or abs(radius - frame.radius) > _RADIUS_OFF_MM or height > _RADIUS_OFF_MM:
@@ -283,7 +283,7 @@ def _is_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool) -> 
         raise FileError(where, problem, "correct tests.circle, robot.tool or the units of the feedback")
 
 
-def _is_covered(where: str, ahead: Array, sense: float, start: float) -> None:
+def _require_covered(where: str, ahead: Array, sense: float, start: float) -> None:
     edges = np.concatenate([[0.0], np.sort(ahead[:: max(1, len(ahead) // _COVER)]), [2 * np.pi]])
     gaps = np.diff(edges)
     widest = int(np.argmax(gaps))
