@@ -79,9 +79,9 @@ class Points:
         point = self._points[key]
         point.changed = point.changed or Unknown(file, line, "it is used or assigned there")
 
-    def leave(self, left: Left) -> None:
+    def leave(self, move: Left) -> None:
         """List a move that cannot be corrected."""
-        self._left.append(left)
+        self._left.append(move)
 
     def state(self, named: Named) -> None:
         """Take the numbers that the program itself gives a tool or frame."""
