@@ -165,7 +165,7 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direct
         if name in joints:
             named[name] = pa.array(angles[:, joints.index(name)])
         elif name in stated:
-            named[name] = _one(raw, name, stated[name].column, stated[name].unit, problems)
+            named[name] = _column(raw, name, stated[name].column, stated[name].unit, problems)
         elif name == "direction" and direction:
             named[name] = pa.repeat(direction, len(raw.lines))
     if problems.count:
@@ -173,7 +173,7 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direct
     return named
 
 
-def _one(raw: RawTable, name: str, column: str, unit: str | None, problems: Problems) -> pa.Array:
+def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: Problems) -> pa.Array:
     """A column by our name: a number in its unit, a count, or a word."""
     if name not in WORDS and name not in COUNTS:
         our_unit = name.rpartition("_")[2]

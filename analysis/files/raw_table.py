@@ -127,16 +127,7 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
             if sum(member.file_size for member in archive.infolist()) > _MOST_UNPACKED:
                 raise FileError(where, f"unpacks to more than {_MOST_UNPACKED / 1e6:g} MB", "save the sheet as CSV")
         book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-        sheets = {}
-        for title, rows in _rows_within(book.worksheets, where):
-            texts = [["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row] for row in rows]
-            # A point where a text is a number with a comma: columns are separated by commas.
-            cells = [[t.replace(",", ".") if _COMMA.fullmatch(t.strip()) else t for t in row] for row in texts]
-            width, text = max(map(len, cells), default=0), io.StringIO()
-            writer = csv.writer(text, lineterminator="\n")
-            for row in cells:
-                writer.writerow([*row, *[""] * (width - len(row))]) if any(row) else text.write("\n")
-            sheets[title] = text.getvalue().encode()
+        sheets = dict(_texts_within(book.worksheets, where))
     except FileError:
         raise
     except Exception as error:  # noqa: BLE001 - of a damaged workbook, whatever its readers raise
@@ -145,23 +136,26 @@ def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
     return {name: text for name, text in sheets.items() if text.strip(b"\n,")}
 
 
-def _rows_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, Iterator[tuple[Any, ...]]]]:
-    """Yield the title of each sheet with its rows. Raises FileError, while rows are taken, for more cells than are
-    read; a cell far out makes all before it."""
+def _texts_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, bytes]]:
+    """Yield the title of each sheet with its rows as text. Raises FileError for more cells in all than are read; a cell
+    far out makes all before it."""
     count = 0
-
-    def rows_of(sheet: Any) -> Iterator[tuple[Any, ...]]:
-        nonlocal count
+    for sheet in sheets:
         sheet.reset_dimensions()  # what a sheet says of its size may be too much, or leave rows out
+        rows = []
         for row in sheet.iter_rows(values_only=True):
             count += max(1, len(row))
             if count > _MOST_SHEET_CELLS:
                 problem = f"has more than {_MOST_SHEET_CELLS} cells, in the sheet {sheet.title!r} at the latest"
                 raise FileError(where, problem, "save the sheet with the table as CSV")
-            yield row
-
-    for sheet in sheets:
-        yield sheet.title, rows_of(sheet)
+            texts = ["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row]
+            # A point where a text is a number with a comma: columns are separated by commas.
+            rows.append([text.replace(",", ".") if _COMMA.fullmatch(text.strip()) else text for text in texts])
+        width, written = max(map(len, rows), default=0), io.StringIO()
+        writer = csv.writer(written, lineterminator="\n")
+        for cells in rows:
+            writer.writerow([*cells, *[""] * (width - len(cells))]) if any(cells) else written.write("\n")
+        yield sheet.title, written.getvalue().encode()
 
 
 def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list[str], Layout]:

@@ -32,7 +32,6 @@ from analysis.files.cells import Columns, Problems, Row, TableFileError, TablePr
 from analysis.files.ros_bag import table_of_bag
 from analysis.files.table_map import MAPPED
 from analysis.files.write import as_it_was
-from analysis.kinematics.arm import Array
 from analysis.measures.stops import target_count
 from analysis.traces.kind import kind_named, kinds
 from analysis.traces.table_layout import (
@@ -97,37 +96,36 @@ def check_sequence(
                 fact = f"{socket!r} is no socket of the rig file: {', '.join(declared)}"
                 yield TableProblem(int(line), SOCKET, fact)
     if "direction" in columns_of_test:
-        yield from _one_direction(columns["direction"], lines, direction)
-        t_s = columns["t_s"].to_numpy()
-        for axis, name in zip(rig.robot.axes, JOINTS, strict=True):
-            yield from _jumps(name, t_s, columns[name].to_numpy(), lines, axis.speed_deg_s)
+        yield from _of_circle(columns, lines, rig, direction)
 
 
-def _one_direction(words: pa.ChunkedArray, lines: np.ndarray, direction: Direction | None) -> Iterator[TableProblem]:
+def _of_circle(columns: Columns, lines: np.ndarray, rig: Rig, direction: Direction | None) -> Iterator[TableProblem]:
+    """Mistakes in the direction of a circle, and where a joint jumps by more than it can run."""
+    words = columns["direction"]
     named = pc.unique(words.drop_null()).to_pylist()
     if direction and named == ["acw" if direction == "cw" else "cw"]:
         yield TableProblem(int(lines[0]), "direction", f"the table says {named[0]}; leave --direction out")
     elif len(named) > 1:
         fact = f"{named[1]} after {named[0]}: a file may hold one direction only; split it here"
         yield TableProblem(int(lines[pc.index(words, named[1]).as_py()]), "direction", fact)
-
-
-def _jumps(name: str, t_s: Array, q_deg: Array, lines: np.ndarray, speed_deg_s: float) -> Iterator[TableProblem]:
-    finite = np.flatnonzero(np.isfinite(t_s) & np.isfinite(q_deg))
-    step, gap_s = np.diff(q_deg[finite]), np.diff(t_s[finite])
-    reachable = _SPEED_FACTOR * speed_deg_s * np.maximum(gap_s, 0.0) + _ROUNDING_DEG
-    jump = (np.abs(step) > np.minimum(reachable, _LARGEST_STEP_DEG)) & (gap_s > 0)
-    came = -2
-    for k in np.flatnonzero(jump).tolist():
-        # A single bad row jumps there and back: it is named, the good one after it is not.
-        if came == k - 1 and step[k] * step[k - 1] < 0:
-            came = -2
-            continue
-        came = k
-        fact = f"jumps by {step[k]:.4g}° in {gap_s[k]:.3g} s"
-        if abs(abs(step[k]) - 360) < 20:
-            fact += ": a full turn is missing; unwrap the angle"
-        yield TableProblem(int(lines[finite[k + 1]]), name, fact)
+    t_s = columns["t_s"].to_numpy()
+    for axis, name in zip(rig.robot.axes, JOINTS, strict=True):
+        q_deg = columns[name].to_numpy()
+        finite = np.flatnonzero(np.isfinite(t_s) & np.isfinite(q_deg))
+        step, gap_s = np.diff(q_deg[finite]), np.diff(t_s[finite])
+        reachable = _SPEED_FACTOR * axis.speed_deg_s * np.maximum(gap_s, 0.0) + _ROUNDING_DEG
+        jump = (np.abs(step) > np.minimum(reachable, _LARGEST_STEP_DEG)) & (gap_s > 0)
+        came = -2
+        for k in np.flatnonzero(jump).tolist():
+            # A single bad row jumps there and back: it is named, the good one after it is not.
+            if came == k - 1 and step[k] * step[k - 1] < 0:
+                came = -2
+                continue
+            came = k
+            fact = f"jumps by {step[k]:.4g}° in {gap_s[k]:.3g} s"
+            if abs(abs(step[k]) - 360) < 20:
+                fact += ": a full turn is missing; unwrap the angle"
+            yield TableProblem(int(lines[finite[k + 1]]), name, fact)
 
 
 _CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word in words)
@@ -290,22 +288,10 @@ def parse_csv(
         raise FileError(where, f"is of a {test} test, which has no direction", "leave --direction out")
     _require_text(where, data)
     rows = _rows(data, where)
-    _, names = next(rows, (1, []))
-    if names and names[0].startswith("#"):
+    _, header = next(rows, (1, []))
+    if header and header[0].startswith("#"):
         refuse_comments(where, data, test)
-    if not any(names):
-        raise FileError(where, "is empty", "give a table with a header line")
-    if len(names) > _MOST_COLUMNS:
-        raise FileError(where, f"has {len(names)} columns, more than {_MOST_COLUMNS}", "leave out those not needed")
-    names = [as_it_was(name) for name in names]
-    if joints == "commanded":
-        # The commanded joints are the robot's, and those measured have a name that says so.
-        if missing := [name for name in COMMANDED if name not in names]:
-            problem = f"has no {', '.join(missing)}, which --joints commanded reads"
-            raise FileError(where, problem, "rename the columns of the commanded joints, or leave --joints out")
-        measured = [name.replace("_deg", "_measured_deg") for name in JOINTS]
-        renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
-        names = [renamed.get(name, name) for name in names]
+    names = _names(header, where, joints)
     axes = len(rig.robot.axes)
     layout = kind_named(test).layout(axes, rail=rig.robot.rail is not None)
     check_header(where, names, test, direction is not None, axes, layout)
@@ -314,11 +300,34 @@ def parse_csv(
     if not len(lines) and not problems.count:
         raise FileError(where, "has a header and no rows", "give the measured rows")
     if direction and "direction" not in columns:
-        columns = _with_direction(columns, direction, len(lines))
+        completed: dict[str, pa.ChunkedArray] = {}
+        for name, values in columns.items():
+            completed[name] = values
+            if name == "t_s":
+                completed["direction"] = pa.chunked_array([pa.repeat(direction, len(lines))])
+        columns = completed
     problems.add(check_sequence(columns, lines, test, rig, direction))
     if problems.count:
         raise TableFileError(where, problems.first, count=problems.count)
     return pa.table(columns, schema=table_schema({name: column_type(name, layout) for name in columns}))
+
+
+def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
+    """The names of the columns. Raises FileError for no header, one of too many, and one without the joints to read."""
+    if not any(header):
+        raise FileError(where, "is empty", "give a table with a header line")
+    if len(header) > _MOST_COLUMNS:
+        raise FileError(where, f"has {len(header)} columns, more than {_MOST_COLUMNS}", "leave out those not needed")
+    names = [as_it_was(name) for name in header]
+    if joints != "commanded":
+        return names
+    # The commanded joints are the robot's, and those measured have a name that says so.
+    if missing := [name for name in COMMANDED if name not in names]:
+        problem = f"has no {', '.join(missing)}, which --joints commanded reads"
+        raise FileError(where, problem, "rename the columns of the commanded joints, or leave --joints out")
+    measured = [name.replace("_deg", "_measured_deg") for name in JOINTS]
+    renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
+    return [renamed.get(name, name) for name in names]
 
 
 def read_whole(path: Path) -> bytes:
@@ -382,12 +391,3 @@ def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Pro
             raise FileError(where, problem, "import it in several runs")
         count += 1
         yield line, fields
-
-
-def _with_direction(columns: Columns, direction: Direction, rows: int) -> Columns:
-    completed: dict[str, pa.ChunkedArray] = {}
-    for name, values in columns.items():
-        completed[name] = values
-        if name == "t_s":
-            completed["direction"] = pa.chunked_array([pa.repeat(direction, rows)])
-    return completed

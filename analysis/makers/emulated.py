@@ -180,21 +180,20 @@ class Round:
     def at(self, share: Array) -> tuple[Array, Rotation]:
         """Return places (n, 3) mm and orientations at shares (n,) of the arc."""
         around = Rotation.from_rotvec(self.angle * share[:, None] * self.axis)
-        return self.centre + around.apply(self.begin.place - self.centre), self._turned(around, share)
-
-    def _turned(self, around: Rotation, share: Array) -> Rotation:
         begin, end = self.begin.turn, self.end.turn
         match self.turning:
             case "fixed to path":
-                return around * begin
+                turn = around * begin
             case "relative to path":
                 whole = Rotation.from_rotvec(self.angle * self.axis)
-                return around * _evenly(begin, whole.inv() * end, share)
+                turn = around * _evenly(begin, whole.inv() * end, share)
             case "even":
-                return _evenly(begin, end, share)
-        first, last = begin.as_euler("xyz"), end.as_euler("xyz")
-        way = (last - first + np.pi) % (2 * np.pi) - np.pi
-        return Rotation.from_euler("xyz", first + share[:, None] * way)
+                turn = _evenly(begin, end, share)
+            case _:
+                first, last = begin.as_euler("xyz"), end.as_euler("xyz")
+                way = (last - first + np.pi) % (2 * np.pi) - np.pi
+                turn = Rotation.from_euler("xyz", first + share[:, None] * way)
+        return self.centre + around.apply(self.begin.place - self.centre), turn
 
 
 @dataclass(frozen=True)

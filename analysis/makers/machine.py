@@ -403,7 +403,16 @@ class _Machine:
                 self.context(name, State({}, {"": why}, frozenset({None})))
 
     def _usages(self) -> list[Usage]:
-        stands = self._stands()
+        # For each context, the points at which the arm may stand when it begins.
+        stands: list[set[str | None]] = [set() for _ in self.contexts]
+        changed = True
+        while changed:
+            changed = False
+            for context in self.contexts:
+                points = stands[context.number]
+                before = len(points)
+                points |= _resolved(stands, context.called_from)
+                changed |= len(points) > before
         usages: dict[object, Usage] = {}
         for context in self.contexts:
             body = self.program.routines[context.routine]
@@ -423,19 +432,6 @@ class _Machine:
                     old = usages.get(key)
                     usages[key] = usage if old is None else replace(old, comes_from=old.comes_from | usage.comes_from)
         return list(usages.values())
-
-    def _stands(self) -> list[set[str | None]]:
-        """Return, for each context, the points at which the arm may stand when it begins."""
-        stands: list[set[str | None]] = [set() for _ in self.contexts]
-        changed = True
-        while changed:
-            changed = False
-            for context in self.contexts:
-                points = stands[context.number]
-                before = len(points)
-                points |= _resolved(stands, context.called_from)
-                changed |= len(points) > before
-        return stands
 
 
 def _resolved(stands: list[set[str | None]], places: Iterable[object]) -> frozenset[str | None]:

@@ -79,9 +79,9 @@ class Points:
         point = self._points[key]
         point.changed = point.changed or Unknown(file, line, "it is used or assigned there")
 
-    def leave(self, left: Left) -> None:
+    def leave(self, move: Left) -> None:
         """List a move that cannot be corrected."""
-        self._left.append(left)
+        self._left.append(move)
 
     def state(self, named: Named) -> None:
         """Take the numbers that the program itself gives a tool or frame."""
@@ -93,30 +93,7 @@ class Points:
         for usage in usages:
             if point := self._points.get(usage.move.base or usage.move.key):
                 point.usages.append(usage)
-        targets: list[Target] = []
-        places: dict[str, int] = {}
-        skipped = list(self._left)
-        for key, point in self._points.items():
-            if point.target.file >= self.files:
-                continue
-            target = _used(point)
-            if isinstance(target, Left):
-                if target.reason != "unused" or key not in self.silent:
-                    skipped.append(target)
-                continue
-            places[key] = base = len(targets)
-            targets.append(target)
-            for usage in {usage.move.key: usage for usage in point.usages if usage.offset}.values():
-                places[usage.move.key] = len(targets)
-                assert usage.offset is not None  # noqa: S101 - of moves with one
-                kind, numbers = usage.offset
-                assert isinstance(numbers, tuple)  # noqa: S101 - unknown ones are left
-                targets.append(
-                    replace(
-                        target, line=usage.move.line, file=usage.move.file, offset=(kind, as_frame(numbers)), of=base
-                    )
-                )
-            self._sets += [named for usage in point.usages for named in _registers(usage)]
+        targets, places, skipped = self._targets()
         steps = tuple(
             Step(
                 places[usage.move.key],
@@ -127,16 +104,47 @@ class Points:
             for usage in usages
             if usage.move.key in places
         )
-        ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
-        return Parsed(tuple(targets), steps, ordered, tuple(self._next_to_left(usages, places)), tuple(self._sets))
-
-    def _next_to_left(self, usages: Sequence[Usage], places: dict[str, int]) -> Iterator[int]:
-        """Yield the target at one end of each move whose other end is a point that is left."""
+        next_to_left: list[int] = []  # the target at one end of each move whose other end is a point that is left
         for usage in usages:
             key = usage.move.key
             for source in usage.comes_from:
                 if source not in (None, BEGIN) and (key in places) != (source in places):
-                    yield places[key if key in places else source]
+                    next_to_left.append(places[key if key in places else source])
+        ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
+        return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), tuple(self._sets))
+
+    def _targets(self) -> tuple[list[Target], dict[str, int], list[Left]]:
+        """Return the targets of points, in the tool and the frame of their moves, the place of each by the key of its
+        moves, and what is left."""
+        targets: list[Target] = []
+        places: dict[str, int] = {}
+        skipped = list(self._left)
+        for key, point in self._points.items():
+            if point.target.file >= self.files:
+                continue
+            if why := next(_reasons(point), None):
+                if why[0] != "unused" or key not in self.silent:
+                    skipped.append(Left(point.target.file, point.target.line, point.target.name, *why))
+                continue
+            first = point.usages[0]
+            target = replace(
+                point.target,
+                tool=_tool(first.tool, point.target.tool),
+                frame=_tool(first.frame, point.target.frame),
+                near=first.move.near,
+                flags=point.target.flags if any(usage.trusts != OFF for usage in point.usages) else None,
+            )
+            places[key] = base = len(targets)
+            targets.append(target)
+            for usage in {usage.move.key: usage for usage in point.usages if usage.offset}.values():
+                places[usage.move.key] = len(targets)
+                assert usage.offset is not None  # noqa: S101 - of moves with one
+                kind, numbers = usage.offset
+                assert isinstance(numbers, tuple)  # noqa: S101 - unknown ones are left
+                offset = kind, as_frame(numbers)
+                targets.append(replace(target, line=usage.move.line, file=usage.move.file, offset=offset, of=base))
+            self._sets += [named for usage in point.usages for named in _registers(usage)]
+        return targets, places, skipped
 
 
 def _registers(usage: Usage) -> Iterator[Named]:
@@ -149,21 +157,6 @@ def _registers(usage: Usage) -> Iterator[Named]:
                 yield Named(number.rstrip("]"), kinds[family], usage.move.file, usage.move.line, value)
 
 
-def _used(point: _Point) -> Target | Left:
-    """Return the target of a point in the tool and the frame of its moves, or why it is left."""
-    target = point.target
-    if why := next(_reasons(point), None):
-        return Left(target.file, target.line, target.name, *why)
-    first = point.usages[0]
-    return replace(
-        target,
-        tool=_tool(first.tool, target.tool),
-        frame=_tool(first.frame, target.frame),
-        near=first.move.near,
-        flags=target.flags if any(usage.trusts != OFF for usage in point.usages) else None,
-    )
-
-
 def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
     """Yield why a point is left, with the places that make it so."""
     target, usages = point.target, point.usages
@@ -173,9 +166,7 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
         yield "changed", (point.changed,)
     if not usages:
         yield "unused", ()
-    if place := _offset_unknown(target, usages):
-        yield "offset", (place,)
-    yield from _elsewhere(usages)
+    yield from _elsewhere(target, usages)
     for usage in () if target.joints else usages:
         move = _here(usage, "the move")
         if isinstance(usage.tool, Unknown):
@@ -189,8 +180,17 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
             yield "two_postures", (_here(usages[0], "one move"), _here(usage, "another move"))
 
 
-def _elsewhere(usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
-    """Yield why moves do not go to the point itself, if they may not."""
+def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
+    """Yield why moves do not go to the point itself, or beside it by an offset that is not known or not the same on all
+    ways."""
+    offsets: dict[str, object] = {}
+    for usage in usages:
+        if offsets.setdefault(usage.move.key, usage.offset) != usage.offset:
+            yield "offset", (_here(usage, "the offset differs between the ways that lead here"),)
+        elif usage.offset and target.joints:
+            yield "offset", (_here(usage, "an offset from joint angles"),)
+        elif usage.offset and not isinstance(value := usage.offset[1], tuple):
+            yield "offset", (value if isinstance(value, Unknown) else _here(usage, "the move with the offset"),)
     for usage in usages:
         for part, value in usage.needs:
             reason, move = _BY_PART[part.partition(" ")[0]], _here(usage, "the move")
@@ -200,21 +200,8 @@ def _elsewhere(usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown,
                 yield reason, (move,)
 
 
-def _offset_unknown(target: Target, usages: Sequence[Usage]) -> Unknown | None:
-    """Return the move whose offset is not known, or not the same on all ways, if there is one."""
-    offsets: dict[str, object] = {}
-    for usage in usages:
-        if offsets.setdefault(usage.move.key, usage.offset) != usage.offset:
-            return _here(usage, "the offset differs between the ways that lead here")
-        if usage.offset and target.joints:
-            return _here(usage, "an offset from joint angles")
-        if usage.offset and not isinstance(value := usage.offset[1], tuple):
-            return value if isinstance(value, Unknown) else _here(usage, "the move with the offset")
-    return None
-
-
-def _here(usage: Usage, what: str) -> Unknown:
-    return Unknown(usage.move.file, usage.move.line, what)
+def _here(usage: Usage, fact: str) -> Unknown:
+    return Unknown(usage.move.file, usage.move.line, fact)
 
 
 def _tool(value: Value, of_point: Array | str) -> Array | str:

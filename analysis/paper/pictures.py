@@ -20,7 +20,6 @@ from matplotlib.figure import FigureBase
 
 from analysis.api import CircleCurve, RadialCurve, RepeatabilityCurve, Result, evaluate
 from analysis.kinematics.arm import Array
-from analysis.measures.result_curves import JointReversal
 from analysis.paper.published import NOMINAL_RADIUS_MM, datum_and_play, gears
 from analysis.paper.rows import DIRECTIONS, Row, eccentric, written
 from analysis.paper.simulated_tests import SCATTER, joint_lap, repeats, typical_seed
@@ -94,18 +93,15 @@ def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[
 
     def save_figure(number: int, file: BinaryIO) -> None:
         _, title, draw, height_inch = _FIGURES[number]
-        figure = _sheet(f"Figure {number} · {title} · {rig.name}", _beside(rows, number), height_inch)
+        # Beside figures 4 and 7 stand the rows of the section and the table that they belong to.
+        where = {4: "§2.1", 7: "Table 1"}.get(number, f"Fig. {number}")
+        rows_of_figure = [row for row in rows if row.where == where]
+        figure = _sheet(f"Figure {number} · {title} · {rig.name}", rows_of_figure, height_inch)
         draw(figure.subfigs[0], simulated)
         figure.savefig(file, format="png", dpi=150)
 
     names = {number: f"figure-{number:02d}-{name}.png" for number, (name, *_) in _FIGURES.items()}
     return write_views(directory, {name: partial(save_figure, number) for number, name in names.items()})
-
-
-def _beside(rows: Sequence[Row], number: int) -> list[Row]:
-    """The rows of a figure: those of its number, and for 4 and 7 of the section and the table that they belong to."""
-    where = {4: "§2.1", 7: "Table 1"}.get(number, f"Fig. {number}")
-    return [row for row in rows if row.where == where]
 
 
 def _sheet(title: str, rows: Sequence[Row], height_inch: float) -> Sheet:
@@ -206,28 +202,24 @@ def _errors(figure: FigureBase, results: Sequence[Result]) -> None:
         axes.axhspan(error.min(), error.max(), color=_INK[direction], alpha=0.08, lw=0)
         axes.set_title(f"{direction}, error band {result.figures['band_deg'].value:.3f}°", fontsize=9, loc="left")
         axes.margins(y=0.3)
-        _mark_reversals(axes, result.reversals)
-
-
-def _mark_reversals(axes: Axes, turns: Sequence[JointReversal]) -> None:
-    """A dashed line where a joint turns back; names of close neighbours take turns in height."""
-    previous, step = -100.0, 0
-    for turn in turns:
-        phi = turn.phi_deg
-        step = (step + 1) % 3 if phi - previous < 16 else 0
-        axes.axvline(phi, color=_GREY, lw=0.7, ls="--")
-        axes.annotate(
-            f"axis {turn.joint} {'↓' if turn.upper else '↑'}",
-            (phi, 1.0 - 0.085 * step),
-            xycoords=("data", "axes fraction"),
-            xytext=(-3 if phi > 345 else 2, -2),
-            textcoords="offset points",
-            fontsize=7.5,
-            color=_GREY,
-            va="top",
-            ha="right" if phi > 345 else "left",
-        )
-        previous = phi
+        # A dashed line where a joint turns back; names of close neighbours take turns in height.
+        previous, step = -100.0, 0
+        for turn in result.reversals:
+            phi = turn.phi_deg
+            step = (step + 1) % 3 if phi - previous < 16 else 0
+            axes.axvline(phi, color=_GREY, lw=0.7, ls="--")
+            axes.annotate(
+                f"axis {turn.joint} {'↓' if turn.upper else '↑'}",
+                (phi, 1.0 - 0.085 * step),
+                xycoords=("data", "axes fraction"),
+                xytext=(-3 if phi > 345 else 2, -2),
+                textcoords="offset points",
+                fontsize=7.5,
+                color=_GREY,
+                va="top",
+                ha="right" if phi > 345 else "left",
+            )
+            previous = phi
 
 
 def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:

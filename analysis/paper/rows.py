@@ -18,7 +18,7 @@ from analysis.geometry.circle import frame_of, reversals
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import arm_of
 from analysis.paper import published as paper
-from analysis.paper.simulated_tests import FittedSphere, SimulatedLap, circle, repeats, sphere, step
+from analysis.paper.simulated_tests import FittedSphere, circle, repeats, sphere, step
 from analysis.reporting.plain_console import whole
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
@@ -106,31 +106,27 @@ def reversal_rows(rig: Rig) -> Iterator[Row]:
 
 
 def yaw_rows(rig: Rig) -> Iterator[Row]:
-    """Figures 6 and 8."""
+    """Figures 6 and 8: of 8 how far the residual jumps after each reversal, by plays alone: with them less without."""
     curves = {direction: circle(rig, "yaw", direction, rig.effects) for direction in DIRECTIONS}
     for direction, curve in curves.items():
         yield Row(
             "Fig. 6", f"yaw error band, {direction}", paper.YAW_BAND_DEG[direction], curve.figures["band_deg"], "°"
         )
-    yield from (_jump_row(rig, direction, curve) for direction, curve in curves.items())
-
-
-def _jump_row(rig: Rig, direction: Direction, curve: SimulatedLap) -> Row:
-    """How far the residual jumps after each reversal, by plays alone: with them less without them."""
-    sense = 1.0 if direction == "acw" else -1.0
-    without = circle(rig, "yaw", direction, tuple(effect for effect in rig.effects if not is_play(effect)))
-    jumps = {}
-    for turn in reversals(circle_of(rig), arm_of(rig.robot), rig.name):
-        at = float(np.degrees(turn.phi))
-        by_play = step(curve, at, sense * STEP_DEG) - step(without, at, sense * STEP_DEG)
-        jumps[f"{rig.robot.axes[turn.axis - 1].name} {at:.0f}°"] = by_play
     jump_name = f"Theta {paper.JUMP_AT_DEG:.0f}°"
-    ranked = sorted(jumps, key=lambda name: -abs(jumps[name]))
-    place = ranked.index(jump_name) + 1 if jump_name in ranked else 0
-    others = ", ".join(f"{name} {jumps[name]:+.2f}°" for name in [name for name in ranked if name != jump_name][:2])
-    note = f"by the plays, within {STEP_DEG:.0f}° of travel; {place} of {len(ranked)} in size; {others}"
-    ours = f"{jumps[jump_name]:+.2f}°" if jump_name in jumps else "none"
-    return Row("Fig. 8", f"yaw jumps at {jump_name}, {direction}", "sudden change", ours, "", note)
+    for direction, curve in curves.items():
+        sense = 1.0 if direction == "acw" else -1.0
+        without = circle(rig, "yaw", direction, tuple(effect for effect in rig.effects if not is_play(effect)))
+        jumps = {}
+        for turn in reversals(circle_of(rig), arm_of(rig.robot), rig.name):
+            at = float(np.degrees(turn.phi))
+            by_play = step(curve, at, sense * STEP_DEG) - step(without, at, sense * STEP_DEG)
+            jumps[f"{rig.robot.axes[turn.axis - 1].name} {at:.0f}°"] = by_play
+        ranked = sorted(jumps, key=lambda name: -abs(jumps[name]))
+        place = ranked.index(jump_name) + 1 if jump_name in ranked else 0
+        others = ", ".join(f"{name} {jumps[name]:+.2f}°" for name in [name for name in ranked if name != jump_name][:2])
+        note = f"by the plays, within {STEP_DEG:.0f}° of travel; {place} of {len(ranked)} in size; {others}"
+        ours = f"{jumps[jump_name]:+.2f}°" if jump_name in jumps else "none"
+        yield Row("Fig. 8", f"yaw jumps at {jump_name}, {direction}", "sudden change", ours, "", note)
 
 
 def roll_rows(rig: Rig) -> Iterator[Row]:
@@ -141,38 +137,22 @@ def roll_rows(rig: Rig) -> Iterator[Row]:
         yield Row(
             "Fig. 10", f"roll error band, {direction}", paper.ROLL_MEASURED_DEG, curve.figures["range_deg"], "°", note
         )
-    mean = _mean(list(curves.values()))
-    y = np.degrees(mean.angle)
+    phi = curves[DIRECTIONS[0]].phi
+    on_phi = {direction: np.interp(phi, curve.phi, curve.angle) for direction, curve in curves.items()}
+    mean = np.mean(list(on_phi.values()), axis=0)
+    y = np.degrees(mean)
     yield Row(
         "Fig. 11", "roll error band, simulated", paper.ROLL_SIMULATED_DEG, float(np.ptp(y)), "°", "mean of cw and acw"
     )
-    apart = np.interp(mean.phi, curves["acw"].phi, curves["acw"].angle) - np.interp(
-        mean.phi, curves["cw"].phi, curves["cw"].angle
-    )
-    swing = float(np.degrees(np.ptp(apart)))
+    swing = float(np.degrees(np.ptp(on_phi["acw"] - on_phi["cw"])))
     yield Row(
         "Fig. 10", "roll acw less cw, range", "almost identical", f"{swing:.2f}°", "", "the plays show in roll too"
     )
-    extremes = np.degrees(mean.phi[[np.argmax(y), np.argmin(y)]])
+    extremes = np.degrees(phi[[np.argmax(y), np.argmin(y)]])
     for name, place, ours in zip(("largest", "smallest"), paper.ROLL_EXTREMES_DEG, extremes, strict=True):
-        at_theirs, at_ours = np.degrees(np.interp(np.radians([place, float(ours)]), mean.phi, mean.angle))
-        yield Row(
-            "Fig. 11",
-            f"roll {name} at",
-            place,
-            float(ours),
-            "°",
-            f"at {place:.0f}° within {abs(at_theirs - at_ours):.2f}° of it",
-            0,
-            place=True,
-        )
-
-
-def _mean(curves: Sequence[SimulatedLap]) -> SimulatedLap:
-    """The mean of curves on the places of the first."""
-    phi = curves[0].phi
-    y = np.mean([np.interp(phi, curve.phi, curve.angle) for curve in curves], axis=0)
-    return SimulatedLap(phi, y, y, {})
+        at_theirs, at_ours = np.degrees(np.interp(np.radians([place, float(ours)]), phi, mean))
+        note = f"at {place:.0f}° within {abs(at_theirs - at_ours):.2f}° of it"
+        yield Row("Fig. 11", f"roll {name} at", place, float(ours), "°", note, 0, place=True)
 
 
 def sphere_rows(rig: Rig) -> Iterator[Row]:
@@ -248,9 +228,10 @@ def as_table(rig: Rig, rows: Sequence[Row]) -> RenderableType:
         if previous and section != previous:
             table.add_section()
         previous = section
-        table.add_row(
-            row.where, row.figure, written(row, row.paper), written(row, row.ours), _difference(row), row.note
-        )
+        difference = ""
+        if row.difference is not None:
+            difference = f"{round(row.difference, row.digits) + 0.0:+.{row.digits}f}"  # + 0.0: no -0.0
+        table.add_row(row.where, row.figure, written(row, row.paper), written(row, row.ours), difference, row.note)
     effects = "Effects: " + "; ".join(in_words(rig, effect) for effect in rig.effects) + "."
     return Group(whole(table), *(Text(line, style="dim") for line in (effects, SLIPS, CAVEAT)))
 
@@ -260,13 +241,6 @@ def written(row: Row, value: float | str) -> str:
     if isinstance(value, str):
         return value
     return f"{value:.{row.digits}f}{'' if row.unit in ('', '°') else ' '}{row.unit}"
-
-
-def _difference(row: Row) -> str:
-    if row.difference is None:
-        return ""
-    rounded = round(row.difference, row.digits) + 0.0  # no -0.0
-    return f"{rounded:+.{row.digits}f}"
 
 
 def in_words(rig: Rig, effect: Effect) -> str:

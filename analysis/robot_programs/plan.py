@@ -233,20 +233,17 @@ def seconds_of(plan: Plan) -> float:
     for step in plan.steps:
         if isinstance(step, Dwell):
             seconds += step.seconds
+        elif isinstance(step, JointMove):
+            seconds += float(np.abs(step.target.q - at.q).max() / step.speed_rad_s)
+        elif isinstance(step, Turn):
+            seconds += step.angle / step.speed_rad_s
         elif isinstance(step, Move):
-            seconds += _seconds_of_move(plan, at, step)
+            q = np.concatenate([at.q[None], angles_along(at, step)])
+            places = in_base(plan.arm, forward(plan.arm, q))[:, :3, 3]
+            seconds += float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / step.speed_mm_s
+        if isinstance(step, Move):
             at = end_of(step)
     return seconds
-
-
-def _seconds_of_move(plan: Plan, begin: Target, move: Move) -> float:
-    q = np.concatenate([begin.q[None], angles_along(begin, move)])
-    if isinstance(move, JointMove):
-        return float(np.abs(move.target.q - begin.q).max() / move.speed_rad_s)
-    if isinstance(move, Turn):
-        return move.angle / move.speed_rad_s
-    places = in_base(plan.arm, forward(plan.arm, q))[:, :3, 3]
-    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / move.speed_mm_s
 
 
 def demand_lines(plan: Plan, demand: Demand, names: list[str]) -> list[str]:

@@ -141,42 +141,20 @@ def plans_of(
     dwell_s: standing at each target; outputs: digital outputs for the signal of automatic runs, where the rig file does
     not name them; arc_deg: the longest arc of a circle, shorter where its targets are to be corrected one by one.
     """
-    directions: tuple[Direction | None, ...] = ("acw", "cw") if test in CIRCLES else (None,)
-    if outputs and not any(_signal_of(rig, test, direction)[0] for direction in directions):
+    directions: tuple[Direction, ...] = ("acw", "cw") if test in CIRCLES else ()
+    if outputs and not any(_signal_of(rig, test, direction)[0] for direction in directions or (None,)):
         problem = f"the rig file has no rule that waits for a signal of the {test} test"
         raise UseError("--outputs", problem, "add it to automatic.rules, or leave --outputs out")
-    return [_planned(rig, test, direction, dwell_s, outputs, arc_deg) for direction in directions]
+    if directions:
+        return [_circle(rig, test, direction, outputs, arc_deg) for direction in directions]
+    return [_radial(rig, dwell_s, outputs) if test == "radial" else _repeatability(rig, dwell_s, outputs)]
 
 
-def _planned(
-    rig: Rig,
-    test: DrivenTest,
-    direction: Direction | None,
-    dwell_s: float,
-    outputs: tuple[int, ...],
-    arc_deg: float,
-) -> Plan:
-    if direction is not None:
-        circle, arm = circle_of(rig), arm_of(rig.robot)
-        t_s, phi = lap(circle, direction)
-        q = circle_program(rig, direction).q[: len(t_s)]
-        factor = way_back(arm, fastest_joints(t_s, q))
-        pieces = _pieces(rig, phi, q, arc_deg)
-        lap_arcs = _arcs(pieces, circle.speed_mm_s)
-        reverse = [(end, via, begin, along[::-1]) for begin, via, end, along in reversed(pieces)]
-        back = _arcs(reverse, factor * circle.speed_mm_s)
-        laps: list[Step] = [Comment(f"lap 1 of {circle.laps}"), *lap_arcs]
-        for number in range(2, circle.laps + 1):
-            laps += [Comment("the way back"), Dwell(PAUSE_S), *back, Dwell(PAUSE_S)]
-            laps += [Comment(f"lap {number} of {circle.laps}"), *lap_arcs]
-        return _plan(rig, test, direction, outputs, pieces[0][0], laps)
-    return _radial(rig, dwell_s, outputs) if test == "radial" else _repeatability(rig, dwell_s, outputs)
-
-
-def _pieces(rig: Rig, phi: Array, q: Array, arc_deg: float) -> list[_Piece]:
-    """Arcs of equal length, of at most arc_deg, along a lap whose joint angles are q (m, 6) rad at circle angles phi
-    (m,) rad."""
+def _circle(rig: Rig, test: DrivenTest, direction: Direction, outputs: tuple[int, ...], arc_deg: float) -> Plan:
     circle, arm = circle_of(rig), arm_of(rig.robot)
+    t_s, phi = lap(circle, direction)
+    q = circle_program(rig, direction).q[: len(t_s)]
+    # Arcs of equal length, of at most arc_deg.
     driven = np.abs(phi - phi[0])
     count = int(np.ceil(driven[-1] / np.radians(arc_deg) - 1e-9))
     half = int(np.ceil(driven[-1] / (2 * count) / _FINE_RAD))
@@ -185,7 +163,15 @@ def _pieces(rig: Rig, phi: Array, q: Array, arc_deg: float) -> list[_Piece]:
     at = np.stack([np.interp(share * driven[-1], driven, angles) for angles in q.T], axis=1)
     targets = [Target(T, angles) for T, angles in zip(poses[::half], at[::half], strict=True)]
     begins = range(0, 2 * count, 2)
-    return [(targets[k], targets[k + 1], targets[k + 2], at[k * half : (k + 2) * half + 1]) for k in begins]
+    pieces = [(targets[k], targets[k + 1], targets[k + 2], at[k * half : (k + 2) * half + 1]) for k in begins]
+    lap_arcs = _arcs(pieces, circle.speed_mm_s)
+    reverse = [(end, via, begin, along[::-1]) for begin, via, end, along in reversed(pieces)]
+    back = _arcs(reverse, way_back(arm, fastest_joints(t_s, q)) * circle.speed_mm_s)
+    laps: list[Step] = [Comment(f"lap 1 of {circle.laps}"), *lap_arcs]
+    for number in range(2, circle.laps + 1):
+        laps += [Comment("the way back"), Dwell(PAUSE_S), *back, Dwell(PAUSE_S)]
+        laps += [Comment(f"lap {number} of {circle.laps}"), *lap_arcs]
+    return _plan(rig, test, direction, outputs, pieces[0][0], laps)
 
 
 def _arcs(pieces: list[_Piece], speed_mm_s: float) -> list[Step]:

@@ -199,23 +199,17 @@ def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask,
             yield f"robot: no program ran while it moved, {when}: it was jogged, or guided by hand; {_BY_PROGRAM}"
     if when := _when(t_s, moving & (motors == 0)):
         yield f"robot: its motors were off {when}; find out why, and record again"
-    yield from _speed_doubt(t_s, speed, moving & ~np.isin(program, [ProgramState.PAUSED, ProgramState.STOPPED]))
-
-
-def _speed_doubt(t_s: Array, speed: Array, driving: Mask) -> Iterator[str]:
-    """What a lowered speed in percent (n,) means: one that is kept is as somebody wanted it, any other a disturbance.
-
-    driving: the rows (n,) in which the program moves the robot.
-    """
+    driving = moving & ~np.isin(program, [ProgramState.PAUSED, ProgramState.STOPPED])
     slowed = driving & (speed < FULL_PERCENT)
-    if not slowed.any():
-        return
-    low, high = speed[slowed].min(), speed[slowed].max()
-    if np.nanmax(speed[driving]) - low < _SAME_PERCENT:
-        yield f"robot: its speed was {low:.0f} % throughout; compare only with runs at this speed"
-        return
-    shown = f"{low:.0f} %" if high - low < _SAME_PERCENT else f"{low:.0f} to {high:.0f} %"
-    yield f"robot: its speed was {shown} {_when(t_s, slowed)}, and not the same throughout; record again at one speed"
+    if slowed.any():
+        # A lowered speed that is kept is as somebody wanted it, any other a disturbance.
+        low, high = speed[slowed].min(), speed[slowed].max()
+        if np.nanmax(speed[driving]) - low < _SAME_PERCENT:
+            yield f"robot: its speed was {low:.0f} % throughout; compare only with runs at this speed"
+        else:
+            shown = f"{low:.0f} %" if high - low < _SAME_PERCENT else f"{low:.0f} to {high:.0f} %"
+            changed = f"{shown} {_when(t_s, slowed)}, and not the same throughout"
+            yield f"robot: its speed was {changed}; record again at one speed"
 
 
 def _when(t_s: Array, lasts: Mask) -> str:

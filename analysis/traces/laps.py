@@ -118,6 +118,35 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
     """Return the laps of a table. Raises FileError."""
     circle = circle_of(rig)
     frame, sense = frame_of(circle), SENSE[table.direction]
+    start, lead = np.radians(circle.start_deg), np.radians(circle.lead_deg)
+    ways = _ways_along(frame, start, table, rig, where)
+    laps = []
+    for rows, ahead in ways:
+        if ahead[-1] > ahead[0]:
+            first = _turns_before(ahead, lead)
+            count = int((ahead.max() - first) / (2 * np.pi) + _HARDLY)
+            laps += [_lap_from(rows, ahead, first + 2 * np.pi * lap) for lap in range(count)]
+    if not laps:
+        rows, ahead = max(ways, key=lambda way: float(way[1][-1] - way[1][0]))
+        laps = [_lap_from(rows, ahead, _turns_before(ahead, lead))]
+    for _, ahead in laps:
+        _require_covered(where, ahead, sense, start)
+    # Of a single lap a view is enough: it may be long.
+    inside = laps[0][0] if len(laps) == 1 else np.concatenate([np.arange(rows.start, rows.stop) for rows, _ in laps])
+    begins = np.array([table.t_s[rows.start] for rows, _ in laps])
+    lap_s = float(np.mean([table.t_s[rows.stop - 1] - table.t_s[rows.start] for rows, _ in laps]))
+    apart_s = float(np.diff(begins).mean()) if len(laps) > 1 else lap_s
+    phi = start + sense * np.concatenate([2 * np.pi * k + ahead for k, (_, ahead) in enumerate(laps)])
+    u_t_s, rows_of_laps = table.u_t_s, (phi, table.q[inside], table.g_mm[inside])
+    u_s = 0.0 if u_t_s is None else rms(u_t_s[inside])
+    return Laps(table.direction, frame, table.t_s[inside], *rows_of_laps, lap_s, apart_s, len(laps), u_s)
+
+
+def _ways_along(
+    frame: CircleFrame, start: float, table: CircleTable, rig: Rig, where: str
+) -> list[tuple[slice, Array]]:
+    """Rows of each way along a circle, and how far they lie ahead of its start, rad, in the direction of the table.
+    Raises FileError where the robot drove another circle, DirectionError where it drove the other way round."""
     # No closer than a controller reports: rows between lie on the way from one to the next.
     step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(table.t_s[:_SEEN]))), 1e-9)))
     rows_seen = np.append(np.arange(0, len(table.t_s) - 1, step), len(table.t_s) - 1)
@@ -128,31 +157,22 @@ def _cut_out(table: CircleTable, rig: Rig, where: str) -> Laps:
         phi = np.interp(np.arange(len(table.q)), rows_seen, phi)
     turned = [float(np.ptp(phi[rows])) for rows in stretches]
     if max(turned, default=0.0) < np.pi:
-        _is_this_circle(where, frame, tool, bool(stretches))
-    start, lead = np.radians(circle.start_deg), np.radians(circle.lead_deg)
+        _require_this_circle(where, frame, tool, bool(stretches))
     ways: list[tuple[slice, Array]] = []
     for stretch in stretches:
         rows = _without_leaps(where, table, phi, stretch, rig)
-        ahead = sense * (phi[rows] - start)
+        ahead = SENSE[table.direction] * (phi[rows] - start)
         # A way begins at the lead-in, so the start lies less than half a turn ahead of it.
         ways += [(slice(rows.start + a, rows.start + b), ahead[a:b]) for a, b in _ways(ahead)]
+    # A robot that drives a lap and then goes the whole way back, so that its wrist unwinds, goes as far in both
+    # directions: there the label decides.
     forth, back = (sum(max(sign * float(way[-1] - way[0]), 0.0) for _, way in ways) for sign in (1.0, -1.0))
-    _is_this_direction(where, forth, back, table.direction)
-    laps = [lap for rows, ahead in ways if ahead[-1] > ahead[0] for lap in _laps_in(rows, ahead, lead)]
-    if not laps:
-        rows, ahead = max(ways, key=lambda way: float(way[1][-1] - way[1][0]))
-        laps = [_lap_from(rows, ahead, _turns_before(ahead, lead))]
-    for _, ahead in laps:
-        _is_covered(where, ahead, sense, start)
-    # Of a single lap a view is enough: it may be long.
-    inside = laps[0][0] if len(laps) == 1 else np.concatenate([np.arange(rows.start, rows.stop) for rows, _ in laps])
-    begins = np.array([table.t_s[rows.start] for rows, _ in laps])
-    lap_s = float(np.mean([table.t_s[rows.stop - 1] - table.t_s[rows.start] for rows, _ in laps]))
-    apart_s = float(np.diff(begins).mean()) if len(laps) > 1 else lap_s
-    phi = start + sense * np.concatenate([2 * np.pi * k + ahead for k, (_, ahead) in enumerate(laps)])
-    u_t_s, rows_of_laps = table.u_t_s, (phi, table.q[inside], table.g_mm[inside])
-    u_s = 0.0 if u_t_s is None else rms(u_t_s[inside])
-    return Laps(table.direction, frame, table.t_s[inside], *rows_of_laps, lap_s, apart_s, len(laps), u_s)
+    if back > forth + np.radians(10):
+        drove: Direction = "acw" if table.direction == "cw" else "cw"
+        relabel = f"rig relabel {as_argument(where)} --direction {drove}"
+        remedy = f"correct it: {relabel}, or import the table again without a direction column"
+        raise DirectionError(where, f"is labelled {table.direction}, the robot moved {drove}", remedy, drove)
+    return ways
 
 
 def is_on_circle(tool: Array, frame: CircleFrame) -> Mask:
@@ -183,13 +203,6 @@ def _turns_before(ahead: Array, lead: float) -> float:
     """Circle angle, a multiple of whole turns, at which the first lap of a way (n,) begins; its first row stands at the
     lead-in, or at the start itself."""
     return float(2 * np.pi * np.round((ahead[0] + lead) / (2 * np.pi)))
-
-
-def _laps_in(rows: slice, ahead: Array, lead: float) -> list[tuple[slice, Array]]:
-    """Rows and circle angles from 0 of each whole lap of one way."""
-    first = _turns_before(ahead, lead)
-    count = int((ahead.max() - first) / (2 * np.pi) + _HARDLY)
-    return [_lap_from(rows, ahead, first + 2 * np.pi * lap) for lap in range(count)]
 
 
 def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
@@ -259,17 +272,7 @@ def leaps_of(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
     return sorted(leaps)
 
 
-def _is_this_direction(where: str, forth: float, back: float, direction: str) -> None:
-    """forth, back: how far the robot went along the circle, rad, in the run's direction and against it. One that drives
-    a lap and then goes the whole way back, so that its wrist unwinds, goes as far in both: there the label decides."""
-    if back > forth + np.radians(10):
-        drove: Direction = "acw" if direction == "cw" else "cw"
-        relabel = f"rig relabel {as_argument(where)} --direction {drove}"
-        remedy = f"correct it: {relabel}, or import the table again without a direction column"
-        raise DirectionError(where, f"is labelled {direction}, the robot moved {drove}", remedy, drove)
-
-
-def _is_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool) -> None:
+def _require_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool) -> None:
     radius = float(np.median(np.linalg.norm(tool - frame.centre, axis=1)))
     height = float(np.median(np.abs((tool - frame.centre) @ frame.n)))
     if not ever or abs(radius - frame.radius) > _RADIUS_OFF_MM or height > _RADIUS_OFF_MM:
@@ -280,7 +283,7 @@ def _is_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool) -> 
         raise FileError(where, problem, "correct tests.circle, robot.tool or the units of the feedback")
 
 
-def _is_covered(where: str, ahead: Array, sense: float, start: float) -> None:
+def _require_covered(where: str, ahead: Array, sense: float, start: float) -> None:
     edges = np.concatenate([[0.0], np.sort(ahead[:: max(1, len(ahead) // _COVER)]), [2 * np.pi]])
     gaps = np.diff(edges)
     widest = int(np.argmax(gaps))

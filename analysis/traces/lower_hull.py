@@ -190,13 +190,23 @@ def lower_line(x: Array, y: Array) -> tuple[float, float]:
 
 def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
     """The corners (m,) of the lower convex hull of points x, y (n,) in any unit, x increasing."""
-    if (x[1:] > x[:-1]).all():
-        x, y = _may_be_corners(x, y)
-    else:
+    blocks = len(x) // _HULL_BLOCK
+    if not (x[1:] > x[:-1]).all():
         order = np.lexsort((y, x))
         x, y = x[order], y[order]
         once = np.concatenate([[True], np.diff(x) > 0])
         x, y = x[once], y[once]
+    elif blocks >= _NEIGHBOURS:
+        # All corners are among the points of blocks whose least is not above the hull of all blocks' least points,
+        # which is convex and so highest over a block at one of its ends.
+        kept = np.zeros(len(x), dtype=bool)
+        kept[0] = kept[-1] = kept[blocks * _HULL_BLOCK :] = True
+        begins = np.arange(blocks) * _HULL_BLOCK
+        lowest = begins + y[: len(begins) * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK).argmin(axis=1)
+        kept[lowest] = True
+        over = np.interp([x[begins], x[begins + _HULL_BLOCK - 1]], *lower_hull(x[kept], y[kept])).max(axis=0)
+        kept[: blocks * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK)[y[lowest] <= over] = True
+        x, y = x[kept], y[kept]
     while len(x) > 2:
         # A point on or above the line between two others is no corner, whatever else is taken away with it.
         turn = (x[1:-1] - x[:-2]) * (y[2:] - y[:-2]) - (y[1:-1] - y[:-2]) * (x[2:] - x[:-2])
@@ -205,19 +215,3 @@ def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
             break
         x, y = x[corner], y[corner]
     return x, y
-
-
-def _may_be_corners(x: Array, y: Array) -> tuple[Array, Array]:
-    """The points (m,) among which all corners of the hull are, x increasing: those of blocks whose least is not above
-    the hull of all blocks' least points, which is convex and so highest over a block at one of its ends."""
-    blocks = len(x) // _HULL_BLOCK
-    if blocks < _NEIGHBOURS:
-        return x, y
-    kept = np.zeros(len(x), dtype=bool)
-    kept[0] = kept[-1] = kept[blocks * _HULL_BLOCK :] = True
-    begins = np.arange(blocks) * _HULL_BLOCK
-    lowest = begins + y[: len(begins) * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK).argmin(axis=1)
-    kept[lowest] = True
-    over = np.interp([x[begins], x[begins + _HULL_BLOCK - 1]], *lower_hull(x[kept], y[kept])).max(axis=0)
-    kept[: blocks * _HULL_BLOCK].reshape(blocks, _HULL_BLOCK)[y[lowest] <= over] = True
-    return x[kept], y[kept]

@@ -204,9 +204,9 @@ def _broken(x: Array, y: Array, weight: Array, knots: Array) -> Array:
     right_share = (x - knots[knot]) / (knots[knot + 1] - knots[knot])
     left_share = 1 - right_share
     diagonal = _summed(knot, weight * left_share**2, knots) + _summed(knot + 1, weight * right_share**2, knots)
-    beside = _summed(knot + 1, weight * left_share * right_share, knots)
+    off_diagonal = _summed(knot + 1, weight * left_share * right_share, knots)
     pull = _summed(knot, weight * left_share * y, knots) + _summed(knot + 1, weight * right_share * y, knots)
-    return np.asarray(solveh_banded(np.stack([beside, diagonal]), pull))
+    return np.asarray(solveh_banded(np.stack([off_diagonal, diagonal]), pull))
 
 
 def _summed(place: Integers, values: Array, knots: Array) -> Array:

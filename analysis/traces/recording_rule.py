@@ -7,6 +7,7 @@ controller reported them, so that neither the arm's constants nor the ball's pla
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -35,16 +36,15 @@ def rule_of(run: Run) -> Rule:
         problem = f"is a {manifest.test} test, which rigd cannot record"
         raise FileError(where, problem, "give a recorded run of another test")
     robot = run.streams["robot"]
-    t_s = (robot["last_byte_ns"] - robot["last_byte_ns"][:1]) / 1e9
-    q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])
-    kept = np.unique(t_s // _STEP_S, return_index=True)[1]  # enough to see a stand
-    t_s, q_deg = t_s[kept], q_deg[kept]
     # The value that the signal had longest after it changed, where it has one and ever changed.
     signal = robot[SIGNAL][np.isfinite(robot[SIGNAL])] if SIGNAL in robot else np.empty(0)
     values, counts = np.unique(signal[signal != signal[:1]], return_counts=True)
-    when = {"signal": int(values[counts.argmax()])} if len(values) else _departure(t_s, q_deg, where)
+    when: dict[str, Any]
+    if len(values):
+        when, still_s = {"signal": int(values[counts.argmax()])}, _LEAST_STILL_S
+    else:
+        when, still_s = _departure(robot, where)
     direction = manifest.direction if manifest.test in CIRCLES else None  # of another test it means nothing
-    still_s = _patience_s(t_s, q_deg, when)
     try:
         return Rule.model_validate({"when": when, "test": manifest.test, "direction": direction, "still_s": still_s})
     except ValidationError as error:
@@ -52,27 +52,27 @@ def rule_of(run: Run) -> Rule:
         raise FileError(where, problem, "record its program again") from None
 
 
-def _departure(t_s: Array, q_deg: Array, where: str) -> dict[str, Any]:
+def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[dict[str, Any], float]:
+    """From where to where the robot departs, and how long it must stand to have ended, s: twice its longest stand on
+    the way. Raises FileError where it stood still, or moved from the beginning on."""
+    t_s = (robot["last_byte_ns"] - robot["last_byte_ns"][:1]) / 1e9
+    q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])
+    kept = np.unique(t_s // _STEP_S, return_index=True)[1]  # enough to see a stand
+    t_s, q_deg = t_s[kept], q_deg[kept]
     if not len(t_s) or _leaves(q_deg, _ON_THE_WAY_DEG) == len(t_s):
         raise FileError(where, "the robot stood still", "record its program from before it starts")
     begins = _leaves(q_deg, STILL_DEG)
     if t_s[begins - 1] < STOOD_S:
         raise FileError(where, "the robot moves already where the run begins", "record from before its program starts")
     start, onwards = np.median(q_deg[:begins], axis=0), q_deg[_leaves(q_deg, _ON_THE_WAY_DEG)]
-    return {"from_deg": start.round(3).tolist(), "to_deg": onwards.round(3).tolist()}
-
-
-def _patience_s(t_s: Array, q_deg: Array, when: dict[str, Any]) -> float:
-    """How long it must stand to have ended: twice its longest stand on the way, where a stand may end it."""
-    if "signal" in when:
-        return _LEAST_STILL_S
-    begin, longest_s = _leaves(q_deg, STILL_DEG), 0.0
+    begin, longest_s = begins, 0.0
     while begin < len(t_s):
         after = _leaves(q_deg, STILL_DEG, begin)
         if after < len(t_s):  # the last one is the end
             longest_s = max(longest_s, t_s[after - 1] - t_s[begin])
         begin = after
-    return max(_LEAST_STILL_S, float(math.ceil(2 * longest_s)))
+    still_s = max(_LEAST_STILL_S, float(math.ceil(2 * longest_s)))
+    return {"from_deg": start.round(3).tolist(), "to_deg": onwards.round(3).tolist()}, still_s
 
 
 def _leaves(q_deg: Array, by_deg: float, begin: int = 0) -> int:

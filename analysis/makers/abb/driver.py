@@ -38,6 +38,14 @@ _KINDS = {
     "speeddata": "nnnn",
 }
 """What stands in each kind of data: b a boolean, n a number, t a text, p a pose."""
+_STREAMS = (
+    "EGMGetId @",
+    "EGMReset @",
+    "EGMStreamStop @",
+    "EGMStreamStart @ \\ SampleRate := 4",
+    'EGMSetupUC ROB_1 , @ , "default" , "rig" \\ Joint',
+)
+"""The instructions of a stream of joint angles, with @ for its egmident."""
 
 
 def run(text: str, _: str, machine: Machine) -> None:
@@ -138,20 +146,6 @@ class _Controller:
                 self._machine.events.append(Switched(signal, state == "1"))
             case ["Stop"]:
                 self._machine.events.append(Held())
-            case [name, *_] if name.startswith("EGM"):
-                self._stream(words)
-            case _:
-                self._move(words)
-
-    def _stream(self, words: list[str]) -> None:
-        forms = [*(f"EGM{name} @" for name in ("GetId", "Reset", "StreamStop")), "EGMStreamStart @ \\ SampleRate := 4"]
-        forms.append('EGMSetupUC ROB_1 , @ , "default" , "rig" \\ Joint')
-        form = " ".join("@" if self._data.get(word) == "egmident" else word for word in words)
-        if form not in forms:
-            raise ProgramError(f"{' '.join(words)} is not known")
-
-    def _move(self, words: list[str]) -> None:
-        match words:
             case ["MoveAbsJ", target, "\\", "NoEOffs", ",", speed, ",", "fine", ",", *frames]:
                 self._frames(frames)
                 self._machine.joints(np.radians(self._of(target, "jointtarget")[0]), self._limits(speed))
@@ -165,6 +159,10 @@ class _Controller:
                 place, at, stops = self._pose(via).place, self._pose(end), zone == "fine"
                 limits = self._limits(speed)
                 self._machine.arc(place, at, self._mm_s(speed), turning=turning, stops=stops, speed=limits)
+            case [name, *_] if name.startswith("EGM"):
+                form = " ".join("@" if self._data.get(word) == "egmident" else word for word in words)
+                if form not in _STREAMS:
+                    raise ProgramError(f"{' '.join(words)} is not known")
             case _:
                 raise ProgramError(f"{' '.join(words)} is not an instruction")
 

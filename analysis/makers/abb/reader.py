@@ -133,9 +133,9 @@ def _declare_frame(
 ) -> None:
     """Take a tool or work object; one without numbers is that of its name, which a person can state. A name for two is
     unknown, unless it stands for persistent data that tasks share, with the same numbers."""
-    what: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
+    family: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
     name, line = declared["name"].lower(), reader.lines[file].at(declared.start("name"))
-    part = f"{what} {name}"
+    part = f"{family} {name}"
     reader.frames.add(part)
     frames = literal_frames(kind, declared["value"] or "")
     value: Value = Unknown(file, line, f"{declared['name']} is not one that is written in numbers, on the robot")
@@ -147,7 +147,7 @@ def _declare_frame(
     if part not in stated:
         stated[part], reader.of[part] = value, shared_by
         if frames is not None:
-            reader.points.state(Named(declared["name"], what, file, line, as_value(frames)))
+            reader.points.state(Named(declared["name"], family, file, line, as_value(frames)))
     elif value != stated[part] or -1 in (shared_by, reader.of.get(part, -1)) or file == reader.of[part]:
         reader.shadowed[part] = Unknown(file, line, f"{declared['name']} is declared twice")
 

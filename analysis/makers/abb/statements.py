@@ -175,9 +175,9 @@ class Reader:
     routine: str = ""
     _defined: dict[str, list[str]] | None = None
 
-    def why(self, begin: int, what: str) -> Unknown:
+    def why(self, begin: int, fact: str) -> Unknown:
         """Return a reason at a place of the module that is read."""
-        return Unknown(self.file, self.lines[self.file].at(begin), " ".join(what.split())[:80])
+        return Unknown(self.file, self.lines[self.file].at(begin), " ".join(fact.split())[:80])
 
     def defined(self, name: str) -> list[str]:
         """Return the routines that a name can stand for: that of the module, or those that all modules see."""
@@ -453,32 +453,30 @@ def _move(reader: Reader, at: int, instruction: re.Match[str], move: re.Match[st
     if len(places) < count + 3:
         _leave(reader, at, "computed", instruction[0])
         return
-    tool = (
-        text[slice(*places[count + 2 if _TOOL_THIRD.fullmatch(instruction["name"]) else -1])].partition("\\")[0].strip()
-    )
+    of_tool = places[count + 2 if _TOOL_THIRD.fullmatch(instruction["name"]) else -1]
     wobj = _WOBJ.search(text, instruction.start("rest"), instruction.end("rest"))
-    frame = wobj["name"].strip() if wobj else "wobj0"
+    names = {
+        "tool": text[slice(*of_tool)].partition("\\")[0].strip(),
+        "frame": wobj["name"].strip() if wobj else "wobj0",
+    }
+    active: dict[str, Unknown | Ref] = {}
+    for family, name in names.items():
+        part = f"{family} {name.lower()}"
+        active[family] = reader.shadowed.get(part) or Ref(part)
+        if not _WORD.fullmatch(name):  # parts of records and elements of arrays are not followed
+            active[family] = reader.why(at, f"{name} is a part of other data")
+    if wobj and wobj["given"] == "?":
+        active["frame"] = reader.why(at, f"{names['frame']} is what a routine may be given")
     way = "joint" if kind in ("J", "ABSJ") else "line"
     tracked = _TRACKED.search(text, instruction.start("rest"), instruction.end("rest"))
     reader.blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
     for begin, end in places[:count]:
         line = reader.lines[reader.file].at(begin)
         needs, trusts = ("shift", "tracking here", "switch"), "conf j" if way == "joint" else "conf l"
-        tool_now, frame_now = (_data(reader, at, kind, name) for kind, name in (("tool", tool), ("frame", frame)))
-        if wobj and wobj["given"] == "?":
-            frame_now = reader.why(at, f"{frame} is what a routine may be given")
-        state = Move("", way, reader.file, line, tool_now, frame_now, needs, trusts)
+        state = Move("", way, reader.file, line, active["tool"], active["frame"], needs, trusts)
         _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", instruction["name"])
     if instruction["name"].lower().endswith("sync"):
         reader.blocks.add(Forget(reader.why(at, f"{instruction['name']} runs a procedure that a text names")))
-
-
-def _data(reader: Reader, at: int, kind: str, name: str) -> Unknown | Ref:
-    """Return the tool or work object of a move; parts of records and elements of arrays are not followed."""
-    if not _WORD.fullmatch(name):
-        return reader.why(at, f"{name} is a part of other data")
-    part = f"{kind} {name.lower()}"
-    return reader.shadowed.get(part) or Ref(part)
 
 
 def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:

@@ -104,24 +104,21 @@ class _Controller:
             if line.startswith("  !"):
                 if len(line) > 3 + 32:
                     raise ProgramError(f"the remark {line!r} is longer than 32 characters")
-            elif not self._moves(line):
+            elif match := re.fullmatch(r"J P\[(\d+)\] (\d+)% FINE", line):
+                position = self._at(match[1])
+                if position.q is None or not 1 <= int(match[2]) <= 100:
+                    raise ProgramError("this interpreter moves joints to joint positions, at 1 to 100 %")
+                self._machine.joints(position.q, Speed(share=int(match[2]) / 100))
+            elif match := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT0)", line):
+                self._machine.line(self._pose_at(match[1]), float(match[2]), stops=match[3] == "FINE", speed=Speed())
+            elif match := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}deg/sec FINE", line):
+                self._machine.turn(self._pose_at(match[1]), np.radians(float(match[2])))
+            elif match := re.fullmatch(rf"C P\[(\d+)\]\n    :  P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT100)", line):
+                via, end = self._pose_at(match[1]), self._pose_at(match[2])
+                stops, speed_mm_s = match[4] == "FINE", float(match[3])
+                self._machine.arc(via.place, end, speed_mm_s, turning="even", stops=stops, speed=Speed())
+            else:
                 self._act(line)
-
-    def _moves(self, line: str) -> bool:
-        if match := re.fullmatch(r"J P\[(\d+)\] (\d+)% FINE", line):
-            position = self._at(match[1])
-            if position.q is None or not 1 <= int(match[2]) <= 100:
-                raise ProgramError("this interpreter moves joints to joint positions, at 1 to 100 %")
-            self._machine.joints(position.q, Speed(share=int(match[2]) / 100))
-        elif match := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT0)", line):
-            self._machine.line(self._pose_at(match[1]), float(match[2]), stops=match[3] == "FINE", speed=Speed())
-        elif match := re.fullmatch(rf"L P\[(\d+)\] {_NUMBER}deg/sec FINE", line):
-            self._machine.turn(self._pose_at(match[1]), np.radians(float(match[2])))
-        elif match := re.fullmatch(rf"C P\[(\d+)\]\n    :  P\[(\d+)\] {_NUMBER}mm/sec (FINE|CNT100)", line):
-            via, end = self._pose_at(match[1]), self._pose_at(match[2])
-            stops, speed_mm_s = match[4] == "FINE", float(match[3])
-            self._machine.arc(via.place, end, speed_mm_s, turning="even", stops=stops, speed=Speed())
-        return bool(match)
 
     def _act(self, line: str) -> None:
         if match := re.fullmatch(r"  UFRAME_NUM=(\d)", line):

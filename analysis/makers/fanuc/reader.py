@@ -9,7 +9,7 @@ controller. A listing is one program; those beside it are followed where it call
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -133,8 +133,8 @@ class _Reader:
     registers: tuple[int, ...] = ()
     line: int = 0
 
-    def why(self, what: str) -> Unknown:
-        return Unknown(self.file, self.line, " ".join(what.split())[:80])
+    def why(self, fact: str) -> Unknown:
+        return Unknown(self.file, self.line, " ".join(fact.split())[:80])
 
     def leave(self, line: int, name: str, reason: Reason) -> None:
         if self.file == 0:
@@ -209,20 +209,6 @@ def _number(component: re.Match[str], begin: int) -> Number:
     return Number(begin + component.start(2), begin + component.end(2), float(component[2]))
 
 
-def _statements(text: str, begin: int, end: int) -> Iterator[list[tuple[int, str]]]:
-    """Yield the statements between two places, each as the lines over which it goes, with where they begin."""
-    statement: list[tuple[int, str]] = []
-    for line in _LINE.finditer(text, begin, end):
-        body = line["body"].strip()
-        ended = not statement or statement[-1][1].endswith(";")
-        if statement and (line["number"] or ended):
-            yield statement
-            statement = []
-        statement.append((line.start("body"), body))
-    if statement:
-        yield statement
-
-
 def _read(reader: _Reader, file: int) -> None:
     """Read the instructions of a listing."""
     text = reader.texts[file]
@@ -232,7 +218,12 @@ def _read(reader: _Reader, file: int) -> None:
     reader.labels = tuple(re.findall(r"\bLBL\[\s*(\d+)", text[begin:middle]))
     if _TRACKING.search(text, 0, begin):
         reader.blocks.add(Set("tracking", "on"))
-    for statement in _statements(text, begin, middle):
+    statements: list[list[tuple[int, str]]] = []  # each as the lines over which it goes, with where they begin
+    for line in _LINE.finditer(text, begin, middle):
+        if line["number"] or not statements or statements[-1][-1][1].endswith(";"):
+            statements.append([])
+        statements[-1].append((line.start("body"), line["body"].strip()))
+    for statement in statements:
         reader.line = reader.lines[file].at(statement[0][0])
         whole = " ".join(body for _, body in statement)
         _statement(reader, whole.rstrip("; "), reader.lines[file].at(statement[-1][0]))
@@ -410,23 +401,21 @@ def _selected(number: str, values: tuple[Value, ...]) -> Value:
     return OFF if number in ("F", selected) else selected
 
 
-def _target(reader: _Reader, kind: str, text: str, line: int, rest: str) -> None:
+def _target(reader: _Reader, kind: str, text: str, line: int, modifiers: str) -> None:
     point, blocks = _POINT.fullmatch(text), reader.blocks
-    offset = _OFFSET.findall(rest)
-    relative = re.search(r"\bINC\b", rest, re.IGNORECASE)
     if point is None or reader.file or not reader.points.knows(point[1]):
         literal = point is not None and not reader.file
         reader.leave(line, text, "not_literal" if literal else "computed")
         if point is None and not text.startswith("PR") and not reader.file:
-            _any_target(reader, kind, line, rest)
+            _any_target(reader, kind, line, modifiers)
         blocks.add(Elsewhere())
         return
-    if relative:
+    if re.search(r"\bINC\b", modifiers, re.IGNORECASE):
         _mentioned(reader, text)
         reader.leave(line, text, "relative")
         blocks.add(Elsewhere())
         return
-    options = _OFFSET.sub("", rest)
+    options = _OFFSET.sub("", modifiers)
     parts = {"external_tcp here": r"\bRTCP\b", "coordinated here": r"\bCOORD\b(?:\[[^\]]*\])?"}
     for part, pattern in parts.items():
         blocks.add(Set(part, "on" if re.search(pattern, options, re.IGNORECASE) else OFF))
@@ -442,20 +431,20 @@ def _target(reader: _Reader, kind: str, text: str, line: int, rest: str) -> None
     for part, number in () if target.joints else (("UFRAME_NUM", target.frame), ("UTOOL_NUM", target.tool)):
         blocks.add(Set(f"selected {part}{HERE}", Built((part,), partial(_selected, str(number)))))
         needs += (f"selected {part}{HERE}",)
-    missing = _offset(reader, offset)
+    offset = _offset(reader, _OFFSET.findall(modifiers))
     way = "joint" if kind == "J" else "line"
     key = f"{point[1]}@{line}" if offset else point[1]
     base = point[1] if offset else ""
-    blocks.add(Move(key, way, 0, line, tool, frame, needs, None, None, missing, base))
+    blocks.add(Move(key, way, 0, line, tool, frame, needs, None, None, offset, base))
 
 
-def _any_target(reader: _Reader, kind: str, line: int, rest: str) -> None:
+def _any_target(reader: _Reader, kind: str, line: int, modifiers: str) -> None:
     """Take a move to a point that a register names: to any of them."""
     reader.blocks.cases()
     for key in tuple(reader.points.keys()):
         reader.blocks.other()
         reader.blocks.guard()
-        _target(reader, kind, f"P[{key}]", line, rest)
+        _target(reader, kind, f"P[{key}]", line, modifiers)
     reader.blocks.close()
 
 

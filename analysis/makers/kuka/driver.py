@@ -106,27 +106,22 @@ class _Controller:
                 self._variables.add(_named(tokens[2]))
                 continue
             self._declaring = False
-            if not self._moves(tokens):
-                self._act(tokens)
+            match tokens:
+                case ["PTP", name] if isinstance(self._at(name), np.ndarray) and len(self._axis_speeds) == 6:
+                    self._machine.joints(self._at(name), Speed(share=min(self._axis_speeds.values()) / 100))
+                case ["LIN", name, *zone] if isinstance(self._at(name), Pose) and zone in ([], ["C_DIS"]):
+                    stops = not (zone and self._settings["$APO.CDIS"] > 0)
+                    self._machine.line(self._at(name), self._speed_mm_s(), stops=stops, speed=self._limits())
+                case ["CIRC", via, ",", end, *zone] if zone in ([], ["C_DIS"]):
+                    related = self._settings["$CIRC_TYPE"] == "#PATH" and self._settings["$ORI_TYPE"] == "#VAR"
+                    turning: Turning = "relative to path" if related else "even"
+                    stops = not (zone and self._settings["$APO.CDIS"] > 0)
+                    place, target, mm_s = self._at(via).place, self._at(end), self._speed_mm_s()
+                    self._machine.arc(place, target, mm_s, turning=turning, stops=stops, speed=self._limits())
+                case _:
+                    self._act(tokens)
         if self._opened:
             raise ProgramError("an IF has no ENDIF")
-
-    def _moves(self, tokens: list[str]) -> bool:
-        match tokens:
-            case ["PTP", name] if isinstance(self._at(name), np.ndarray) and len(self._axis_speeds) == 6:
-                self._machine.joints(self._at(name), Speed(share=min(self._axis_speeds.values()) / 100))
-            case ["LIN", name, *zone] if isinstance(self._at(name), Pose) and zone in ([], ["C_DIS"]):
-                stops = not (zone and self._settings["$APO.CDIS"] > 0)
-                self._machine.line(self._at(name), self._speed_mm_s(), stops=stops, speed=self._limits())
-            case ["CIRC", via, ",", end, *zone] if zone in ([], ["C_DIS"]):
-                related = self._settings["$CIRC_TYPE"] == "#PATH" and self._settings["$ORI_TYPE"] == "#VAR"
-                turning: Turning = "relative to path" if related else "even"
-                stops = not (zone and self._settings["$APO.CDIS"] > 0)
-                place, target, mm_s = self._at(via).place, self._at(end), self._speed_mm_s()
-                self._machine.arc(place, target, mm_s, turning=turning, stops=stops, speed=self._limits())
-            case _:
-                return False
-        return True
 
     def _at(self, name: str) -> Any:
         if name not in self._points:

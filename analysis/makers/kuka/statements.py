@@ -168,9 +168,9 @@ class Reader:
         why = self.why(file, begin, f"{name} is called" if len(routines) == 1 else f"{name} is not known here")
         return Call(routines[0], why) if len(routines) == 1 else Forget(why)
 
-    def why(self, file: int, begin: int, what: str) -> Unknown:
+    def why(self, file: int, begin: int, fact: str) -> Unknown:
         """Return a reason at a place in a text."""
-        return Unknown(file, self.lines[file].at(begin), what[:80])
+        return Unknown(file, self.lines[file].at(begin), fact[:80])
 
     def begin(self, file: int, name: str) -> None:
         """Begin a routine."""
@@ -546,31 +546,24 @@ def _point(reader: Reader, file: int, begin: int, start: int, text: str, kind: s
 
 
 def _with_all(reader: Reader, file: int, begin: int, text: str) -> dict[str, Value | Ref | Built]:
-    """Return the parts of the state that stand WITH a motion, or a spline."""
-    state = {
-        part.lower(): _with(reader, file, begin, part.upper(), value.strip())
-        for part, value in _WITH_PART.findall(text)
-    }
+    """Return the parts of the state that stand WITH a motion, or a spline: tool, base and mode."""
+    state: dict[str, Value | Ref | Built] = {}
+    for part, stated in _WITH_PART.findall(text):
+        value = stated.strip()
+        if fdat := _WITH_FDAT.fullmatch(value):
+            statements = _fdat(reader, file, begin, fdat[1])
+            of_fdat = {statement.part: statement.value for statement in statements if isinstance(statement, Set)}
+            part_of_fdat = {"TOOL": "fdat tool", "BASE": "fdat base", "IPO_MODE": "fdat ipo"}[part.upper()]
+            state[part.lower()] = of_fdat[part_of_fdat]
+        elif part.upper() == "IPO_MODE":
+            state[part.lower()] = OFF if value.upper() == "#BASE" else "on"
+        else:
+            state[part.lower()] = reader.place(file, begin, value)
     if _CONSTANT.search(text):
         state["ori_type"] = "on"
     elif re.search(r"\bSORI_TYP\b", text, re.IGNORECASE) and reader.constant():
         state["ori_type"] = reader.why(file, begin, "motion data may keep the orientation")
     return state
-
-
-def _with(reader: Reader, file: int, begin: int, part: str, text: str) -> Value | Ref | Built:
-    """Return the tool, base or mode that stands WITH a motion."""
-    if fdat := _WITH_FDAT.fullmatch(text):
-        part_of_fdat = {"TOOL": "fdat tool", "BASE": "fdat base", "IPO_MODE": "fdat ipo"}[part]
-        by_part = {
-            statement.part: statement.value
-            for statement in _fdat(reader, file, begin, fdat[1])
-            if isinstance(statement, Set)
-        }
-        return by_part[part_of_fdat]
-    if part == "IPO_MODE":
-        return OFF if text.upper() == "#BASE" else "on"
-    return reader.place(file, begin, text)
 
 
 def agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:

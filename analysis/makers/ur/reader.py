@@ -171,8 +171,8 @@ class _Reader:
     def left(self, place: int, reason: Reason, name: str) -> Left:
         return Left(0, self.lines.at(place), name[:60], reason)
 
-    def why(self, place: int, what: str) -> Unknown:
-        return Unknown(0, self.lines.at(place), what)
+    def why(self, place: int, fact: str) -> Unknown:
+        return Unknown(0, self.lines.at(place), fact)
 
     @property
     def blocks(self) -> Blocks:

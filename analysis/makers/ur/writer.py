@@ -21,7 +21,6 @@ from analysis.robot_programs.plan import (
     Move,
     Plan,
     Signal,
-    Step,
     Turn,
     start_of,
 )
@@ -47,20 +46,19 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
         f"{value:.3f}" for value in values[3:]
     )
     comments = _WORDS.remarks(*heading(plan, demand, begin))
-    body = [f"  {line}" for step in plan.steps for line in _lines(plan, step)]
-    tool = f"  set_tcp({_pose(plan.arm.T_flange_tool)})"
-    return {f"{name}.script": "\n".join([*comments, f"def {name}():", tool, *body, "end", f"{name}()", ""])}
-
-
-def _lines(plan: Plan, step: Step) -> list[str]:
-    match step:
-        case Signal(value) if plan.signal_place.int_register is not None:
-            return [f"write_output_integer_register({plan.signal_place.int_register}, {value})"]
-        case Signal(value):
-            return [_output(number, on) for number, on in plan.signal_place.bits(value)]
-        case Hold(request):
-            return [f'popup("{request}", title="rig", blocking=True)']
-    return _WORDS.lines(plan, step, _move)
+    lines = [f"set_tcp({_pose(plan.arm.T_flange_tool)})"]
+    for step in plan.steps:
+        match step:
+            case Signal(value) if plan.signal_place.int_register is not None:
+                lines.append(f"write_output_integer_register({plan.signal_place.int_register}, {value})")
+            case Signal(value):
+                lines += [_output(number, on) for number, on in plan.signal_place.bits(value)]
+            case Hold(request):
+                lines.append(f'popup("{request}", title="rig", blocking=True)')
+            case _:
+                lines += _WORDS.lines(plan, step, _move)
+    body = [f"  {line}" for line in lines]
+    return {f"{name}.script": "\n".join([*comments, f"def {name}():", *body, "end", f"{name}()", ""])}
 
 
 def _move(step: Move) -> list[str]:

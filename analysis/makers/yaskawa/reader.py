@@ -118,8 +118,8 @@ class _Reader:
     """The frame of a relative job, in which it is repeated."""
     blocks: Blocks = field(default_factory=Blocks)
 
-    def why(self, what: str) -> Unknown:
-        return Unknown(self.file, self.line, " ".join(what.split())[:80])
+    def why(self, fact: str) -> Unknown:
+        return Unknown(self.file, self.line, " ".join(fact.split())[:80])
 
     def leave(self, name: str, reason: Reason) -> None:
         if self.file == 0:
