@@ -61,7 +61,14 @@ def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, 
     rounded = {key: _rounded(value) for key, value in values.items()}
     remedy = "run the command without --write, and paste the block that it prints"
     changes: dict[Keys, Value] = {("tests", test, key): value for key, value in rounded.items()}
-    return with_values(text, changes, _wanted(text, test, rounded, where), where, remedy)
+    data = data_of(text)
+    tests = data.get("tests") or {}
+    data["tests"] = {**tests, test: {**(tests.get(test) or {}), **rounded}}
+    try:
+        expected = Rig.model_validate(data)
+    except ValidationError as error:
+        raise RigFileError(where, problems_of(error, data, None)) from None
+    return with_values(text, changes, expected, where, remedy)
 
 
 def block_of(test: str, values: Values, indent: int = 0) -> str:
@@ -69,17 +76,6 @@ def block_of(test: str, values: Values, indent: int = 0) -> str:
     spaces."""
     rounded = {key: _rounded(value) for key, value in values.items()}
     return "".join(f"{' ' * indent}{line}\n" for line in _block((test,), rounded))
-
-
-def _wanted(text: str, test: str, values: Values, where: str) -> Rig:
-    """The rig that the new text must stand for."""
-    data = data_of(text)
-    tests = data.get("tests") or {}
-    data["tests"] = {**tests, test: {**(tests.get(test) or {}), **values}}
-    try:
-        return Rig.model_validate(data)
-    except ValidationError as error:
-        raise RigFileError(where, problems_of(error, data, None)) from None
 
 
 def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:

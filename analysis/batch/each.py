@@ -22,7 +22,7 @@ from analysis.batch.fetched import fetching_into, place_of_copies
 from analysis.batch.outcomes import Item, Outcome, Value, attempt, outcome_of
 from analysis.batch.remote_path import RemotePath
 from rigs.distribution import NAME, to_install
-from rigs.errors import CellError, FileError
+from rigs.errors import CellError, FileError, RigError
 
 
 def each(
@@ -75,12 +75,22 @@ def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: st
     """
     client = _connected(address)
     try:
+        from distributed import KilledWorker  # noqa: PLC0415
+
         _require_same_versions(client, address)
         todo = iter(items)
         waiting = deque((item, client.submit(attempt, work, item, pure=False)) for item in islice(todo, _AHEAD))
         while waiting:
             item, future = waiting.popleft()
-            result = _result(future, item, address)
+            result: Value | RigError
+            try:
+                result = future.result()
+            except KilledWorker:
+                remedy = "it may need more memory than a worker has: give the workers more, or work on it here"
+                result = CellError(str(item), "the workers that worked on it died, one after another", remedy)
+            except (CancelledError, OSError) as error:
+                problem = f"the Dask scheduler is gone: {type(error).__name__}"
+                raise CellError(address, problem, "start it and this command again") from None
             future.release()
             waiting.extend(
                 (following, client.submit(attempt, work, following, pure=False)) for following in islice(todo, 1)
@@ -129,18 +139,3 @@ def _require_same_versions(client: Any, address: str) -> None:
             if version != ours:
                 has = f"has {package} {version}" if isinstance(version, str) else f"lacks {package}"
                 raise CellError(str(worker), f"{has}, and this computer {ours}", "install the same version on both")
-
-
-def _result(future: Any, item: object, address: str) -> Any:
-    """What `attempt` returned on a worker, or the error of an item over which workers died."""
-    from distributed import KilledWorker  # noqa: PLC0415
-
-    try:
-        return future.result()
-    except KilledWorker:
-        remedy = "it may need more memory than a worker has: give the workers more, or work on it here"
-        return CellError(str(item), "the workers that worked on it died, one after another", remedy)
-    except (CancelledError, OSError) as error:
-        raise CellError(
-            address, f"the Dask scheduler is gone: {type(error).__name__}", "start it and this command again"
-        ) from None

@@ -101,13 +101,13 @@ class AnswerWords:
         """What is wrong, in a sentence: what makes most of the error before what makes less, what is sure before what
         is open, and then what these runs do not show."""
         diagnosis = self.diagnosis
-        (faults, beside), large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
+        (faults, open_too), large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
         share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
         first = any(part.share > share for part in large_parts(diagnosis))
         wrong = [*large, *faults] if first else [*faults, *large]
         sure_too = [self._measured(part) for part in sure_parts(diagnosis)]
         measured = [self.texts("says_sure", parts=self._listed(sure_too))] if sure_too else []
-        clauses = "; ".join([*wrong, *beside, *measured])
+        clauses = "; ".join([*wrong, *open_too, *measured])
         sentence = f"{clauses[:1].upper()}{clauses[1:]}." if clauses else ""
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)

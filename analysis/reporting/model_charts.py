@@ -151,17 +151,17 @@ def strand_charts(residuals: Diagnosis | Disagreement, texts: Texts) -> tuple[li
     strands, quiet = strands_of(residuals)
     charts, count, drawn = [], Counter(strand.title for strand in strands), Counter[str]()
     for strand in strands:  # `yaw acw, angle`; several of one title, of circles at several places, with their number
-        what = strand.title
-        drawn[what] += 1
-        if count[what] > 1:
-            what = texts("chart_place", what=what, number=drawn[what])
+        name = strand.title
+        drawn[name] += 1
+        if count[name] > 1:
+            name = texts("chart_place", what=name, number=drawn[name])
         steps, x = strand.steps_um, strand.phi_deg
         so_far = steps[0] - steps
         lines = [Line(texts("measured"), "measured", x, steps[0])]
         if len(steps) > 1:
             lines.append(Line(texts("so_far"), "model", x, so_far[-1], steps=so_far))
             lines.append(Line(texts("still_left"), "after", x, steps[-1], steps=steps))
-        title = texts("chart_simulated" if len(steps) > 1 else "chart_gap", what=what)
+        title = texts("chart_simulated" if len(steps) > 1 else "chart_gap", what=name)
         labels = texts("circle_angle"), f"{texts('gap')} / µm"
         marks = marks_of(strand.curve.turns, texts)
         shaded = stretches([(place.from_deg, place.to_deg) for place in strand.places])
