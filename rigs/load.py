@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from rigs.calibration import MOST_CALIBRATION_BYTES, TIMES, CalibratedModel, CalibrationFile, Parameter
+from rigs.calibration import MOST_CALIBRATION_BYTES, TIMES, CalibratedModel, CalibrationFile
 from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
 from rigs.files import of_newer_rig, read_bytes, read_text
@@ -64,17 +64,14 @@ def _reasons(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
             yield f"term {number} has {name} {value:g} in all, and an arm at most {bound:g}"
     spread = np.sqrt((calibrated.root**2).sum(axis=1))
     for parameter, sd in zip(calibrated.parameters, spread.tolist(), strict=True):
-        if not 0 < sd <= _widest(calibrated, parameter):
+        effect = calibrated.terms[parameter.term].effect
+        if parameter.field == TIMES:
+            size = abs(float(getattr(effect, size_field(effect))))
+            widest = _bound(effect, size_field(effect)) / size if size else np.inf
+        else:
+            widest = _bound(effect, parameter.field)
+        if not 0 < sd <= widest:
             yield f"the uncertainty of {parameter.field} of term {parameter.term} is {sd:.3g}, which no readings give"
-
-
-def _widest(calibrated: CalibratedModel, parameter: Parameter) -> float:
-    effect = calibrated.terms[parameter.term].effect
-    if parameter.field != TIMES:
-        return _bound(effect, parameter.field)
-    name = size_field(effect)
-    size = abs(float(getattr(effect, name)))
-    return _bound(effect, name) / size if size else np.inf
 
 
 def _bound(effect: Any, field: str) -> float:

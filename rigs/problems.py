@@ -172,9 +172,14 @@ def _keys_at(loc: Place, model: type[BaseModel]) -> list[str]:
     annotation: Any = model
     for step in loc:
         models = _models(annotation)
-        tagged = [model for model in models if _tag(model) == step]
-        if tagged:
-            annotation = tagged[0]
+        tagged = {
+            str(get_args(model.model_fields[key].annotation)[0]): model
+            for model in models
+            for key in ("interface", "effect")
+            if key in model.model_fields
+        }
+        if step in tagged:
+            annotation = tagged[str(step)]
         elif isinstance(step, str):
             fields = [model.model_fields[step] for model in models if step in model.model_fields]
             annotation = fields[0].annotation if fields else None
@@ -185,10 +190,3 @@ def _models(annotation: Any) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for argument in get_args(annotation) for model in _models(argument)]
-
-
-def _tag(model: type[BaseModel]) -> str | None:
-    for key in ("interface", "effect"):
-        if key in model.model_fields:
-            return str(get_args(model.model_fields[key].annotation)[0])
-    return None

@@ -101,31 +101,29 @@ def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: st
 
 
 def _connected(address: str) -> Any:
+    """A client of the scheduler that answers at an address."""
     try:
-        from distributed import Client  # noqa: PLC0415 - an extra
+        from distributed import Client, Security  # noqa: PLC0415 - an extra
+        from distributed.core import rpc  # noqa: PLC0415
     except ModuleNotFoundError:
         problem = "needs dask.distributed, which is not installed"
         raise FileError("--scheduler", problem, to_install("distributed")) from None
     # What it logs of a lost connection would stand among the results; what matters of it is raised here.
     for logger in ("distributed", "distributed.client"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)
+
+    async def identify() -> None:
+        async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
+            await scheduler.identity()
+
     try:
         # A client that is made where no scheduler is waits long for its own end, after Ctrl-C as well.
-        asyncio.run(asyncio.wait_for(_asked(address), _CONNECTED_S))
+        asyncio.run(asyncio.wait_for(identify(), _CONNECTED_S))
         return Client(address, timeout=_CONNECTED_S, set_as_default=False)
     except (MemoryError, OSError, TypeError, ValueError) as error:  # of memory: what is no scheduler names any size
         problem = f"no Dask scheduler answers: {str(error) or f'nothing came within {_CONNECTED_S} s'}"
         remedy = "give the address that it printed, as tcp://10.0.0.5:8786"
         raise CellError(f"--scheduler {address}", problem, remedy) from None
-
-
-async def _asked(address: str) -> None:
-    """Ask a scheduler who it is. Raises what distributed raises where none answers."""
-    from distributed import Security  # noqa: PLC0415
-    from distributed.core import rpc  # noqa: PLC0415
-
-    async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
-        await scheduler.identity()
 
 
 def _require_same_versions(client: Any, address: str) -> None:

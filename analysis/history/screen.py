@@ -117,31 +117,7 @@ def as_object(history: History) -> dict[str, Any]:
             "origin": origin(history),
             "sentences": sentences(history),
             "remarks": remarks(history),
-            "series": [
-                (
-                    {
-                        "title": series.title,
-                        "figure": series.figure,
-                        "spread": series.trend.spread,
-                        "points": _points(series),
-                        "changes": [
-                            {
-                                "after_run": series.runs[change.first].name,
-                                "by_run": series.runs[change.last].name,
-                                "when": dates(series, change),
-                                "before": change.before,
-                                "after": change.after,
-                                "u": change.u,
-                                "chance": change.chance,
-                                "may_go_on": change.is_last,
-                            }
-                            for change in series.trend.changes
-                        ],
-                        "limit": _limit_object(series),
-                    }
-                )
-                for series in history.series
-            ],
+            "series": [_series_object(series) for series in history.series],
             "without_figures": {record.name: record.problem for record in history.collected.broken},
             "notes": list(history.collected.notes),
         }
@@ -149,11 +125,23 @@ def as_object(history: History) -> dict[str, Any]:
     return plain
 
 
-def _limit_object(series: Series) -> dict[str, Any] | None:
+def _series_object(series: Series) -> dict[str, Any]:
+    """The points of a series, its changes, and where it stands against its limit; None for one that has none."""
+    changes = [
+        {
+            "after_run": series.runs[change.first].name,
+            "by_run": series.runs[change.last].name,
+            "when": dates(series, change),
+            "before": change.before,
+            "after": change.after,
+            "u": change.u,
+            "chance": change.chance,
+            "may_go_on": change.is_last,
+        }
+        for change in series.trend.changes
+    ]
     judged = judge(series)
-    if judged is None:
-        return None
-    return {
+    limit = judged and {
         "watch": judged.limit.watch,
         "fail": judged.limit.fail,
         "standing": judged.standing,
@@ -161,6 +149,8 @@ def _limit_object(series: Series) -> dict[str, Any] | None:
         "since_run": judged.since.name,
         "beyond": [run.name for run in judged.beyond],
     }
+    names = {"title": series.title, "figure": series.figure, "spread": series.trend.spread}
+    return names | {"points": _points(series), "changes": changes, "limit": limit}
 
 
 def _points(series: Series) -> list[dict[str, Any]]:

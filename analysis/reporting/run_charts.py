@@ -191,15 +191,27 @@ def _plane(view: _PlaneView, title: str, texts: Texts, *, points: bool) -> Chart
 
 
 def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
-    """The paths on their plane, and how far the mean of all cycles is from the command, along each."""
+    """The paths and the means of all their cycles on the plane, and how far these are from the command, along each."""
+    names = dict.fromkeys(curve.path.tolist())
+    command, off = [], []
+    for name in (path for path in names if path != "small_circle"):  # no larger than what is enlarged
+        rows = np.flatnonzero(curve.path == name)
+        rows = rows[:: max(1, len(rows) // _STATIONS)]
+        command += [curve.place_mm[rows, :2], np.full((1, 2), np.nan)]
+        off += [curve.off_mm[rows, :2], np.full((1, 2), np.nan)]
+    if not command:
+        command, off = [curve.place_mm[:, :2]], [curve.off_mm[:, :2]]
+    places, away = np.concatenate(command), np.concatenate(off)
+    side = float(np.nanmax(np.abs(places[:, 0]))) / FROM_CENTRE
+    plane = _plane(_enlarged(places, away, side), "chart_paths", texts, points=False)
     roles: tuple[Role, ...] = ("acw", "cw", "after", "fifth", "quiet")
     lines = []
-    for name, role in zip(dict.fromkeys(curve.path.tolist()), roles, strict=False):
+    for name, role in zip(names, roles, strict=False):
         rows = curve.path == name
         lines.append(Line(texts(f"path_{name}"), role, 100 * curve.share[rows], 1e3 * curve.at_mm[rows]))
     labels = f"{texts('along_path')} / %", f"{texts('error_path')} / µm"
     along = Chart(texts("chart_along"), texts("caption_along"), "targets", *labels, "µm", tuple(lines))
-    return [_plane(_path_view(curve), "chart_paths", texts, points=False), along]
+    return [plane, along]
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -231,21 +243,6 @@ def _cube_view(result: Result) -> _PlaneView | None:
     on_plane = np.stack([cube.level, cube.rising], axis=1)
     places = (cube.places_mm - cube.centre_mm) @ on_plane
     return replace(_enlarged(places[pose[pose > 0] - 1], off @ on_plane, cube.side_mm), command_mm=places)
-
-
-def _path_view(curve: PathCurve) -> _PlaneView:
-    """The paths and the means of all their cycles; the small circle is no larger than what is enlarged."""
-    command, off = [], []
-    for name in (path for path in dict.fromkeys(curve.path.tolist()) if path != "small_circle"):
-        rows = np.flatnonzero(curve.path == name)
-        rows = rows[:: max(1, len(rows) // _STATIONS)]
-        command += [curve.place_mm[rows, :2], np.full((1, 2), np.nan)]
-        off += [curve.off_mm[rows, :2], np.full((1, 2), np.nan)]
-    if not command:
-        command, off = [curve.place_mm[:, :2]], [curve.off_mm[:, :2]]
-    places, away = np.concatenate(command), np.concatenate(off)
-    side = float(np.nanmax(np.abs(places[:, 0]))) / FROM_CENTRE
-    return _enlarged(places, away, side)
 
 
 def _enlarged(places: Array, off: Array, side_mm: float) -> _PlaneView:
