@@ -32,7 +32,7 @@ def sentences(history: History) -> list[str]:
         (series, change), *others = sorted(group, key=lambda member: member[1].chance)
         size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
         verb = "rose" if change.after > change.before else "fell"
-        also = [f"{other.title}" for other, _ in others]
+        also = [f"{its_series.title}" for its_series, _ in others]
         seen = f"; {_listed(also)} show{'s' * (len(also) == 1)} it too" if also else ""
         when = f"{dates(series, change)}{', and may go on' if change.is_last else ''}"
         changed.append(

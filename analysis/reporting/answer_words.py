@@ -191,8 +191,8 @@ class AnswerWords:
         if is_complete(diagnosis):
             largest = max((place.rms_um for place in diagnosis.where), default=0.0)
             values |= {"count": str(len(diagnosis.where)), "largest": micrometres(largest)}
-            beside = "nearly_complete" if diagnosis.where else "nothing_missing"
-            which = beside if diagnosis.repeated and len(diagnosis.runs) > 1 else "nothing_shows"
+            repeated = "nearly_complete" if diagnosis.where else "nothing_missing"
+            which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "nothing_shows"
         # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
@@ -203,20 +203,19 @@ class AnswerWords:
         certain = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
         open_ones = [named for named in self.diagnosis.standing if named not in certain]
         which = "says_open" if certain else "says_ambiguous"
-        with_rivals = [self.texts(which, faults=self._listed([*map(self._alternatives, open_ones)]))]
+        alternatives = [", ".join([self._with_rivals(named), *self._share(named)]) for named in open_ones]
+        ambiguous = [self.texts(which, faults=self._listed(alternatives))] if open_ones else []
         if not certain:
-            return with_rivals if open_ones else [], []
+            return ambiguous, []
         faults = [", ".join([self.noun(named.effect), size(named), *self._share(named)]) for named in certain]
         which = "says_fault" if len(certain) == 1 else "says_faults"
         sentence = self.texts(which, faults=self._listed(faults), count=len(certain))
-        return [sentence], with_rivals if open_ones else []
+        return [sentence], ambiguous
 
     def _large_part(self, part: BudgetPart) -> str:
         share = percent(min(part.share, 1.0))
         if part.index is not None and likely_rivals(named := self.diagnosis.effects[part.index]):
-            effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
-            words = self.texts("or").join(map(self.noun, effects))
-            return self.texts("large_part", share=share, part=self._with_cancelled(part, words))
+            return self.texts("large_part", share=share, part=self._with_cancelled(part, self._with_rivals(named)))
         likely = [member for member in part.members if member.odds >= LEAST_ODDS]
         if not likely:
             return self.texts("large_part", share=share, part=self._with_cancelled(part, self._measured(part)))
@@ -238,10 +237,10 @@ class AnswerWords:
         ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
         return "; ".join([*phrases[:_MOST_NAMED], *ending])
 
-    def _alternatives(self, named: Named) -> str:
+    def _with_rivals(self, named: Named) -> str:
         """A fault and those of its rivals that cannot be dismissed."""
         effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
-        return ", ".join([self.texts("or").join(map(self.noun, effects)), *self._share(named)])
+        return self.texts("or").join(map(self.noun, effects))
 
     def _share(self, named: Named) -> list[str]:
         part = part_of(self.diagnosis, named)

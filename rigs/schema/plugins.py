@@ -32,8 +32,8 @@ C = TypeVar("C", bound=BaseModel)
 def _offers() -> tuple[EntryPoint, ...]:
     """What all packages offer. An environment of a hundred packages is looked through in some hundredths of a second,
     once."""
-    found = entry_points()
-    return tuple(offer for group in (*_KEY, MAKERS) for offer in found.select(group=group))
+    of_packages = entry_points()
+    return tuple(offer for group in (*_KEY, MAKERS) for offer in of_packages.select(group=group))
 
 
 def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, type[C]]:
@@ -66,10 +66,12 @@ def packages_of_makers() -> dict[str, str]:
 
 def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:
     """Return a discriminated union with the classes that other packages offer to a group."""
-    own = get_args(get_args(union)[0])
-    names = frozenset(name for one in own for name in get_args(one.model_fields[_KEY[group]].annotation))
-    more = offered(group, base, names)
-    return Annotated[reduce(or_, (*own, *more.values())), Field(discriminator=_KEY[group])] if more else union
+    classes = get_args(get_args(union)[0])
+    names = frozenset(name for cls in classes for name in get_args(cls.model_fields[_KEY[group]].annotation))
+    of_others = offered(group, base, names)
+    if not of_others:
+        return union
+    return Annotated[reduce(or_, (*classes, *of_others.values())), Field(discriminator=_KEY[group])]
 
 
 def driver_of(part: BaseModel, folder: str) -> str:
