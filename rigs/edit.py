@@ -61,7 +61,14 @@ def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, 
     rounded = {key: _rounded(value) for key, value in values.items()}
     remedy = "run the command without --write, and paste the block that it prints"
     changes: dict[Keys, Value] = {("tests", test, key): value for key, value in rounded.items()}
-    return with_values(text, changes, _wanted(text, test, rounded, where), where, remedy)
+    data = data_of(text)
+    tests = data.get("tests") or {}
+    data["tests"] = {**tests, test: {**(tests.get(test) or {}), **rounded}}
+    try:
+        expected = Rig.model_validate(data)
+    except ValidationError as error:
+        raise RigFileError(where, problems_of(error, data, None)) from None
+    return with_values(text, changes, expected, where, remedy)
 
 
 def block_of(test: str, values: Values, indent: int = 0) -> str:
@@ -71,17 +78,6 @@ def block_of(test: str, values: Values, indent: int = 0) -> str:
     return "".join(f"{' ' * indent}{line}\n" for line in _block((test,), rounded))
 
 
-def _wanted(text: str, test: str, values: Values, where: str) -> Rig:
-    """The rig that the new text must stand for."""
-    data = data_of(text)
-    tests = data.get("tests") or {}
-    data["tests"] = {**tests, test: {**(tests.get(test) or {}), **values}}
-    try:
-        return Rig.model_validate(data)
-    except ValidationError as error:
-        raise RigFileError(where, problems_of(error, data, None)) from None
-
-
 def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
     """What changes where values of one mapping change."""
     root = nodes_of(text)
@@ -89,8 +85,13 @@ def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
     node = root
     for depth, key in enumerate(parent):
         below = _child(node, key)
-        if below is None:
-            return [_added(text, root, node, parent[depth:], values)]
+        if below is None and node is root and not node.flow_style:  # a branch at the end of the file
+            gap = "\n" if text.endswith("\n") else "\n\n"
+            branch = "".join(f"{line}\n" for line in _block(parent[depth:], values))
+            return [(len(text), len(text), gap + branch)]
+        if below is None:  # a branch that comes first in its mapping
+            in_one_line = [f"{key}: {flow(_nested(parent[depth + 1 :], values))}"]
+            return [_put_first(node, in_one_line if node.flow_style else _block(parent[depth:], values))]
         if not isinstance(below, yaml.MappingNode):  # null
             gap = " " if below.start_mark.index == below.end_mark.index else ""
             return [(below.start_mark.index, below.end_mark.index, gap + flow(_nested(parent[depth + 1 :], values)))]
@@ -102,17 +103,6 @@ def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
         if child is not None:
             edits += _replaced(child, values[key])
     return edits
-
-
-def _added(text: str, root: yaml.Node, node: yaml.MappingNode, keys: Keys, values: Mapping[str, Value]) -> _Edit:
-    """A branch that was not there: at the end of the file, or as the first of its mapping."""
-    if node.flow_style:
-        return _put_first(node, [f"{keys[0]}: {flow(_nested(keys[1:], values))}"])
-    lines = _block(keys, values)
-    if node is root:
-        gap = "" if text.endswith("\n") else "\n"
-        return len(text), len(text), gap + "\n" + "".join(f"{line}\n" for line in lines)
-    return _put_first(node, lines)
 
 
 def _block(keys: Keys, values: Mapping[str, Value]) -> list[str]:
@@ -160,22 +150,17 @@ def extended(text: str, effects: Sequence[Effect], where: str, calibration: Cali
     RigFileError where the result would not be a valid rig file."""
     grown = _with_effects(text, effects) if effects else text
     if calibration:
-        grown = _with_calibration(grown, calibration)
+        root = nodes_of(grown)
+        assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
+        lines = grown.rstrip("\n").split("\n")
+        block = ["calibration:", f"  file: {calibration.file}", f"  sha256: {calibration.sha256}"]
+        begin, end, gap = len(lines), len(lines), [""]  # at the end of the text, or where it was
+        for key, value in root.value:
+            if key.value == "calibration":
+                begin, end, gap = key.start_mark.line, value.end_mark.line + (value.end_mark.column > 0), []
+        grown = "\n".join([*lines[:begin], *gap, *block, *lines[end:]]) + "\n"
     parse(grown, where)
     return grown
-
-
-def _with_calibration(text: str, calibration: CalibrationFile) -> str:
-    """The text with the key `calibration` at its end, or where it was."""
-    root = nodes_of(text)
-    assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
-    lines = text.rstrip("\n").split("\n")
-    new = ["calibration:", f"  file: {calibration.file}", f"  sha256: {calibration.sha256}"]
-    for key, value in root.value:
-        if key.value == "calibration":
-            first, end = key.start_mark.line, value.end_mark.line + (value.end_mark.column > 0)
-            return "\n".join([*lines[:first], *new, *lines[end:]]) + "\n"
-    return "\n".join([*lines, "", *new]) + "\n"
 
 
 def _with_effects(text: str, effects: Sequence[Effect]) -> str:

@@ -28,7 +28,8 @@ def read_bytes(path: Path, most: int) -> bytes:
     """
     data, _ = read_from(path, 0, most + 1)
     if len(data) > most:
-        raise FileError(str(path), f"is larger than {_written(most)}, which no such file is", "give the file itself")
+        size = f"{most / 1e6:g} MB" if most < 1e9 else f"{most / 1e9:g} GB"
+        raise FileError(str(path), f"is larger than {size}, which no such file is", "give the file itself")
     return data
 
 
@@ -64,10 +65,6 @@ def read_text(path: Path, most: int) -> str:
 def out_of_memory(path: Path) -> FileError:
     """Return the error for a file that may be good, and that this computer has no memory for."""
     return FileError(str(path), "cannot be read: not enough memory", "close other programs, or read it elsewhere")
-
-
-def _written(size: int) -> str:
-    return f"{size / 1e6:g} MB" if size < 1e9 else f"{size / 1e9:g} GB"
 
 
 def of_newer_rig(where: str, error: ValidationError, field: str = "version") -> FileError | None:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
@@ -57,15 +56,13 @@ def name_of(model: type[BaseModel]) -> str:
 def _interface(model: type[BaseModel], kind: Literal["gauge", "robot"]) -> Interface:
     fields = model.model_fields
     origin: Origin = model.origin  # type: ignore[attr-defined]
-    line = fields.get("line")
+    settings = ""
+    if (line := fields.get("line")) is not None:
+        settings = str(line.default) if isinstance(line.default, Line) else NO_DEFAULT
     keys_of_its_own = {*model.__annotations__, *(fields.keys() - Probe.model_fields.keys())} - {"interface", "timing"}
     keys = tuple(key for key in fields if key in keys_of_its_own)
-    interface = Interface(name_of(model), kind, "" if line is None else _settings(line), origin, keys)
+    interface = Interface(name_of(model), kind, settings, origin, keys)
     if not issubclass(model, Probe):
         return interface
     modem = "; ".join(f"{cable} {lines}" for cable, lines in model.cables.items())
     return replace(interface, timing=str(fields["timing"].default), timing_source=model.timing_source, modem=modem)
-
-
-def _settings(line: FieldInfo) -> str:
-    return str(line.default) if isinstance(line.default, Line) else NO_DEFAULT

@@ -59,7 +59,15 @@ def problems_of(
     error: ValidationError, data: Any, root: yaml.Node | None, model: type[BaseModel] = Rig
 ) -> list[Problem]:
     """All mistakes in the data of a rig file, in order of their lines; a hundred, and how many more there are."""
-    details = _without_consequences(_with_hidden(data, error.errors(include_url=False), model))
+    details = _with_hidden(data, error.errors(include_url=False), model)
+    places = [detail["loc"] for detail in details]
+    # A list is `too_short` also because one of its entries is wrong; the entry alone is the mistake.
+    details = [
+        detail
+        for detail in details
+        if detail["type"] != "too_short"
+        or not any(len(place) > len(detail["loc"]) and place[: len(detail["loc"])] == detail["loc"] for place in places)
+    ]
     problems = sorted((_problem(detail, root, model) for detail in details[:_MOST_TOLD]), key=lambda p: p.line)
     if untold := len(details) - len(problems):
         problems.append(Problem(problems[-1].line, "", f"and {untold} more mistakes; correct these first"))
@@ -98,50 +106,26 @@ def _with(data: Any, loc: Place, key: str, value: str) -> Any:
     return copy
 
 
-def _without_consequences(details: list[ErrorDetails]) -> list[ErrorDetails]:
-    """A list is `too_short` also because one of its entries is wrong; the entry alone is the mistake."""
-    places = [detail["loc"] for detail in details]
-    return [
-        detail
-        for detail in details
-        if detail["type"] != "too_short"
-        or not any(len(place) > len(detail["loc"]) and place[: len(detail["loc"])] == detail["loc"] for place in places)
-    ]
-
-
 def _problem(detail: ErrorDetails, root: yaml.Node | None, model: type[BaseModel]) -> Problem:
-    place, node = _locate(detail["loc"], root)
+    """A mistake by the part of pydantic's location that stands in the file: of a union's tag, which pydantic puts into
+    the location, the file has no key."""
+    place: list[int | str] = []
+    node = root
+    for position, step in enumerate(detail["loc"]):
+        child: yaml.Node | None = None
+        if isinstance(node, yaml.MappingNode):
+            child = next((value for key, value in node.value if key.value == step), None)
+        elif isinstance(node, yaml.SequenceNode) and isinstance(step, int) and step < len(node.value):
+            child = node.value[step]
+        if child is not None:
+            node = child
+        if child is not None or position == len(detail["loc"]) - 1:
+            place.append(step)
     line = node.start_mark.line + 1 if node is not None else 1
     text = ""
     for step in place:
         text += f"[{step + 1}]" if isinstance(step, int) else f".{_name(step)}" if text else _name(step)
-    return Problem(line, text, _message(detail, place, model))
-
-
-def _locate(loc: Place, root: yaml.Node | None) -> tuple[Place, yaml.Node | None]:
-    """The part of pydantic's location that stands in the file, and its node.
-
-    pydantic puts a union's tag into the location; the file has no key of that name, so it is left out.
-    """
-    place: list[int | str] = []
-    node = root
-    for position, step in enumerate(loc):
-        child = _child(node, step)
-        if child is not None:
-            node = child
-            place.append(step)
-        elif position == len(loc) - 1:
-            place.append(step)
-    return tuple(place), node
-
-
-def _child(node: yaml.Node | None, step: int | str) -> yaml.Node | None:
-    if isinstance(node, yaml.MappingNode):
-        return next((value for key, value in node.value if key.value == step), None)
-    if isinstance(node, yaml.SequenceNode) and isinstance(step, int) and step < len(node.value):
-        child: yaml.Node = node.value[step]
-        return child
-    return None
+    return Problem(line, text, _message(detail, tuple(place), model))
 
 
 def _name(key: str) -> str:
@@ -163,14 +147,11 @@ def _message(detail: ErrorDetails, place: Place, model: type[BaseModel]) -> str:
     if kind == "too_short":
         return f"has {detail['ctx']['actual_length']} entries, needs {detail['ctx']['min_length']} or more"
     message = _PLAIN.get(kind, detail["msg"]).removeprefix("Value error, ").removeprefix("Input ")
-    if not isinstance(value, int | float | str) or _says(message, _short(value).strip("'")):
+    if not isinstance(value, int | float | str):
         return message
-    return f"{message}, not {_short(value)}"
-
-
-def _says(message: str, value: str) -> bool:
-    """Whether a message names what was given; 0.001 does not say 0."""
-    return re.search(rf"(?<![\w.]){re.escape(value)}(?![\w.])", message) is not None
+    written = re.escape(_short(value).strip("'"))
+    is_said = re.search(rf"(?<![\w.]){written}(?![\w.])", message)  # 0.001 does not say 0
+    return message if is_said else f"{message}, not {_short(value)}"
 
 
 def _short(value: object) -> str:
@@ -191,9 +172,14 @@ def _keys_at(loc: Place, model: type[BaseModel]) -> list[str]:
     annotation: Any = model
     for step in loc:
         models = _models(annotation)
-        tagged = [model for model in models if _tag(model) == step]
-        if tagged:
-            annotation = tagged[0]
+        tagged = {
+            str(get_args(model.model_fields[key].annotation)[0]): model
+            for model in models
+            for key in ("interface", "effect")
+            if key in model.model_fields
+        }
+        if step in tagged:
+            annotation = tagged[str(step)]
         elif isinstance(step, str):
             fields = [model.model_fields[step] for model in models if step in model.model_fields]
             annotation = fields[0].annotation if fields else None
@@ -204,10 +190,3 @@ def _models(annotation: Any) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for argument in get_args(annotation) for model in _models(argument)]
-
-
-def _tag(model: type[BaseModel]) -> str | None:
-    for key in ("interface", "effect"):
-        if key in model.model_fields:
-            return str(get_args(model.model_fields[key].annotation)[0])
-    return None

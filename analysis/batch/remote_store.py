@@ -233,22 +233,18 @@ def remote_runs(top: RemotePath) -> list[RemoteRun]:
 
 
 def listed(top: RemotePath) -> list[RemoteRun]:
-    """The same in this process."""
+    """The same in this process: the directories that are runs or may hold some; none within another run."""
+    runs: list[RemoteRun] = []
+    run: Steps | None = None
     with explained(top):
         store, folder = opened(top)
         folders = _of_objects(store, folder) if top.protocol in OBJECT_STORES else _walked(store, folder, top)
-        return [RemoteRun(top.joinpath(*steps), files) for steps, files in _runs(folders)]
-
-
-def _runs(folders: Iterable[tuple[Steps, tuple[RemoteFile, ...] | None]]) -> Iterator[tuple[Steps, Any]]:
-    """Those of the directories that are runs or may hold some; none within another run."""
-    run: Steps | None = None
-    for steps, files in folders:
-        if run is not None and steps[: len(run)] == run:
-            continue
-        if files is None or is_run(file.name for file in files):
-            run = steps
-            yield steps, files
+        for steps, files in folders:
+            is_within = run is not None and steps[: len(run)] == run
+            if not is_within and (files is None or is_run(file.name for file in files)):
+                run = steps
+                runs.append(RemoteRun(top.joinpath(*steps), files))
+    return runs
 
 
 def _of_objects(store: Any, folder: str) -> Iterator[tuple[Steps, tuple[RemoteFile, ...]]]:

@@ -20,19 +20,17 @@ def run_directories(paths: Iterable[Path]) -> list[Path]:
     """
     runs: dict[Path, Path] = {}
     for path in paths:
-        for run in _runs_of(path) or [path]:
+        below: list[Path] = []
+        if isinstance(path, RemotePath):
+            from analysis.batch.remote_store import remote_runs  # noqa: PLC0415 - not for a directory
+
+            with suppress(FileError):
+                below = [run.path for run in remote_runs(path)]
+        elif not _is_run(path):
+            below = list(_runs_below(path))
+        for run in below or [path]:
             runs.setdefault(run.resolve(), run)
     return list(runs.values())
-
-
-def _runs_of(path: Path) -> list[Path]:
-    if isinstance(path, RemotePath):
-        from analysis.batch.remote_store import remote_runs  # noqa: PLC0415 - not for a directory
-
-        with suppress(FileError):
-            return [run.path for run in remote_runs(path)]
-        return []
-    return [path] if _is_run(path) else list(_runs_below(path))
 
 
 def _runs_below(top: Path) -> Iterator[Path]:

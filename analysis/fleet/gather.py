@@ -167,7 +167,10 @@ def _gathered(
     states: dict[Key, State] = {}
     for key, (digest, text) in before.items():
         if digests.get(key) == digest:
-            states[key] = _state(file, text)
+            try:
+                states[key] = state_from_json(text)
+            except (TypeError, ValueError) as error:
+                raise Damaged(file, str(error)) from None
     fresh = [key for key in digests if key not in states]
     outcomes = each(judge, [(file, key) for key in fresh], jobs=workers.jobs)
     judged = (_judged(outcome, digests, states) for outcome in outcomes)
@@ -183,13 +186,6 @@ def _gathered(
         catalogued.examined,
         catalogued.gone,
     )
-
-
-def _state(file: Path, text: str) -> State:
-    try:
-        return state_from_json(text)
-    except (TypeError, ValueError) as error:
-        raise Damaged(file, str(error)) from None
 
 
 def _judged(

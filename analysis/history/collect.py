@@ -111,9 +111,18 @@ def collected_of(
     robot: str, records: Sequence[Record], notes: Sequence[str], rig_text_of: Callable[[str], str]
 ) -> Collected:
     """What the records of a robot's runs give, in any order; rig_text_of: the rig file of a run by its name."""
-    runs, copies = _once(in_time(record for record in records if not record.problem))
+    # Each run once, also where a copy was relabelled or a table imported again: of a table the newest import is kept,
+    # as it may have a corrected rig file.
+    kept: dict[str, Record] = {}
+    copy_notes = []
+    for record in in_time(record for record in records if not record.problem):
+        before = kept.setdefault(record.readings, record)
+        if before is not record:
+            copy, original = (before, record) if record.when > before.when else (record, before)
+            kept[record.readings] = original
+            copy_notes.append(f"{copy.name} is a copy of {original.name} and is left out")
+    runs = in_time(kept.values())
     broken = sorted((record for record in records if record.problem), key=lambda record: record.name)
-    copy_notes = [f"{copy.name} is a copy of {original.name} and is left out" for copy, original in copies]
     rig = _rig_of(rig_text_of(runs[-1].name)) if runs else None
     return Collected(robot, tuple(runs), tuple(broken), (*notes, *copy_notes), rig.limits if rig else Limits())
 
@@ -193,21 +202,6 @@ def _evaluated(jobs: Sequence[Job], progress: Progress, how: Workers) -> Iterato
 def _record(job: Job) -> Record:
     assert job.run.manifest is not None  # noqa: S101 - as chosen in `_sorted_out`
     return replace(record_of(job.run.path, job.run.manifest, job.fingerprint), name=job.name)
-
-
-def _once(records: Sequence[Record]) -> tuple[list[Record], list[tuple[Record, Record]]]:
-    """Each run once, and copies with those that are kept, also where a copy was relabelled or a table imported again.
-    Of a table the newest import is kept: it may have a corrected rig file."""
-    kept: dict[str, Record] = {}
-    copies = []
-    for record in records:
-        before = kept.setdefault(record.readings, record)
-        if before is record:
-            continue
-        old, new = (before, record) if record.when > before.when else (record, before)
-        kept[record.readings] = new
-        copies.append((old, new))
-    return in_time(kept.values()), copies
 
 
 def is_of(rig_name: str, rig_text: str, robot: str) -> bool:

@@ -11,7 +11,7 @@ is wild until it has lasted for some runs.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import date
 
@@ -118,12 +118,15 @@ def history_of(
     if figure is not None and figure not in names:
         raise UseError("--figure", f"no run has a figure {figure!r}", f"give one of {', '.join(sorted(names))}")
     tolerances = collected.limits if limits is None else limits
-    picked = [
-        (title, name, with_figure)
-        for title, group in _programs(runs)
-        for name in (_watched(group, tolerances) if figure is None else [figure])
-        if (with_figure := tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value)))
-    ]
+    picked = []
+    for title, group in _programs(runs):
+        measured = {name for run in group for name in run.figures}
+        others = sorted(name for name in measured.difference(WATCHED) if tolerances.of(group[0].test, name) is not None)
+        watched = [*(name for name in WATCHED if name in measured), *others]
+        for name in watched if figure is None else [figure]:
+            with_figure = tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value))
+            if with_figure:
+                picked.append((title, name, with_figure))
     series = []
     for title, name, with_figure in picked:
         quantities = [run.figures[name] for run in with_figure]
@@ -131,13 +134,6 @@ def history_of(
         trend = trend_of(values, np.nan_to_num(u, posinf=0.0), len(picked))
         series.append(Series(title, name, with_figure, trend, tolerances.of(with_figure[0].test, name)))
     return History(collected, tuple(series))
-
-
-def _watched(group: Sequence[Record], limits: Limits) -> list[str]:
-    """The figures of runs of one test that are watched, and those that have a limit."""
-    names = {name for run in group for name in run.figures}
-    limited = sorted(name for name in names.difference(WATCHED) if limits.of(group[0].test, name) is not None)
-    return [*(name for name in WATCHED if name in names), *limited]
 
 
 def title_of(test: str, placement: str, corrected: str) -> str:

@@ -32,35 +32,40 @@ def as_screen(history: History) -> RenderableType:
     days = [run.when.date() for series in history.series for run in series.runs]
     span = sorted({str(min(days)), str(max(days))}) if days else []
     title = " · ".join([history.robot, *filter(None, [" to ".join(span)])])
+    doubtful = [Text(line, style="yellow") for line in doubts(history)]
+    return Group(*head, whole(_table(history.series, title)), *lines, *doubtful)
+
+
+def _table(all_series: Sequence[Series], title: str) -> Table:
+    """A line for each figure: its value where each has one run, else its first and last and its course between."""
     table = Table(title=title, title_style="dim", header_style="bold", box=None, padding=(0, 1))
     table.add_column("")
     table.add_column("")
-    is_one = all(len(series.runs) == 1 for series in history.series)
+    is_one = all(len(series.runs) == 1 for series in all_series)
     for heading in ("value ± u",) if is_one else ("runs", "first", "last", "spread"):
         table.add_column(heading, justify="right", no_wrap=True)
     if not is_one:
         table.add_column("course", no_wrap=True)
         table.add_column("")
-    is_limited = any(series.limit for series in history.series)
+    is_limited = any(series.limit for series in all_series)
     if is_limited:
         table.add_column("limit")
-    before = ""
-    for series in history.series:
-        style = "bold" if series.trend.changes else ""
-        name = "" if series.title == before else series.title
-        limit = [against_limit(series).partition(" since")[0]] if is_limited else []
-        over = (
-            [str(series.quantities[0])]
-            if is_one
-            else [
-                *_cells(series),
-                sparkline(series.values),
-                "".join("↑" if change.after > change.before else "↓" for change in series.trend.changes),
-            ]
-        )
-        table.add_row(name, series.label, *over, *limit, style=style)
-        before = series.title
-    return Group(*head, whole(table), *lines, *(Text(line, style="yellow") for line in doubts(history)))
+    title_before = ""
+    for series in all_series:
+        quantities, spread = series.quantities, series.trend.spread
+        cells = [str(quantities[0])]
+        if not is_one:
+            by = Quantity(0.0, spread if spread > 0 else quantities[-1].u, quantities[-1].unit)
+            first, last = (by.rounded(quantity.value) for quantity in (quantities[0], quantities[-1]))
+            rounded = by.rounded_size(spread) if np.isfinite(spread) else "–"
+            ways = "".join("↑" if change.after > change.before else "↓" for change in series.trend.changes)
+            cells = [str(len(quantities)), first, f"{last} {series.unit}", rounded, sparkline(series.values), ways]
+        if is_limited:
+            cells.append(against_limit(series).partition(" since")[0])
+        name = "" if series.title == title_before else series.title
+        table.add_row(name, series.label, *cells, style="bold" if series.trend.changes else "")
+        title_before = series.title
+    return table
 
 
 def as_differences(compared: Sequence[Difference]) -> RenderableType:
@@ -91,14 +96,6 @@ def as_differences(compared: Sequence[Difference]) -> RenderableType:
     return Group(*found_first, whole(table), Text(u, style="dim"))
 
 
-def _cells(series: Series) -> tuple[str, str, str, str]:
-    quantities = series.quantities
-    spread = series.trend.spread
-    by = Quantity(0.0, spread if spread > 0 else quantities[-1].u, quantities[-1].unit)
-    first, last = (by.rounded(quantity.value) for quantity in (quantities[0], quantities[-1]))
-    return str(len(quantities)), first, f"{last} {series.unit}", by.rounded_size(spread) if np.isfinite(spread) else "–"
-
-
 def sparkline(values: Array, width: int = _WIDTH) -> str:
     """A line of small bars for values (n,) in any unit, from least to largest; flat where all are alike."""
     pieces = np.array_split(values, min(width, len(values)))
@@ -117,31 +114,7 @@ def as_object(history: History) -> dict[str, Any]:
             "origin": origin(history),
             "sentences": sentences(history),
             "remarks": remarks(history),
-            "series": [
-                (
-                    {
-                        "title": series.title,
-                        "figure": series.figure,
-                        "spread": series.trend.spread,
-                        "points": _points(series),
-                        "changes": [
-                            {
-                                "after_run": series.runs[change.first].name,
-                                "by_run": series.runs[change.last].name,
-                                "when": dates(series, change),
-                                "before": change.before,
-                                "after": change.after,
-                                "u": change.u,
-                                "chance": change.chance,
-                                "may_go_on": change.is_last,
-                            }
-                            for change in series.trend.changes
-                        ],
-                        "limit": _limit_object(series),
-                    }
-                )
-                for series in history.series
-            ],
+            "series": [_series_object(series) for series in history.series],
             "without_figures": {record.name: record.problem for record in history.collected.broken},
             "notes": list(history.collected.notes),
         }
@@ -149,11 +122,23 @@ def as_object(history: History) -> dict[str, Any]:
     return plain
 
 
-def _limit_object(series: Series) -> dict[str, Any] | None:
+def _series_object(series: Series) -> dict[str, Any]:
+    """The points of a series, its changes, and where it stands against its limit; None for one that has none."""
+    changes = [
+        {
+            "after_run": series.runs[change.first].name,
+            "by_run": series.runs[change.last].name,
+            "when": dates(series, change),
+            "before": change.before,
+            "after": change.after,
+            "u": change.u,
+            "chance": change.chance,
+            "may_go_on": change.is_last,
+        }
+        for change in series.trend.changes
+    ]
     judged = judge(series)
-    if judged is None:
-        return None
-    return {
+    limit = judged and {
         "watch": judged.limit.watch,
         "fail": judged.limit.fail,
         "standing": judged.standing,
@@ -161,6 +146,8 @@ def _limit_object(series: Series) -> dict[str, Any] | None:
         "since_run": judged.since.name,
         "beyond": [run.name for run in judged.beyond],
     }
+    names = {"title": series.title, "figure": series.figure, "spread": series.trend.spread}
+    return names | {"points": _points(series), "changes": changes, "limit": limit}
 
 
 def _points(series: Series) -> list[dict[str, Any]]:

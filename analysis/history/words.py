@@ -27,11 +27,21 @@ def sentences(history: History) -> list[str]:
             groups.append([candidate])
         else:
             group.append(candidate)
-    groups = [sorted(group, key=lambda member: member[1].chance) for group in groups]
-    if groups:
-        return [*limited, *(_sentence(group) for group in groups)]
-    if all(is_short(series) for series in history.series):
-        return limited
+    changed = []
+    for group in groups:
+        (series, change), *others = sorted(group, key=lambda member: member[1].chance)
+        size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
+        verb = "rose" if change.after > change.before else "fell"
+        also = [f"{its_series.title}" for its_series, _ in others]
+        seen = f"; {_listed(also)} show{'s' * (len(also) == 1)} it too" if also else ""
+        when = f"{dates(series, change)}{', and may go on' if change.is_last else ''}"
+        changed.append(
+            f"{series.label[0].upper()}{series.label[1:]} {verb} from {size.rounded(change.before)} to "
+            f"{size.rounded(change.after)} {series.unit} {when} ({series.title}: by {size}; "
+            f"runs {series.runs[change.first].name} and {series.runs[change.last].name}{seen})."
+        )
+    if changed or all(is_short(series) for series in history.series):
+        return [*limited, *changed]
     return [*limited, "No figure changed by more than its scatter between runs explains."]
 
 
@@ -166,20 +176,6 @@ def _alike(pair: tuple[Series, Change], other_pair: tuple[Series, Change]) -> bo
     begin = max(series.runs[change.first].when, its_series.runs[its.first].when)
     end = min(series.runs[change.last].when, its_series.runs[its.last].when)
     return begin <= end
-
-
-def _sentence(group: Sequence[tuple[Series, Change]]) -> str:
-    series, change = group[0]
-    size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
-    verb = "rose" if change.after > change.before else "fell"
-    also = [f"{series.title}" for series, _ in group[1:]]
-    seen = f"; {_listed(also)} show{'s' * (len(also) == 1)} it too" if also else ""
-    when = f"{dates(series, change)}{', and may go on' if change.is_last else ''}"
-    return (
-        f"{series.label[0].upper()}{series.label[1:]} {verb} from {size.rounded(change.before)} to "
-        f"{size.rounded(change.after)} {series.unit} {when} ({series.title}: by {size}; "
-        f"runs {series.runs[change.first].name} and {series.runs[change.last].name}{seen})."
-    )
 
 
 def _listed(words: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from analysis.inference.act_list import LEAST_SHARE
-from analysis.inference.acts import FOUND, Act, Against
+from analysis.inference.acts import FOUND, Act
 from analysis.inference.naming_tests import JOINED
 from analysis.inference.result import Diagnosis
 from analysis.reporting.answer_words import AnswerWords
@@ -37,18 +37,15 @@ class ActWords:
     def sentence(self, act: Act, *, corrected: bool = False) -> str:
         """An act in full: what to do, what that removes, and what speaks against it; once the robot is `corrected`,
         without what becomes of the correction, which is then said of all acts together."""
-        against = self.against(act)
-        instead = self.texts("act_instead") if self._is_instead(act) and not corrected else ""
-        sentence = " ".join(filter(None, [self.what(act), self.removes(act), instead]))
-        return f"{sentence.removesuffix('.')} ({against})." if against else sentence
-
-    def _is_instead(self, act: Act) -> bool:
-        """Whether it changes the arm that a correction before it in the list is made for."""
-        acts = self.diagnosis.acts
+        against, acts = self.against(act), self.diagnosis.acts
         before = acts[: acts.index(act)] if act in acts else acts
-        return act.kind in ("remaster", "enter", "repair", "mount") and any(
+        # Whether it changes the arm that a correction before it in the list is made for
+        is_instead = act.kind in ("remaster", "enter", "repair", "mount") and any(
             earlier.kind == "load" for earlier in before
         )
+        instead = self.texts("act_instead") if is_instead and not corrected else ""
+        sentence = " ".join(filter(None, [self.what(act), self.removes(act), instead]))
+        return f"{sentence.removesuffix('.')} ({against})." if against else sentence
 
     def what(self, act: Act) -> str:
         """What to do, as a sentence."""
@@ -87,8 +84,14 @@ class ActWords:
         change = act.removes_um / before if before > 0 else 0.0
         falls = f"act_{'load_' * (act.kind == 'load' and self.diagnosis.rig.takes_programs)}changes"
         key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
-        uncovered = self._uncovered(act)
-        sentences = [self.texts("act_uncovers", others=uncovered)] if uncovered else []
+        sentences = []
+        if act.effect is not None and act.with_before_um is None:
+            # What the effect cancels in part shows whole once the effect is taken away.
+            words, label = AnswerWords(self.diagnosis, self.texts), label_of(act.effect)
+            lines = [line for k in act.parts for line in self.diagnosis.budget[k].shown_together]
+            others = [line for line in lines if line.label != label]
+            if 0 < len(others) < len(lines):
+                sentences.append(self.texts("act_uncovers", others="; ".join(words.alone(others))))
         sentences += [
             self.texts(
                 falls if act.removes else f"act_{key}", before=micrometres(before),
@@ -100,23 +103,23 @@ class ActWords:
             sentences.append(self.texts("act_with_before", after=after))
         return " ".join(sentences)
 
-    def _uncovered(self, act: Act) -> str:
-        """What an effect cancels in part, and what shows whole once the effect is taken away."""
-        if act.effect is None or act.with_before_um is not None:
-            return ""
-        words, label = AnswerWords(self.diagnosis, self.texts), label_of(act.effect)
-        lines = [line for k in act.parts for line in self.diagnosis.budget[k].shown_together]
-        others = [line for line in lines if line.label != label]
-        return "; ".join(words.alone(others)) if len(others) < len(lines) else ""
-
     def against(self, act: Act) -> str:
         """What speaks against it, in a few words; empty where nothing does."""
-        remarks = [
-            remark
-            for remark in act.against
-            if not (act.kind == "measure" and act.test is None and remark.why == "no_place")
-        ]  # its own words say that
-        return "; ".join(self._against(act, remark) for remark in remarks)
+        texts, phrases = self.texts, []
+        rivals = [
+            rival.effect for named in self.diagnosis.effects if named.effect == act.effect for rival in named.rivals
+        ]
+        nouns = {name_of(effect): self.noun(effect) for effect in rivals}
+        for remark in act.against:
+            if act.kind == "measure" and act.test is None and remark.why == "no_place":
+                continue  # its own words say that
+            if remark.why == "doubt" and remark.doubt:
+                phrases.append(texts(f"doubt_{remark.doubt}"))
+            else:
+                names = texts("or").join(nouns.get(name, name) for name in remark.names)
+                count = "" if remark.runs is None else remark.runs
+                phrases.append(texts(f"against_{remark.why}", names=names, count=count))
+        return "; ".join(phrases)
 
     def noun(self, effect: Effect) -> str:
         """An effect as a person says it within a sentence."""
@@ -153,19 +156,6 @@ class ActWords:
         """The sentence of a key; where only poses or touches were measured, that for people without ball and gauges."""
         tests = {name.split()[0].strip(",;") for name in self.diagnosis.setups}
         return f"{key}_places" if tests and tests <= set(WITHOUT_GAUGES) else key
-
-    def _against(self, act: Act, remark: Against) -> str:
-        texts = self.texts
-        rivals = [
-            rival.effect for named in self.diagnosis.effects if named.effect == act.effect for rival in named.rivals
-        ]
-        nouns = {name_of(effect): self.noun(effect) for effect in rivals}
-        if remark.why == "doubt" and remark.doubt:
-            return texts(f"doubt_{remark.doubt}")
-        count = "" if remark.runs is None else remark.runs
-        return texts(
-            f"against_{remark.why}", names=texts("or").join(nouns.get(name, name) for name in remark.names), count=count
-        )
 
 
 def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:

@@ -109,13 +109,13 @@ class AnswerWords:
         """What is wrong, in a sentence: what makes most of the error before what makes less, what is sure before what
         is open, and then what these runs do not show."""
         diagnosis = self.diagnosis
-        faults, large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
+        (faults, open_too), large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
         share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
         first = any(part.share > share for part in large_parts(diagnosis))
         wrong = [*large, *faults] if first else [*faults, *large]
         sure_too = [self._measured(part) for part in sure_parts(diagnosis)]
         measured = [self.texts("says_sure", parts=self._listed(sure_too))] if sure_too else []
-        clauses = "; ".join([*wrong, *self._open(), *measured])
+        clauses = "; ".join([*wrong, *open_too, *measured])
         sentence = f"{clauses[:1].upper()}{clauses[1:]}." if clauses else ""
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
@@ -199,41 +199,31 @@ class AnswerWords:
         if is_complete(diagnosis):
             largest = max((place.rms_um for place in diagnosis.where), default=0.0)
             values |= {"count": str(len(diagnosis.where)), "largest": micrometres(largest)}
-            beside = "nearly_complete" if diagnosis.where else "nothing_missing"
-            which = beside if diagnosis.repeated and len(diagnosis.runs) > 1 else "nothing_shows"
+            repeated = "nearly_complete" if diagnosis.where else "nothing_missing"
+            which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "nothing_shows"
         # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
         return " ".join(filter(None, [texts(f"says_{which}", **values), already_held]))
 
-    def _faults(self) -> list[str]:
-        """The faults that are sure, as a part of a sentence."""
-        sure, open_ones = self._by_certainty()
-        if sure:
-            which = "says_fault" if len(sure) == 1 else "says_faults"
-            faults = [", ".join([self.noun(named.effect), size(named), *self._share(named)]) for named in sure]
-            return [self.texts(which, faults=self._listed(faults), count=len(sure))]
-        if open_ones:
-            return [self.texts("says_ambiguous", faults=self._listed([*map(self._alternatives, open_ones)]))]
-        return []
-
-    def _open(self) -> list[str]:
-        """The faults that have rivals, where others are sure."""
-        sure, open_ones = self._by_certainty()
-        if not sure or not open_ones:
-            return []
-        return [self.texts("says_open", faults=self._listed([*map(self._alternatives, open_ones)]))]
-
-    def _by_certainty(self) -> tuple[list[Named], list[Named]]:
-        sure = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
-        return sure, [named for named in self.diagnosis.standing if named not in sure]
+    def _faults(self) -> tuple[list[str], list[str]]:
+        """The faults as a part of a sentence, and those that have rivals where others are sure as another."""
+        certain = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
+        open_ones = [named for named in self.diagnosis.standing if named not in certain]
+        which = "says_open" if certain else "says_ambiguous"
+        alternatives = [", ".join([self._with_rivals(named), *self._share(named)]) for named in open_ones]
+        ambiguous = [self.texts(which, faults=self._listed(alternatives))] if open_ones else []
+        if not certain:
+            return ambiguous, []
+        faults = [", ".join([self.noun(named.effect), size(named), *self._share(named)]) for named in certain]
+        which = "says_fault" if len(certain) == 1 else "says_faults"
+        sentence = self.texts(which, faults=self._listed(faults), count=len(certain))
+        return [sentence], ambiguous
 
     def _large_part(self, part: BudgetPart) -> str:
         share = percent(min(part.share, 1.0))
         if part.index is not None and likely_rivals(named := self.diagnosis.effects[part.index]):
-            effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
-            words = self.texts("or").join(map(self.noun, effects))
-            return self.texts("large_part", share=share, part=self._with_cancelled(part, words))
+            return self.texts("large_part", share=share, part=self._with_cancelled(part, self._with_rivals(named)))
         likely = [member for member in part.members if member.odds >= LEAST_ODDS]
         if not likely:
             return self.texts("large_part", share=share, part=self._with_cancelled(part, self._measured(part)))
@@ -255,10 +245,10 @@ class AnswerWords:
         ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
         return "; ".join([*phrases[:_MOST_NAMED], *ending])
 
-    def _alternatives(self, named: Named) -> str:
+    def _with_rivals(self, named: Named) -> str:
         """A fault and those of its rivals that cannot be dismissed."""
         effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
-        return ", ".join([self.texts("or").join(map(self.noun, effects)), *self._share(named)])
+        return self.texts("or").join(map(self.noun, effects))
 
     def _share(self, named: Named) -> list[str]:
         part = part_of(self.diagnosis, named)

@@ -37,7 +37,19 @@ def as_tables(compared: Compared) -> RenderableType:
         )
         for run_poses in compared.poses
     ]
-    tables = (_table(comparison) for comparison in compared.runs)
+    tables = []
+    for comparison in compared.runs:
+        figures, simulated = comparison.result.found.figures, comparison.simulated.figures
+        title = f"{comparison.result.title} · {comparison.result.name}"
+        numbers = map(right, ("measured", "simulated", "difference"))
+        table = Table("", *numbers, title=title, header_style="bold", title_style="bold")
+        for name in in_order(figures.keys() & simulated.keys()):
+            figure, value = figures[name], simulated[name].value
+            cells = (str(figure), figure.rounded(value), figure.rounded(figure.value - value))
+            table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
+        table.add_row("correlation of the curves", "", f"{comparison.correlation:.4f}", "")
+        table.add_row("unexplained, rms of the readings", "", f"{comparison.rms_um:.2f} µm", "")
+        tables.append(whole(table))
     where: list[RenderableType] = []
     if compared.disagreement is not None:  # the model of all runs with them, and what is left as its effects are added
         where = [Text("\nWhere model and readings disagree", style="bold"), *places_table(compared.disagreement.where)]
@@ -49,20 +61,6 @@ def as_tables(compared: Compared) -> RenderableType:
         ball, zeros = np.round(setup.ball, 3).tolist(), np.round(setup.zeros_mm, 4).tolist()
         lines.append(Text(f"set-up {name}: ball at {ball} mm, zeros {zeros} mm (fitted)", style="dim"))
     return Group(*tables, *poses, *where, *doubts, *lines)
-
-
-def _table(comparison: Comparison) -> Table:
-    title = f"{comparison.result.title} · {comparison.result.name}"
-    numbers = map(right, ("measured", "simulated", "difference"))
-    table = Table("", *numbers, title=title, header_style="bold", title_style="bold")
-    for name in in_order(comparison.result.found.figures.keys() & comparison.simulated.figures.keys()):
-        figure = comparison.result.found.figures[name]
-        simulated = comparison.simulated.figures[name].value
-        cells = (str(figure), figure.rounded(simulated), figure.rounded(figure.value - simulated))
-        table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
-    table.add_row("correlation of the curves", "", f"{comparison.correlation:.4f}", "")
-    table.add_row("unexplained, rms of the readings", "", f"{comparison.rms_um:.2f} µm", "")
-    return whole(table)
 
 
 def save_pictures(compared: Compared, directory: Path) -> list[Path]:

@@ -65,7 +65,18 @@ def as_table(corrections: Corrections) -> RenderableType:
         parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):
         parts.insert(0, Text(f"Against the verdict: {why}.", style="bold red"))
-    parts += [Text(line) for line in _lines(corrections)]
+    if not corrections.at_controller:  # whose entries hold the whole model, and these would be entered a second time
+        instead = [
+            f"master axis {zero.axis} so that it reads {zero.delta:+.4f}° (± {zero.u:.4f}°) more where it stands"
+            for zero in corrections.zeros
+        ]
+        instead += [
+            f"axis {constant.axis}, {constant.key}: {constant.corrected:.6g} instead of {constant.nominal:.6g} "
+            f"(± {constant.u:.2g})"
+            for constant in corrections.constants
+        ]
+        parts += [Text(f"to enter instead: {line}") for line in instead]
+    parts += [Text(line) for line in _path_lines(corrections)]
     if corrections.at_controller:
         parts += [Text(), controller_report.as_table(corrections.at_controller, corrections.rig, corrections.entered)]
     parts += [Text(line) for program in corrections.programs for line in ("", *program_report.lines(program))]
@@ -137,21 +148,6 @@ def _never_both(corrections: Corrections) -> str:
     has, lacks = "that has these values already: it holds the rest", "without these values: use one of both"
     state = has if corrections.entered else lacks
     return f" corrected-{corrections.path[0].name} is for a controller {state}."
-
-
-def _lines(corrections: Corrections) -> list[str]:
-    if corrections.at_controller:  # its entries hold the whole model, and these would be entered a second time
-        return _path_lines(corrections)
-    lines = [
-        f"master axis {zero.axis} so that it reads {zero.delta:+.4f}° (± {zero.u:.4f}°) more where it stands"
-        for zero in corrections.zeros
-    ]
-    lines += [
-        f"axis {constant.axis}, {constant.key}: {constant.corrected:.6g} instead of {constant.nominal:.6g} "
-        f"(± {constant.u:.2g})"
-        for constant in corrections.constants
-    ]
-    return [f"to enter instead: {line}" for line in lines] + _path_lines(corrections)
 
 
 def _path_lines(corrections: Corrections) -> list[str]:

@@ -56,19 +56,14 @@ def _gauges(state: dict[str, Any]) -> Table:
         table.add_row("joints °", row)
     if "signal" in values:
         table.add_row("signal", _number(values["signal"], ages["signal"], "8.0f", ""))
-    if condition := _condition(values, ages):
-        table.add_row("robot", condition)
+    if shown := {name: values[name] for name in CONDITION if name in values}:
+        # The condition of the robot in words, a stop and what slows it down in red
+        parts = [Text(words, "bold red" if disturbs else "bold") for words, disturbs in condition_words(shown)]
+        age_s = max(ages[name] for name in shown)
+        parts += [Text(f"{age_s:.0f} s old", "yellow dim")] if age_s > _OLD_S else []
+        if condition := Text(" · ").join(parts):
+            table.add_row("robot", condition)
     return table
-
-
-def _condition(values: dict[str, float], ages: dict[str, float]) -> Text | None:
-    """The condition of the robot in words, a stop and what slows it down in red; None where it shows nothing of it."""
-    shown = {name: values[name] for name in CONDITION if name in values}
-    if not shown:
-        return None
-    parts = [Text(words, "bold red" if disturbs else "bold") for words, disturbs in condition_words(shown)]
-    age_s = max(ages[name] for name in shown)
-    return Text(" · ").join([*parts, *([Text(f"{age_s:.0f} s old", "yellow dim")] if age_s > _OLD_S else [])])
 
 
 def _number(value: float, age_s: float, form: str, unit: str) -> Text:

@@ -75,13 +75,19 @@ def as_screen(diagnosis: Diagnosis) -> RenderableType:
     acts = ActWords(diagnosis)
     parts += [Text(f"{words.accuracy} {words.judged}"), *([Text(f"Next: {acts.next}")] if acts.next else [])]
     stairs = stairs_of(diagnosis)
+    unexplained = []
+    if diagnosis.is_testable:
+        remainder = diagnosis.remainder
+        unexplained = [Text(f"{remainder.um:.1f} µm ({percent(remainder.share)} of the gap): {remainder.words}")]
+        unexplained += [Text(f"{runs_of(band)}, {band.part}: {band.words}", style="dim") for band in diagnosis.left]
+        unexplained += map(Text, remains_lines(diagnosis.remains, texts_of("en")) if diagnosis.remains else ())
     sections = (
         ("What makes the error", _budget(diagnosis)),
         ("Fitted effects" if diagnosis.given else "Faults", _faults(diagnosis)),
         ("What to do", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts_of("en")))]),
         ("How the gap shrinks", ([stairs_table(stairs)] if stairs else [])),
         ("What the model leaves", _gaps(diagnosis)),
-        ("Still unexplained", _unexplained(diagnosis)),
+        ("Still unexplained", unexplained),
         ("What these tests cannot distinguish", _cannot(diagnosis)),
         ("Where model and readings disagree", places_table(diagnosis.where)),
         ("Remarks on the data", [Text(doubt, style="yellow") for doubt in diagnosis.doubts]),
@@ -164,15 +170,6 @@ def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
 
 def _number(value: float) -> str:
     return f"{value:.1f}" if math.isfinite(value) else ""
-
-
-def _unexplained(diagnosis: Diagnosis) -> list[RenderableType]:
-    if not diagnosis.is_testable:
-        return []
-    remainder = diagnosis.remainder
-    lines = [Text(f"{remainder.um:.1f} µm ({percent(remainder.share)} of the gap): {remainder.words}")]
-    lines += [Text(f"{runs_of(band)}, {band.part}: {band.words}", style="dim") for band in diagnosis.left]
-    return [*lines, *map(Text, remains_lines(diagnosis.remains, texts_of("en")) if diagnosis.remains else ())]
 
 
 def _cannot(diagnosis: Diagnosis) -> list[RenderableType]:

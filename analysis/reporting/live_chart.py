@@ -82,8 +82,21 @@ def _trace(line: Line, unit: str) -> dict[str, Any]:
 
 
 def _polar(chart: Chart) -> dict[str, Any]:
-    hole = chart.hole
-    data = [_around(line, hole, chart.unit) for line in chart.lines]
+    hole, data = chart.hole, []
+    for line in chart.lines:
+        look, order = LOOKS[line.role], np.append(np.arange(len(line.x)), 0)  # closed
+        around: dict[str, Any] = {
+            "type": "scatterpolar",
+            "name": line.name,
+            "role": line.role,
+            "mode": "lines",
+            "theta": _numbers(line.x[order]),
+            "r": _numbers(hole + line.y[order]),
+            "customdata": _numbers(line.y[order]),
+            "line": {"dash": look.dash, "width": 1.5 * look.width},
+            "hovertemplate": f"φ %{{theta:.0f}}°: %{{customdata:.4~g}} {chart.unit}",
+        }
+        data.append(around)
     circle_deg = np.linspace(0.0, 360.0, 181)
     zero = {"type": "scatterpolar", "mode": "lines", "role": "quiet", "showlegend": False, "hoverinfo": "skip"}
     data.append(
@@ -97,22 +110,6 @@ def _polar(chart: Chart) -> dict[str, Any]:
     }
     polar = {"radialaxis": radial, "angularaxis": {"dtick": 30, "ticksuffix": "°"}}
     return {"data": data, "layout": {"polar": polar}, "height": 420}
-
-
-def _around(line: Line, hole: float, unit: str) -> dict[str, Any]:
-    look = LOOKS[line.role]
-    order = np.append(np.arange(len(line.x)), 0)  # closed
-    return {
-        "type": "scatterpolar",
-        "name": line.name,
-        "role": line.role,
-        "mode": "lines",
-        "theta": _numbers(line.x[order]),
-        "r": _numbers(hole + line.y[order]),
-        "customdata": _numbers(line.y[order]),
-        "line": {"dash": look.dash, "width": 1.5 * look.width},
-        "hovertemplate": f"φ %{{theta:.0f}}°: %{{customdata:.4~g}} {unit}",
-    }
 
 
 def _sphere(chart: SphereChart) -> dict[str, Any]:

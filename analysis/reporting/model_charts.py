@@ -146,15 +146,26 @@ def diagnosis_charts(diagnosis: Diagnosis, texts: Texts) -> list[Chart]:
 
 
 def strand_charts(residuals: Diagnosis | Disagreement, texts: Texts) -> tuple[list[Chart], int]:
-    """A picture for each circle; and how many circles are left out."""
+    """A picture for each circle: measured, simulated with the parts so far, and what is left; without steps, what is
+    left alone. And how many circles are left out."""
     strands, quiet = strands_of(residuals)
-    charts, count, so_far = [], Counter(strand.title for strand in strands), Counter[str]()
+    charts, count, drawn = [], Counter(strand.title for strand in strands), Counter[str]()
     for strand in strands:  # `yaw acw, angle`; several of one title, of circles at several places, with their number
-        title = strand.title
-        so_far[title] += 1
-        if count[title] > 1:
-            title = texts("chart_place", what=title, number=so_far[title])
-        charts.append(_of_circle(strand, title, texts))
+        name = strand.title
+        drawn[name] += 1
+        if count[name] > 1:
+            name = texts("chart_place", what=name, number=drawn[name])
+        steps, x = strand.steps_um, strand.phi_deg
+        so_far = steps[0] - steps
+        lines = [Line(texts("measured"), "measured", x, steps[0])]
+        if len(steps) > 1:
+            lines.append(Line(texts("so_far"), "model", x, so_far[-1], steps=so_far))
+            lines.append(Line(texts("still_left"), "after", x, steps[-1], steps=steps))
+        title = texts("chart_simulated" if len(steps) > 1 else "chart_gap", what=name)
+        labels = texts("circle_angle"), f"{texts('gap')} / µm"
+        marks = marks_of(strand.curve.turns, texts)
+        shaded = stretches([(place.from_deg, place.to_deg) for place in strand.places])
+        charts.append(Chart(title, texts("caption_step"), "straight", *labels, "µm", tuple(lines), marks, shaded))
     return charts, quiet
 
 
@@ -163,22 +174,6 @@ def maps_of(residuals: Diagnosis | Disagreement) -> list[tuple[Map, Array]]:
     staircase = residuals.staircase
     steps = staircase.maps if staircase else [np.array([target_map.before_um]) for target_map in residuals.maps]
     return list(zip(residuals.maps, steps, strict=True))
-
-
-def _of_circle(strand: Strand, title: str, texts: Texts) -> Chart:
-    """Measured, simulated with the parts so far, and what is left; without steps, what is left alone."""
-    steps, x = strand.steps_um, strand.phi_deg
-    so_far = steps[0] - steps
-    lines = [Line(texts("measured"), "measured", x, steps[0])]
-    if len(steps) > 1:
-        lines.append(Line(texts("so_far"), "model", x, so_far[-1], steps=so_far))
-        lines.append(Line(texts("still_left"), "after", x, steps[-1], steps=steps))
-    marks = marks_of(strand.curve.turns, texts)
-    shaded = stretches([(place.from_deg, place.to_deg) for place in strand.places])
-    return Chart(
-        texts("chart_simulated" if len(steps) > 1 else "chart_gap", what=title), texts("caption_step"),
-        "straight", texts("circle_angle"), f"{texts('gap')} / µm", "µm", tuple(lines), marks, shaded,
-    )  # fmt: skip
 
 
 def target_chart(target_map: Map, steps_um: Array, texts: Texts) -> Chart:

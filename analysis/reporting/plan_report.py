@@ -21,7 +21,7 @@ from analysis.inference.expected import (
     is_detectable,
     is_separable,
 )
-from analysis.inference.plan import Detectability, Pair, Plan, SeparatingTest
+from analysis.inference.plan import Detectability, Plan, SeparatingTest
 from analysis.inference.result import ODDS
 from analysis.inference.state import FAULT
 from analysis.measures.quantity import quantity_of
@@ -52,10 +52,18 @@ def as_table(plan: Plan) -> RenderableType:
         for seat, sights in seats.items():
             effect = sights[0].effect
             table.add_row(f"{kind} {seat}".rstrip(), _unit(effect), f"{healthy_size(effect):g}", _limit(sights))
+    advice = [Text(f"not possible here: {test}: {reason}", style="dim") for test, reason in plan.impossible]
+    best = next((gain for gain in plan.gains if gain.parts + gain.shows), None)
+    if best is None:
+        none = "no further test would add information" if plan.gains else "no further test is set up in the rig file"
+        advice.append(Text(none))
+    else:
+        text = f"most useful further test: {best.test}: distinguishes {best.parts} of {len(plan.pairs)} pairs"
+        text += f", detects {best.shows} of {len(plan.undetectable)} hidden names; {best.why}"
+        advice.append(Text(text, style="bold"))
+    assumed = (Text(noise_in_words(plan.tests)), Text(arm_in_words(plan.level)))
     tables = (_axes(plan), Text(), whole(table), _alike(plan), _hidden(plan))
-    return Group(
-        head, Text(noise_in_words(plan.tests)), Text(arm_in_words(plan.level)), Text(words), *tables, *_advice(plan)
-    )
+    return Group(head, *assumed, Text(words), *tables, *advice)
 
 
 def noise_in_words(tests: Sequence[TestName]) -> str:
@@ -136,7 +144,15 @@ def _alike(plan: Plan) -> RenderableType:
         for pair in pairs[:_MOST_PAIRS]:
             names = "\n".join((f"{name} ({symbols[name]})" if name in symbols else name) for name in pair.names)
             names += f"\n(and {pair.others} more)" if pair.others else ""
-            table.add_row(names, f"{pair.sigma:.1f} σ", _separated(pair))
+            helps = [parting for parting in pair.further if is_separable(parting.sigma)]
+            if helps:
+                parted = Text("\n".join(f"{parting.test}: {parting.sigma:.0f} σ" for parting in helps[:_MOST]))
+            elif pair.further and pair.further[0].sigma > 0.05:
+                parted = Text(f"none; best {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow")
+            else:
+                none = "none of the further tests" if pair.further else "no further test is set up"
+                parted = Text(none, style="yellow")
+            table.add_row(names, f"{pair.sigma:.1f} σ", parted)
         if len(pairs) > _MOST_PAIRS:
             kinds = ", ".join(group)
             table.add_row("", "", Text(f"{len(pairs) - _MOST_PAIRS} more pairs, with --json, of {kinds}", style="dim"))
@@ -147,15 +163,6 @@ def _alike(plan: Plan) -> RenderableType:
 def _kind(name: str) -> str:
     """A name without the order of its gear."""
     return name.partition(" order ")[0]
-
-
-def _separated(pair: Pair) -> Text:
-    helps = [parting for parting in pair.further if is_separable(parting.sigma)]
-    if helps:
-        return Text("\n".join(f"{parting.test}: {parting.sigma:.0f} σ" for parting in helps[:_MOST]))
-    if pair.further and pair.further[0].sigma > 0.05:
-        return Text(f"none; best {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow")
-    return Text("none of the further tests" if pair.further else "no further test is set up", style="yellow")
 
 
 def _hidden(plan: Plan) -> RenderableType:
@@ -177,17 +184,6 @@ def _hidden(plan: Plan) -> RenderableType:
             text = f"{test}, {' … '.join(ends)} σ at a healthy size"
         table.add_row("\n".join(names), why, text)
     return whole(table)
-
-
-def _advice(plan: Plan) -> list[Text]:
-    lines = [Text(f"not possible here: {test}: {reason}", style="dim") for test, reason in plan.impossible]
-    best = next((gain for gain in plan.gains if gain.parts + gain.shows), None)
-    if best is None:
-        none = "no further test would add information" if plan.gains else "no further test is set up in the rig file"
-        return [*lines, Text(none)]
-    text = f"most useful further test: {best.test}: distinguishes {best.parts} of {len(plan.pairs)} pairs"
-    text += f", detects {best.shows} of {len(plan.undetectable)} hidden names; {best.why}"
-    return [*lines, Text(text, style="bold")]
 
 
 def as_object(plan: Plan) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 from analysis.correction.corrected_program import MOST_MM, CorrectedProgram
 from analysis.correction.corrected_targets import WorkError
 from analysis.kinematics.arm import Array
-from analysis.makers.target import WHY, Left
+from analysis.makers.target import WHY
 from analysis.noise.readings import rms
 
 _LISTED = 30
@@ -46,8 +46,9 @@ def lines(program: CorrectedProgram) -> list[str]:
         for overruling in program.overruled[:_LISTED]
     ]
     if program.start:
+        start = ", ".join(f"{angle:g}" for angle in np.degrees(program.start).round(6))
         text_lines.append(
-            f"  --start-joints states that the arm stands at {_degrees(program.start)} whenever this program begins; "
+            f"  --start-joints states that the arm stands at {start}° whenever this program begins; "
             "if it comes from another posture, its first targets are corrected for the wrong one"
         )
     if count:
@@ -62,18 +63,7 @@ def lines(program: CorrectedProgram) -> list[str]:
         reasons = zip(program.places, program.unknown, strict=True)
         where = dict.fromkeys(f"    {_place(program, *place)}: {why}" for place, why in reasons if why)
         text_lines += list(where)[:_LISTED] + ["    …"] * (len(where) > _LISTED)
-    for reason, number in Counter(left_target.reason for left_target in program.left).most_common():
-        limit = f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)" if reason == "too_large" else ""
-        text_lines.append(f"  left, {number} ×: {WHY[reason]}{limit}")
-    text_lines += [
-        f"    {_place(program, left_target.file, left_target.line)}: {left_target.name} {_why(program, left_target)}"
-        for left_target in program.left[:_LISTED]
-    ]
-    if len(program.left) > _LISTED:
-        text_lines.append(f"    and {len(program.left) - _LISTED} more, all of them in corrections.yaml")
-    if count:
-        text_lines.append(f"  {NOT_TRIED}")
-    return text_lines
+    return [*text_lines, *_left_lines(program), *([f"  {NOT_TRIED}"] if count else [])]
 
 
 def reached(u_frame_mm: Array, u_mm: Array) -> str:
@@ -87,10 +77,6 @@ def reached(u_frame_mm: Array, u_mm: Array) -> str:
     )
 
 
-def _degrees(angles: tuple[float, ...]) -> str:
-    return ", ".join(f"{angle:g}" for angle in np.degrees(angles).round(6)) + "°"
-
-
 def _head(program: CorrectedProgram) -> str:
     """How many targets were corrected, how many left, and how many steps lie between one of each."""
     count, steps = len(program.names), len(program.beside_left_mm)
@@ -101,13 +87,22 @@ def _head(program: CorrectedProgram) -> str:
     return f"{head}, {stay}{between}"
 
 
-def _why(program: CorrectedProgram, left_target: Left) -> str:
-    """Why a target was left, with the places that make it so."""
-    because = "; ".join(
-        f"{_place(program, place.file, place.line)}: {place.why}" if place.line else place.why
-        for place in left_target.because
-    )
-    return f"{WHY[left_target.reason]} ({because})" if because else WHY[left_target.reason]
+def _left_lines(program: CorrectedProgram) -> list[str]:
+    """How many targets were left for which reason, then each with the places that make it so."""
+    text_lines = []
+    for reason, number in Counter(left_target.reason for left_target in program.left).most_common():
+        limit = f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)" if reason == "too_large" else ""
+        text_lines.append(f"  left, {number} ×: {WHY[reason]}{limit}")
+    for left_target in program.left[:_LISTED]:
+        causes = "; ".join(
+            f"{_place(program, place.file, place.line)}: {place.why}" if place.line else place.why
+            for place in left_target.because
+        )
+        why = f"{WHY[left_target.reason]} ({causes})" if causes else WHY[left_target.reason]
+        text_lines.append(f"    {_place(program, left_target.file, left_target.line)}: {left_target.name} {why}")
+    if len(program.left) > _LISTED:
+        text_lines.append(f"    and {len(program.left) - _LISTED} more, all of them in corrections.yaml")
+    return text_lines
 
 
 def as_object(program: CorrectedProgram) -> dict[str, Any]:

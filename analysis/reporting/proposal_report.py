@@ -45,22 +45,14 @@ def as_table(proposal: Proposal) -> RenderableType:
         parts.append(whole(table))
     else:
         parts.append(Text("no circle within this time makes anything else testable", style="yellow"))
-    parts += [
-        Text(f"{name}: {_count(judgement)}")
-        for name, judgement in [
-            ("before", proposal.before),
-            *([("with them", proposal.after)] if proposal.circles else []),
-        ]
-    ]
+    judgements = {"before": proposal.before} | ({"with them": proposal.after} if proposal.circles else {})
+    for when, judgement in judgements.items():
+        count, hidden = len(judgement.names), len(judgement.undetectable)
+        alike = "1 pair looks" if len(judgement.pairs) == 1 else f"{len(judgement.pairs) or 'no'} pairs look"
+        parts.append(Text(f"{when}: {count - hidden} of {count} names are testable, {alike} alike"))
     if proposal.after.undetectable:
         parts.append(Text(f"still not testable: {', '.join(proposal.after.undetectable)}", style="yellow"))
     return Group(*parts)
-
-
-def _count(judgement: Judgement) -> str:
-    names, hidden = len(judgement.names), len(judgement.undetectable)
-    pairs = "1 pair looks" if len(judgement.pairs) == 1 else f"{len(judgement.pairs) or 'no'} pairs look"
-    return f"{names - hidden} of {names} names are testable, {pairs} alike"
 
 
 def _testable(proposal: Proposal, circle: ProposedCircle) -> list[str]:

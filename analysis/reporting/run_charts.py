@@ -10,7 +10,6 @@ import numpy as np
 
 from analysis.geometry.iso_cube import FROM_CENTRE, cube_of
 from analysis.kinematics.arm import Array, Mask, arm_of
-from analysis.measures.axis_curves import AxisCurve
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.pose import PoseResult
 from analysis.measures.reduction import PHI
@@ -89,18 +88,13 @@ def target_charts(result: Result, texts: Texts) -> list[Picture]:
     """The pictures of one run."""
     match result.curve:
         case RadialCurve() as curve:
-            return [_sphere(result, curve, texts), _by_target(result, curve, texts)]
+            return _hemisphere(result, curve, texts)
         case RepeatabilityCurve() as curve:
             return [_repeatability(result, curve, texts)]
         case PoseCurve() as curve:
-            view = _cube_view(result)
-            return [
-                *([] if view is None else [_plane(view, "chart_cube", texts, points=True)]),
-                _poses(result, curve, texts),
-                *(_axis(axis, texts) for axis in curve.axes),
-            ]
+            return _poses(result, curve, texts)
         case PathCurve() as curve:
-            return [_plane(_path_view(curve), "chart_paths", texts, points=False), _along(curve, texts)]
+            return _paths(curve, texts)
     return []
 
 
@@ -120,7 +114,8 @@ def interpolated(targets: Array, values_mm: Array, nodes: Array) -> Array:
     return mean
 
 
-def _sphere(result: Result, curve: RadialCurve, texts: Texts) -> SphereChart:
+def _hemisphere(result: Result, curve: RadialCurve, texts: Texts) -> list[Picture]:
+    """The surface about its least-squares sphere, and the deviation of each target."""
     used = curve.used
     targets = directions(curve.polar_deg, curve.azimuth_deg)
     polar, azimuth = np.meshgrid(
@@ -137,11 +132,7 @@ def _sphere(result: Result, curve: RadialCurve, texts: Texts) -> SphereChart:
         (texts("sphere"), texts("surface"), texts("targets")),
     )  # fmt: skip
     caption = texts("caption_sphere", times=f"{float(f'{chart.magnified:.2g}'):g}")
-    return SphereChart(**{**vars(chart), "caption": caption})
-
-
-def _by_target(result: Result, curve: RadialCurve, texts: Texts) -> Chart:
-    used = curve.used
+    sphere = SphereChart(**{**vars(chart), "caption": caption})
     ways: tuple[tuple[str, Role, Mask], ...] = (("measured", "measured", used), ("not_used", "sixth", ~used))
     x, y, half_um = curve.target.astype(float), 1e3 * curve.deviation_mm, 500 * curve.spread_mm
     lines = tuple(
@@ -150,7 +141,8 @@ def _by_target(result: Result, curve: RadialCurve, texts: Texts) -> Chart:
         if at.any()
     )
     title, y_label = texts("chart_targets"), f"{texts('error_radius')} / µm"
-    return Chart(title, texts("caption_targets"), "targets", texts("target"), y_label, "µm", lines)
+    by_target = Chart(title, texts("caption_targets"), "targets", texts("target"), y_label, "µm", lines)
+    return [sphere, by_target]
 
 
 def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> Chart:
@@ -169,23 +161,24 @@ def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> C
     return Chart(title, caption, "targets", texts("target"), y_label, "µm", tuple(lines), ticks=ticks)
 
 
-def _poses(result: Result, curve: PoseCurve, texts: Texts) -> Chart:
-    number = np.arange(1.0, len(curve.distance_mm) + 1)
+def _poses(result: Result, curve: PoseCurve, texts: Texts) -> list[Picture]:
+    """The stops of the cube where there are some, every pose, and each axis that was driven alone, by its way."""
+    view, number = _cube_view(result), np.arange(1.0, len(curve.distance_mm) + 1)
     line = Line(texts("measured"), "measured", number, curve.distance_mm, points=True)
-    y_label = f"{texts('error_position')} / mm"
-    return Chart(texts("chart_pose"), texts("caption_pose"), "targets", texts("pose"), y_label, "mm", (line,))
-
-
-def _axis(curve: AxisCurve, texts: Texts) -> Chart:
-    """The error of the angle of an axis that was driven alone, by the way it turned."""
-    ways: tuple[tuple[str, Role, Array], ...] = (("up", "acw", curve.up_deg), ("down", "cw", curve.down_deg))
-    lines = tuple(
-        Line(texts(f"turned_{way}"), role, curve.angle_deg[reached], 1e3 * off[reached], points=True)
-        for way, role, off in ways
-        if (reached := np.isfinite(off)).any()
-    )
-    title = texts("chart_axis", axis=curve.axis)
-    return Chart(title, texts("caption_axis"), "targets", texts("angle_of_axis"), texts("error_of_angle"), "m°", lines)
+    labels = texts("pose"), f"{texts('error_position')} / mm"
+    charts = [] if view is None else [_plane(view, "chart_cube", texts, points=True)]
+    charts.append(Chart(texts("chart_pose"), texts("caption_pose"), "targets", *labels, "mm", (line,)))
+    labels = texts("angle_of_axis"), texts("error_of_angle")
+    for axis in curve.axes:
+        ways: tuple[tuple[str, Role, Array], ...] = (("up", "acw", axis.up_deg), ("down", "cw", axis.down_deg))
+        lines = tuple(
+            Line(texts(f"turned_{way}"), role, axis.angle_deg[reached], 1e3 * off[reached], points=True)
+            for way, role, off in ways
+            if (reached := np.isfinite(off)).any()
+        )
+        title = texts("chart_axis", axis=axis.axis)
+        charts.append(Chart(title, texts("caption_axis"), "targets", *labels, "m°", lines))
+    return [*charts]
 
 
 def _plane(view: _PlaneView, title: str, texts: Texts, *, points: bool) -> Chart:
@@ -197,15 +190,28 @@ def _plane(view: _PlaneView, title: str, texts: Texts, *, points: bool) -> Chart
     return Chart(texts(title), caption, "plane", *labels, "mm", (attained, command))
 
 
-def _along(curve: PathCurve, texts: Texts) -> Chart:
-    """How far the mean of all cycles is from the command, along each path."""
+def _paths(curve: PathCurve, texts: Texts) -> list[Picture]:
+    """The paths and the means of all their cycles on the plane, and how far these are from the command, along each."""
+    names = dict.fromkeys(curve.path.tolist())
+    command, off = [], []
+    for name in (path for path in names if path != "small_circle"):  # no larger than what is enlarged
+        rows = np.flatnonzero(curve.path == name)
+        rows = rows[:: max(1, len(rows) // _STATIONS)]
+        command += [curve.place_mm[rows, :2], np.full((1, 2), np.nan)]
+        off += [curve.off_mm[rows, :2], np.full((1, 2), np.nan)]
+    if not command:
+        command, off = [curve.place_mm[:, :2]], [curve.off_mm[:, :2]]
+    places, away = np.concatenate(command), np.concatenate(off)
+    side = float(np.nanmax(np.abs(places[:, 0]))) / FROM_CENTRE
+    plane = _plane(_enlarged(places, away, side), "chart_paths", texts, points=False)
     roles: tuple[Role, ...] = ("acw", "cw", "after", "fifth", "quiet")
     lines = []
-    for name, role in zip(dict.fromkeys(curve.path.tolist()), roles, strict=False):
+    for name, role in zip(names, roles, strict=False):
         rows = curve.path == name
         lines.append(Line(texts(f"path_{name}"), role, 100 * curve.share[rows], 1e3 * curve.at_mm[rows]))
     labels = f"{texts('along_path')} / %", f"{texts('error_path')} / µm"
-    return Chart(texts("chart_along"), texts("caption_along"), "targets", *labels, "µm", tuple(lines))
+    along = Chart(texts("chart_along"), texts("caption_along"), "targets", *labels, "µm", tuple(lines))
+    return [plane, along]
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -237,21 +243,6 @@ def _cube_view(result: Result) -> _PlaneView | None:
     on_plane = np.stack([cube.level, cube.rising], axis=1)
     places = (cube.places_mm - cube.centre_mm) @ on_plane
     return replace(_enlarged(places[pose[pose > 0] - 1], off @ on_plane, cube.side_mm), command_mm=places)
-
-
-def _path_view(curve: PathCurve) -> _PlaneView:
-    """The paths and the means of all their cycles; the small circle is no larger than what is enlarged."""
-    command, off = [], []
-    for name in (path for path in dict.fromkeys(curve.path.tolist()) if path != "small_circle"):
-        rows = np.flatnonzero(curve.path == name)
-        rows = rows[:: max(1, len(rows) // _STATIONS)]
-        command += [curve.place_mm[rows, :2], np.full((1, 2), np.nan)]
-        off += [curve.off_mm[rows, :2], np.full((1, 2), np.nan)]
-    if not command:
-        command, off = [curve.place_mm[:, :2]], [curve.off_mm[:, :2]]
-    places, away = np.concatenate(command), np.concatenate(off)
-    side = float(np.nanmax(np.abs(places[:, 0]))) / FROM_CENTRE
-    return _enlarged(places, away, side)
 
 
 def _enlarged(places: Array, off: Array, side_mm: float) -> _PlaneView:

@@ -105,21 +105,17 @@ def _table(group: Sequence[Result], truth_of: dict[int, dict[str, TruthCompariso
     columns = (right(_over(result.title, result.name)) for result in group)
     table = Table("", *columns, title=title, title_style="dim", header_style="bold")
     for name in in_order(name for result in group for name in result.figures):
-        cells = [_cell(result, name, truth_of.get(id(result), {})) for result in group]
+        cells: list[str | Text] = []
+        for result in group:
+            figure, comparison = result.figures.get(name), truth_of.get(id(result), {}).get(name)
+            cell: str | Text = "" if figure is None else str(figure)
+            if figure is not None and comparison is not None:
+                true = f"truth {figure.rounded(comparison.truth)} ({comparison.deviation_u:+.1f}u)"
+                cell = _over(str(figure), true, "green" if abs(comparison.deviation_u) <= 2 else "red")
+            cells.append(cell)
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     table.add_row("samples", *(str(result.found.samples) for result in group), style="dim")
     if any(result.measured.u_lag_s for result in group):  # how well the gauges' time is known against the robot's
         lags = (f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group)
         table.add_row("time, gauges to robot", *lags, style="dim")
     return whole(table)
-
-
-def _cell(result: Result, name: str, truth: dict[str, TruthComparison]) -> str | Text:
-    figure = result.figures.get(name)
-    if figure is None:
-        return ""
-    if name not in truth:
-        return str(figure)
-    comparison = truth[name]
-    colour = "green" if abs(comparison.deviation_u) <= 2 else "red"
-    return _over(str(figure), f"truth {figure.rounded(comparison.truth)} ({comparison.deviation_u:+.1f}u)", colour)

@@ -332,9 +332,22 @@ class Gauges(Part):
 
     @model_validator(mode="after")
     def _sharing(self) -> Gauges:
+        its_own = {"offset_mm", "channel", "counts", "accuracy_mm", "range_mm", "certificate", "calibrated"}
         for (first_name, first), (second_name, second) in combinations(self.recorded.items(), 2):
-            if first.port == second.port:
-                _check_sharing(first_name, first, second_name, second)
+            if first.port != second.port:
+                continue
+            if first.interface == second.interface and not (first.shares or first.bus):
+                problem = f"{first.interface} carries one gauge a port, not two"
+                raise ValueError(f"{problem}; give {second_name} its own port")
+            both = f"{first_name} and {second_name}"
+            common = {"interface", "line", "framing"} if first.bus else type(first).model_fields.keys() - its_own
+            for key in sorted(common):
+                settings = [getattr(gauge, key, "none") for gauge in (first, second)]
+                if settings[0] != settings[1]:
+                    problem = f"{both} share {first.port} but not `{key}`"
+                    raise ValueError(f"{problem}, which is {settings[0]} and {settings[1]}; make them equal")
+            if first.place == second.place:
+                raise ValueError(f"{both} share {first.port} and {first.place}; give each its own")
         return self
 
     def __iter__(self) -> Iterator[tuple[str, Gauge]]:  # type: ignore[override]
@@ -357,18 +370,3 @@ class Gauges(Part):
 
 NO_GAUGES = Gauges.model_construct(g1=None)  # type: ignore[arg-type]  # which no rig file can write
 """The gauges of a cell that a tracker measures alone: none."""
-
-
-def _check_sharing(first_name: str, first: Gauge, second_name: str, second: Gauge) -> None:
-    """Raise ValueError where two gauges on one port cannot share it."""
-    if first.interface == second.interface and not (first.shares or first.bus):
-        raise ValueError(f"{first.interface} carries one gauge a port, not two; give {second_name} its own port")
-    its_own = {"offset_mm", "channel", "counts", "accuracy_mm", "range_mm", "certificate", "calibrated"}
-    common = {"interface", "line", "framing"} if first.bus else type(first).model_fields.keys() - its_own
-    for key in sorted(common):
-        settings = [getattr(gauge, key, "none") for gauge in (first, second)]
-        if settings[0] != settings[1]:
-            problem = f"{first_name} and {second_name} share {first.port} but not `{key}`"
-            raise ValueError(f"{problem}, which is {settings[0]} and {settings[1]}; make them equal")
-    if first.place == second.place:
-        raise ValueError(f"{first_name} and {second_name} share {first.port} and {first.place}; give each its own")

@@ -32,23 +32,31 @@ C = TypeVar("C", bound=BaseModel)
 def _offers() -> tuple[EntryPoint, ...]:
     """What all packages offer. An environment of a hundred packages is looked through in some hundredths of a second,
     once."""
-    found = entry_points()
-    return tuple(offer for group in (*_KEY, MAKERS) for offer in found.select(group=group))
+    of_packages = entry_points()
+    return tuple(offer for group in (*_KEY, MAKERS) for offer in of_packages.select(group=group))
 
 
 def offered(group: Group, base: type[C], taken: frozenset[str]) -> dict[str, type[C]]:
     """Return the classes that other packages offer to a group, by name. base: what each is a kind of; taken: the names
     that are rig's own."""
-    found: dict[str, type[C]] = {}
-    for offer in sorted((one for one in _offers() if one.group == group), key=lambda one: one.name):
+    classes: dict[str, type[C]] = {}
+    key = _KEY[group]
+    for offer in sorted((offer for offer in _offers() if offer.group == group), key=lambda offer: offer.name):
         package = offer.dist.name if offer.dist else offer.value
         try:
-            if offer.name in taken or offer.name in found:
+            if offer.name in taken or offer.name in classes:
                 raise ImportError("another has this name")
-            found[offer.name] = _checked(offer, group, base)
+            cls = offer.load()
+            if not (isinstance(cls, type) and issubclass(cls, base)):
+                raise ImportError(f"{offer.value} is no {base.__name__}")
+            if key not in cls.model_fields or get_args(cls.model_fields[key].annotation) != (offer.name,):
+                raise ImportError(f"its key {key} is not {offer.name!r}")
+            if group != "rig.effects" and not getattr(cls, "driver", ""):
+                raise ImportError("it does not say in `driver` which module speaks to it")
+            classes[offer.name] = cls
         except Exception as reason:  # noqa: BLE001 - whatever a foreign module raises as it is imported
             BROKEN[offer.name] = f"package {package} offers {offer.name}, which cannot be used: {reason}"
-    return found
+    return classes
 
 
 def packages_of_makers() -> dict[str, str]:
@@ -58,26 +66,15 @@ def packages_of_makers() -> dict[str, str]:
 
 def extended(union: Any, group: Group, base: type[BaseModel]) -> Any:
     """Return a discriminated union with the classes that other packages offer to a group."""
-    own = get_args(get_args(union)[0])
-    names = frozenset(name for one in own for name in get_args(one.model_fields[_KEY[group]].annotation))
-    more = offered(group, base, names)
-    return Annotated[reduce(or_, (*own, *more.values())), Field(discriminator=_KEY[group])] if more else union
+    classes = get_args(get_args(union)[0])
+    names = frozenset(name for cls in classes for name in get_args(cls.model_fields[_KEY[group]].annotation))
+    of_others = offered(group, base, names)
+    if not of_others:
+        return union
+    return Annotated[reduce(or_, (*classes, *of_others.values())), Field(discriminator=_KEY[group])]
 
 
 def driver_of(part: BaseModel, folder: str) -> str:
     """Return the module that speaks to a gauge or robot of a rig file: what its class names as `driver`, or the file of
     rig's own folder."""
     return str(getattr(type(part), "driver", "") or f"{folder}.{part.interface}")  # type: ignore[attr-defined]
-
-
-def _checked(offer: EntryPoint, group: Group, base: type[C]) -> type[C]:
-    """The class of an offer. Raises ImportError, or whatever its module raises."""
-    cls = offer.load()
-    key = _KEY[group]
-    if not (isinstance(cls, type) and issubclass(cls, base)):
-        raise ImportError(f"{offer.value} is no {base.__name__}")
-    if key not in cls.model_fields or get_args(cls.model_fields[key].annotation) != (offer.name,):
-        raise ImportError(f"its key {key} is not {offer.name!r}")
-    if group != "rig.effects" and not getattr(cls, "driver", ""):
-        raise ImportError("it does not say in `driver` which module speaks to it")
-    return cls

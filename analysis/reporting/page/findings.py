@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from analysis.inference.result import BudgetPart, Diagnosis, Named, Rival, likely_rivals
+from analysis.inference.result import Diagnosis, Named, Rival, likely_rivals
 from analysis.reporting.answer_words import AnswerWords, fields_of, part_of, shown_parts
 from analysis.reporting.diagnosis_words import beside_u, micrometres, percent, size, sure
 from analysis.reporting.stairs import left_words, stairs_of
@@ -121,26 +121,23 @@ def budget_rows(diagnosis: Diagnosis, texts: Texts) -> list[BudgetRow]:
     words, rows = AnswerWords(diagnosis, texts), []
     for k, (share, tenths) in enumerate(zip(shares, _tenths(shares), strict=True)):
         width, shown = 100 * share / max(shares), f"{tenths / 10:.1f} %"
-        if k < len(large):
-            rows.append(_budget_row(large[k], words, shown, width))
-        else:
+        if k == len(large):
             rows.append(BudgetRow(texts("smaller_parts", count=len(small)), (), "", shown, width, "", "", ""))
+            continue
+        part = large[k]
+        doubt = [texts(f"doubt_{part.doubt}")] if part.doubt and part.doubt != "usual" else []
+        row = BudgetRow(
+            part=words.part_name(part),
+            beside=tuple(filter(None, [words.size_of(part), *doubt, *words.alone(part.shown_together)])),
+            um=beside_u(part.um, part.u_um),
+            share=shown,
+            width=width,
+            rank=part.rank or "",
+            rank_words=words.rank_of(part),
+            times=words.times_usual(part),
+        )
+        rows.append(row)
     return rows
-
-
-def _budget_row(part: BudgetPart, words: AnswerWords, share: str, width: float) -> BudgetRow:
-    texts = words.texts
-    doubt = [texts(f"doubt_{part.doubt}")] if part.doubt and part.doubt != "usual" else []
-    return BudgetRow(
-        part=words.part_name(part),
-        beside=tuple(filter(None, [words.size_of(part), *doubt, *words.alone(part.shown_together)])),
-        um=beside_u(part.um, part.u_um),
-        share=share,
-        width=width,
-        rank=part.rank or "",
-        rank_words=words.rank_of(part),
-        times=words.times_usual(part),
-    )
 
 
 def _tenths(shares: Sequence[float]) -> list[int]:

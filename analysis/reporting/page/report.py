@@ -61,10 +61,15 @@ def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
     if verdict.overall == "pass":
         return texts("why_pass", count=len(verdict.judged))
     bad = verdict.with_standing(verdict.overall)
-    worst = [
-        texts("bad_figure", figure=named(figure, texts), value=figure.figure, limits=_bounds(figure, texts))
-        for figure in bad[:_MOST_NAMED]
-    ]
+    worst = []
+    for figure in bad[:_MOST_NAMED]:
+        # The limit that it fails, or those between which it is, and that its uncertainty reaches over one
+        watch = None if figure.standing == "fail" else figure.limit.watch
+        bounds = (("watch_above", watch), ("fail_above", figure.limit.fail))
+        limits = [f"{texts(key)} {bound:g} {figure.figure.sign}" for key, bound in bounds if bound is not None]
+        limits += [texts("not_proven")] if figure.straddled else []
+        values = {"figure": named(figure, texts), "value": figure.figure, "limits": ", ".join(limits)}
+        worst.append(texts("bad_figure", **values))
     ending = [texts("and_more", count=len(bad) - len(worst))] if len(bad) > len(worst) else []
     numbers = {"bad": len(bad), "count": len(verdict.judged), "worst": "; ".join([*worst, *ending])}
     return texts(f"why_{verdict.overall}", **numbers)
@@ -87,14 +92,6 @@ def example_limits(verdict: Verdict) -> str:
         for name, watch, fail in [kind.example]
     }
     return yaml.safe_dump({"limits": bounds}, sort_keys=False, default_flow_style=None) if bounds else ""
-
-
-def _bounds(figure: JudgedFigure, texts: Texts) -> str:
-    """The limit that a figure fails, or those between which it is, and that its uncertainty reaches over one."""
-    watch = None if figure.standing == "fail" else figure.limit.watch
-    bounds = (("watch_above", watch), ("fail_above", figure.limit.fail))
-    words = [f"{texts(key)} {bound:g} {figure.figure.sign}" for key, bound in bounds if bound is not None]
-    return ", ".join([*words, *([texts("not_proven")] if figure.straddled else [])])
 
 
 def rule(texts: Texts) -> str:

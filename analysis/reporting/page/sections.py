@@ -97,37 +97,33 @@ def sections_of(report: Report, texts: Texts) -> list[Section]:
     groups = sorted(by_test(report.results), key=lambda group: _ORDER.index(group[0].test))
     first_circle = next((group for group in groups if isinstance(group[0].found, CircleResult)), None)
     joints = [joint_chart(first_circle, texts)] if first_circle else []  # yaw and roll have one circle
-    return [_section(report, group, joints if group is first_circle else [], texts) for group in groups]
-
-
-def _section(report: Report, group: Sequence[Result], joints: Sequence[Picture], texts: Texts) -> Section:
-    """joints: the picture of the joint angles, where it belongs to this test."""
-    test = group[0].test
-    circle = isinstance(group[0].found, CircleResult)
-    drawn = group[:_MOST_DRAWN]
-    charts = (
-        circle_charts(group, texts) if circle else [chart for result in drawn for chart in target_charts(result, texts)]
-    )
-    columns = columns_of(group, texts)
-    place = group[0].measured.run.manifest.placement
-    # What u means here, and what was seen of lags and pairs
-    lines = [
-        what_u_is(group, [means for means in pooled(group) if means.figures]),
-        *lag_in_words(pairs_of(group), group),
-    ]
-    lines += eccentricities_in_words(group)
-    return Section(
-        test=test,
-        title=texts.test(test) + (f" · {place}" if place and place != test else ""),
-        words=texts.words.get(f"about_{test}", "")
-        + (f" {texts('first_drawn', count=_MOST_DRAWN)}" if not circle and len(group) > _MOST_DRAWN else ""),
-        columns=tuple(columns),
-        rows=tuple(_rows(columns, texts)),
-        remarks=tuple(f"{line[:1].upper()}{line[1:]}." for line in lines),
-        doubts=_doubts(group),
-        reversals=_reversals(group[0], texts) if circle else (),
-        pictures=(*charts, *simulated_charts(report.simulated, report.corrected, group, texts), *joints),
-    )
+    sections = []
+    for group in groups:
+        test, place = group[0].test, group[0].measured.run.manifest.placement
+        about, charts = texts.words.get(f"about_{test}", ""), list[Picture]()
+        if isinstance(group[0].found, CircleResult):
+            charts += circle_charts(group, texts)
+        else:
+            charts += [chart for result in group[:_MOST_DRAWN] for chart in target_charts(result, texts)]
+            about += f" {texts('first_drawn', count=_MOST_DRAWN)}" if len(group) > _MOST_DRAWN else ""
+        charts += simulated_charts(report.simulated, report.corrected, group, texts)
+        # What u means here, and what was seen of lags and pairs
+        remarks = [what_u_is(group, [means for means in pooled(group) if means.figures])]
+        remarks += [*lag_in_words(pairs_of(group), group), *eccentricities_in_words(group)]
+        columns = columns_of(group, texts)
+        section = Section(
+            test=test,
+            title=texts.test(test) + (f" · {place}" if place and place != test else ""),
+            words=about,
+            columns=tuple(columns),
+            rows=tuple(_rows(columns, texts)),
+            remarks=tuple(f"{line[:1].upper()}{line[1:]}." for line in remarks),
+            doubts=_doubts(group),
+            reversals=_reversals(group[0], texts),
+            pictures=(*charts, *(joints if group is first_circle else ())),
+        )
+        sections.append(section)
+    return sections
 
 
 def _rows(columns: Sequence[Column], texts: Texts) -> list[Row]:
