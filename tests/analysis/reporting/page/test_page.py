@@ -113,7 +113,7 @@ def test_the_trace_has_the_hash_of_each_file(page: str, runs: list[Path]) -> Non
 
 @pytest.mark.parametrize(
     ("language", "words"),
-    [("de", "Was es sonst zu tun gibt, in dieser Reihenfolge"), ("ko", "그 밖에 할 일(이 순서대로)")],
+    [("de", "Was sonst zu tun ist, in dieser Reihenfolge"), ("ko", "그 밖에 할 일(이 순서대로)")],
 )
 def test_fixed_texts_are_in_the_language_asked_for(report: Report, language: str, words: str) -> None:
     text = rendered(replace(report, results=report.results[-1:]), texts_of(language))  # type: ignore[arg-type]
