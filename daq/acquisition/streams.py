@@ -11,13 +11,13 @@ from daq.protocol.conversation import Host
 from daq.wire.links import DEAD_S, Link, open_link
 from rigs.errors import CellError
 from rigs.rig import Rig
-from rigs.schema.feedback import Feedback, NoFeedback, columns_beside_joints
+from rigs.schema.feedback import Feedback, LineFeed, NoFeedback, columns_beside_joints
 from rigs.schema.links import Line, ModemLines
 
 ROBOT = "robot"
 JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
 NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
-"""Robots are reached over the network, which has no line settings."""
+"""Settings where none are needed: robots are reached over the network, but one that prints lines to a serial port."""
 _PATIENCE = 3
 """Silent time-outs after which a TCP connection counts as lost."""
 
@@ -73,7 +73,8 @@ def robot_stream(robot: Feedback) -> Stream:
     """Return the stream of a robot. Raises CellError where a package that its interface needs is not installed."""
     feedback.load(robot)  # now, and not while other streams are read
     columns, host = (*JOINTS, *columns_beside_joints(robot)), partial(feedback.host, robot)
-    return Stream(ROBOT, columns, robot.port, NO_LINE, host, _dead_s(robot.timeout_s), robot.listens)
+    line = robot.line if isinstance(robot, LineFeed) else NO_LINE
+    return Stream(ROBOT, columns, robot.port, line, host, _dead_s(robot.timeout_s), robot.listens)
 
 
 def _dead_s(timeout_s: float) -> float:

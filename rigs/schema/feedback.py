@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field, field_validator, model_validator
 
 from rigs.schema.condition import CONDITION, CURRENTS, MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES
-from rigs.schema.links import AnyPort, Port, UDPPort, tcp_address, udp_address
+from rigs.schema.links import AnyPort, Line, Port, UDPPort, tcp_address, udp_address
 from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
 from rigs.schema.part import Origin, Part
 from rigs.schema.plugins import extended
@@ -178,10 +178,10 @@ class URRTDE(_Feedback):
 
 
 class LineFeed(_Feedback):
-    """What a user's program on the controller prints: one line a sample over TCP or UDP."""
+    """What a user's program on the controller prints: one line a sample over TCP, UDP or a serial port."""
 
     origin: ClassVar[Origin] = Origin(
-        instruments="any controller whose program prints lines over TCP or UDP: FANUC KAREL and others",
+        instruments="any controller whose program prints lines over TCP, UDP or a serial port: FANUC KAREL and others",
         source="what the user's program prints",
         standing="confirmed",
     )
@@ -195,6 +195,8 @@ class LineFeed(_Feedback):
     `signal`, the columns of the robot's condition (program_state, speed_percent …) that it prints; `_` is skipped."""
     separator: str = Field(default=",", min_length=1)
     """A blank stands for any run of blanks and tabs."""
+    line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
+    """Settings of a serial port. 100 lines of 60 characters in a second need 115200 baud."""
 
     @field_validator("fields")
     @classmethod

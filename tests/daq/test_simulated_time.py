@@ -60,6 +60,20 @@ def test_a_seed_gives_the_same_recording_each_time_and_what_was_counted_is_there
     assert np.diff(stamps["g1"]).max() > 1e9 > np.diff(stamps["robot"]).max()
 
 
+@pytest.mark.parametrize(("line", "keeps_up"), [("9600 8N1", False), ("115200 8N1", True)])
+def test_a_robot_that_prints_to_a_serial_port_is_read_at_the_pace_of_its_line(
+    line: str, keeps_up: bool, tmp_path: Path
+) -> None:
+    rig, hand = yaml.safe_load(slow_rig()), ByHand()
+    rig["feedback"] = {"interface": "line_feed", "port": "/dev/ttyUSB9", "line": line}
+    with SimulatedClock(1).running() as time:
+        daemon = SimulatedCell.switched_on(time, tmp_path, yaml.safe_dump(rig), hand, hand.signal).daemon()
+        clock.sleep(10)
+        samples = daemon.answer({"command": "status"})["streams"]["robot"]["counters"]["samples"]
+        daemon.close("complete", "the test is over")
+    assert (samples > 900) is keeps_up  # 100 lines a second, of 59 characters
+
+
 def test_what_was_synced_before_a_kill_is_in_the_run_that_the_next_start_recovers(tmp_path: Path) -> None:
     hand = ByHand()
     with SimulatedClock(3).running() as time:

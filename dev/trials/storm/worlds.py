@@ -139,6 +139,8 @@ def _robot(dice: Random, is_long: bool) -> tuple[str, dict[str, Any], bool]:
         name, feedback = dice.choice(FEEDBACKS)
     data = feedback.model_dump(mode="json", exclude_none=True)
     data["port"] = data["port"].replace("/dev/ttyUSB0", "/dev/ttyUSB9").replace(":502", ":5020")
+    if data["port"].startswith("/"):
+        data["line"] = "115200 8N1"  # a program that prints a hundred lines a second needs half of it
     if not is_long:
         data["timeout_s"] = _ROBOT_TIMEOUT_S
         if "rate_hz" in data:
