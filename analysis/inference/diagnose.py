@@ -44,6 +44,7 @@ from analysis.inference.verdict import (
     accuracy_of,
     ambiguous_names,
     condition_of,
+    doubt_of_phases,
     judged_of,
     named_effects,
     named_vibration,
@@ -260,14 +261,16 @@ def _named_in(
     used, judges = runs
     named = named_effects(result, fitted, held_out_gains(result, judges), changes)
     named = without_useless(named, train)
-    at_limits = doubts_of_limits(named)
-    swing = None if given else find_vibration(with_effects(used, result.effects), result.linear.setups)
-    if swing is not None:  # it stands if its worth exceeds the scatter of a circle without it
+    doubts = doubts_of_limits(named)
+    swing = find_vibration(with_effects(used, result.effects), result.linear.setups)
+    if swing is not None and given:
+        doubts += tuple(doubt for name in named if (doubt := doubt_of_phases(name, swing)))
+    elif swing is not None:  # it stands if its worth exceeds the scatter of a circle without it
         circles = [block.sampling is not None for block in result.linear.blocks]
         limits = limits_um(result.linear, swing.scatter_um)
         named += named_vibration(swing, limits[circles], train.after_um)
     named = [replace(name, alone_um=fitted.left_um([name.effect])) if name.stands or given else name for name in named]
-    return sorted(named, key=lambda name: (not name.stands, -name.worth_um)), at_limits
+    return sorted(named, key=lambda name: (not name.stands, -name.worth_um)), doubts
 
 
 def _verdicts_of(

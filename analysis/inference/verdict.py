@@ -295,6 +295,21 @@ def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list
     return [Named(swing.effect, swing.sd, odds, (), gap_um, swing.effect.remedy(), moves.whole_um, None)]
 
 
+def doubt_of_phases(fitted: Named, swing: FoundVibration) -> str:
+    """Return a doubt about a vibration that was fitted with one phase in all runs, in which it has one of each run's
+    own; empty where the runs show none beyond it, as about any other effect."""
+    if type(fitted.effect) is not type(swing.effect) or swing.gain < np.log(ODDS):
+        return ""
+    size = size_field(swing.effect)
+    beyond, sd = swing.amplitude_mm - getattr(fitted.effect, size), float(np.hypot(swing.sd[size], fitted.sd[size]))
+    if beyond < CERTAIN_SIGMA * sd:
+        return ""
+    return (
+        f"the runs show a {swing.effect.plain('')} of {swing.amplitude_mm:.4f} ± {swing.sd[size]:.4f} mm whose phase "
+        "differs from run to run: a fit with one phase for all of them does not see it; rig diagnose states its size"
+    )
+
+
 def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, train: Gap) -> tuple[Remainder, bool]:
     """Return what remains beyond the noise, at most the gap of the runs used, and whether it exceeds the limits (b,)
     µm. What an effect explains that a set-up contradicts remains too, and what the calibrated model leaves of the runs

@@ -10,8 +10,9 @@ import pytest
 from analysis.inference.blocks import blocks_of
 from analysis.inference.link_swing import FoundVibration, find_vibration
 from analysis.inference.responses import linearise, scatter_um
+from analysis.inference.result import Named
 from analysis.inference.setups import fit_run_setups
-from analysis.inference.verdict import named_vibration
+from analysis.inference.verdict import doubt_of_phases, named_vibration
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable
 from rigs.effects import swing as vibration_at
@@ -110,6 +111,23 @@ def test_a_swing_is_a_name_only_with_odds_of_20_to_1(odds: float, count: int) ->
     """Also where nothing is tolerated, and the least swing would matter."""
     found = FoundVibration(vibration_at(15.8, 1e-4), 1e-4, {}, float(np.log(odds)), {})
     assert len(named_vibration(found, np.zeros(2), 1.0)) == count
+
+
+@pytest.mark.parametrize(
+    ("fitted_mm", "gain", "is_doubted"),
+    [(0.0, 50.0, True), (0.0275, 50.0, False), (0.025, 50.0, False), (0.0, 1.0, False)],
+    ids=["missed", "seen", "within-u", "no-vibration"],
+)
+def test_a_fit_with_one_phase_for_all_runs_is_doubted_where_each_has_its_own(
+    fitted_mm: float, gain: float, is_doubted: bool
+) -> None:
+    sd = {"amplitude_mm": 0.0003, "frequency_hz": 0.01}
+    found = FoundVibration(vibration_at(6.92, 0.0275), 0.0275, sd, gain, {})
+    fitted = Named(vibration_at(6.92, fitted_mm), {"amplitude_mm": 0.0005}, 1.0, (), 0.0, "", 0.0, None)
+    doubt = doubt_of_phases(fitted, found)
+    assert bool(doubt) is is_doubted
+    if doubt:
+        assert "0.0275 ± 0.0003 mm" in doubt and "6.92 Hz" in doubt
 
 
 def test_targets_do_not_swing() -> None:
