@@ -104,9 +104,9 @@ def rival_odds(selection: Selection, state: SelectionState, place: int) -> Rival
     bare, whole = selection.evidence(without), selection.evidence(state)
     gain = whole - bare
     now = selection.posterior(state)
-    gains = np.maximum(*selection.gains(state, now))
+    gains = selection.gains(state, now)
     without_name = selection.posterior(without)
-    linear = np.maximum(*selection.gains(without, without_name))
+    linear = selection.gains(without, without_name)
     # The linear form of a large effect may lose a third of what its fit gains, and so may those of its rivals.
     own_linear = max((linear[k] for k, form in enumerate(forms) if form.name == name_of(effect)), default=gain)
     least = min(gain - _NEAR, _MISSED * min(gain, own_linear))

@@ -180,7 +180,7 @@ class Selection:
         state = self.initial_state([effect for effect in effects if effect not in waiting], before)
         while waiting:
             posterior = self.posterior(state)
-            gain = np.maximum(*self.gains(state, posterior))
+            gain = self.gains(state, posterior)
             best: dict[Effect, int | None] = {}
             for effect in waiting:
                 alike = [k for k, form in enumerate(forms) if is_alike(form.effect, effect) and np.isfinite(gain[k])]
@@ -221,7 +221,7 @@ class Selection:
             if state.is_fault(place) and not any(is_one(earlier, effect) for earlier in before):
                 without = self.without(state, place)
                 posterior = self.posterior(without)
-                gain = np.maximum(*self.gains(without, posterior))
+                gain = self.gains(without, posterior)
                 of_name = [k for k, form in enumerate(self.columns.forms) if form.name == name_of(effect)]
                 best = max((k for k in of_name if np.isfinite(gain[k])), key=lambda k: gain[k], default=None)
                 tried = None if best is None else self.with_form(without, posterior, best)
@@ -326,7 +326,7 @@ class Selection:
     def not_testable(self, state: SelectionState, posterior: Posterior) -> tuple[str, ...]:
         """Return the names that these tests would not show at the size of a large fault, beside everything else that
         may be present."""
-        _, _, sigma, _ = posterior.gains(self.columns.forms, state.level)
+        sigma = posterior.gains(self.columns.forms, state.level).sigma
         named = {name_of(effect) for effect in state.effects}
         seen = {
             form.name
@@ -367,7 +367,7 @@ class Selection:
             kept = (*state.free_forms[:k], *state.free_forms[k + 1 :])
             without_it = self._refitted(replace(state, free_forms=kept))
             posterior = self.posterior(without_it)
-            best = int(np.argmax(np.maximum(*self.gains(without_it, posterior))))
+            best = int(np.argmax(self.gains(without_it, posterior)))
             for tried in (without_it, self._refitted(self.with_form(without_it, posterior, best))):
                 if self.evidence(tried) > whole:
                     return replace(tried, replaced_forms=state.replaced_forms | {state.free_forms[k].words})
@@ -435,16 +435,17 @@ class Selection:
         origins = (*state.origins[:place], *state.origins[place + 1 :])
         return replace(state, refined=replace(kept, residual=self.linear.residual(kept.effects)), origins=origins)
 
-    def gains(self, state: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
-        """Return the log odds (n,) of each form as a fault, and as the healthy effect of its name, over an
-        equal share."""
-        fault, single, _, size = posterior.gains(self.columns.forms, state.level)
+    def gains(self, state: SelectionState, posterior: Posterior) -> Array:
+        """Return the log odds (n,) of each form over an equal share, as a fault or as the healthy effect of its name,
+        whichever are larger."""
+        gains = posterior.gains(self.columns.forms, state.level)
         curves, pieces = self.waves_of_curves
-        fault[curves & (pieces | (size < FAULT * max(state.level, 1.0)))] = single[curves] = -np.inf
+        is_usual = gains.size < FAULT * max(state.level, 1.0)  # of healthy arms or of arms of this level
+        gains.fault[curves & (pieces | is_usual)] = gains.healthy[curves] = -np.inf
         against = np.array([self._against_stated(form.effect) for form in self.columns.forms])
-        fault, single = fault - against, single - against
-        fault[self._are_set_up] = single[self._are_set_up] = -np.inf
-        return fault + self._fault_price - self._among, single - _HEALTHY_PRICE - self._among
+        fault, healthy = gains.fault - against, gains.healthy - against
+        fault[self._are_set_up] = healthy[self._are_set_up] = -np.inf
+        return np.maximum(fault + self._fault_price - self._among, healthy - _HEALTHY_PRICE - self._among)
 
     @cached_property
     def waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -474,7 +475,7 @@ class Selection:
     ) -> tuple[SelectionState | None, SelectionState | None]:
         """Return the state with the effect of largest gain, if one covers its price, and the state with a free form
         instead, if those are tried and one explains much more."""
-        gain = np.maximum(*self.gains(state, posterior))
+        gain = self.gains(state, posterior)
         gain[[k for k in state.refused if k >= 0]] = -np.inf
         most, changed, best = 0.0, None, self._worth_trying(state, posterior, gain)
         if best:
@@ -507,8 +508,8 @@ class Selection:
                 break
             best_of.setdefault(forms[k].name, k)
         if gain.max() < _MUCH and len(state.effects) < _DEPTH:
-            _, _, sigma, size = posterior.gains(forms, state.level)
-            plain = np.flatnonzero((gain > _BENT) & (np.abs(size) * sigma > _PLAIN_TO_SEE)).tolist()
+            shown = posterior.gains(forms, state.level)
+            plain = np.flatnonzero((gain > _BENT) & (shown.size * shown.sigma > _PLAIN_TO_SEE)).tolist()
             bent = [k for k in plain if forms[k].effect.STRETCHED and not is_wave(forms[k].effect)]
             if bent:
                 best = max(bent, key=lambda k: float(gain[k]))

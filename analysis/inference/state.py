@@ -165,9 +165,9 @@ class Backgrounds:
             variance, mean = self._shares[name] * variance, self._shares[name] * mean
         weight = state.robust / state.strength[columns.band]
         seen = weight.tobytes()
-        gram = partial(recent, self._grams, seen, partial(columns.weighted_gram, weight), _GRAMS)
+        weighted_gram = partial(recent, self._grams, seen, partial(columns.weighted_gram, weight), _GRAMS)
         key = (seen, variance.tobytes())  # the means follow from the level and the names, as the variances do
-        return recent(self._recent, key, lambda: Background(columns, weight, variance, mean, gram), _KEPT)
+        return recent(self._recent, key, lambda: Background(columns, weight, variance, mean, weighted_gram), _KEPT)
 
     @cached_property
     def _usual_load(self) -> Array:

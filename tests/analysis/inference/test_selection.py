@@ -113,7 +113,7 @@ def test_a_target_far_from_where_it_was_fitted_is_no_length() -> None:
     state = selection.initial_state()
     posterior = selection.posterior(state)
     (length,) = (k for k, form in enumerate(selection.columns.forms) if form.name == "link_geometry 6.d")
-    assert np.maximum(*selection.gains(state, posterior))[length] < -2.0
+    assert selection.gains(state, posterior)[length] < -2.0
     assert posterior.mean[selection.columns.set_ups][8] == pytest.approx(-60, abs=0.1)
 
 
@@ -169,10 +169,9 @@ def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(mon
         refined = replace(rest.refined, effects=effects, residual=selection.linear.residual(effects))
         return replace(rest, refined=refined)
 
-    def of_that_wave(selection: Selection, of: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
+    def of_that_wave(selection: Selection, of: SelectionState, posterior: Posterior) -> Array:
         own = [is_alike(form.effect, wave) for form in selection.columns.forms]
-        fault, alone = gains(selection, of, posterior)
-        return (fault, alone) if of is state else (np.where(own, 1e6, -np.inf), np.where(own, alone, -np.inf))
+        return gains(selection, of, posterior) if of is state else np.where(own, 1e6, -np.inf)
 
     monkeypatch.setattr(Selection, "without", moving)
     monkeypatch.setattr(Selection, "gains", of_that_wave)
