@@ -105,8 +105,7 @@ class Background:
     @cached_property
     def pull(self) -> Array:
         """The prior means over the prior variances (p,): what the prior adds to η; zero where nothing is expected."""
-        none = np.zeros_like(self.mean)
-        return np.asarray(np.divide(self.mean, self.variance, out=none, where=self.variance > 0), dtype=float)
+        return np.divide(self.mean, self.variance, out=np.zeros_like(self.mean), where=self.variance > 0)
 
     @cached_property
     def at_mean(self) -> Array:
@@ -193,8 +192,7 @@ class Background:
     @cached_property
     def variances(self) -> Array:
         """The diagonal (p,) of the covariance, from half of its work unless the whole is there already."""
-        is_covariance_known = "covariance" in vars(self)  # a cached property is kept there once it was asked for
-        if is_covariance_known:
+        if "covariance" in vars(self):  # where a cached property is kept once it was asked for
             return np.diag(self.covariance)
         from scipy.linalg.lapack import dtrtri  # noqa: PLC0415 - slow to import
 
@@ -283,8 +281,7 @@ class Posterior:
     def variance(self) -> Array:
         """The variances (p,) of the columns of the background."""
         taken = self._taken[:, :-1]
-        values: Array = self.background.variances + np.sum(taken @ self.term_covariance * taken, axis=1)
-        return values
+        return np.asarray(self.background.variances + np.sum(taken @ self.term_covariance * taken, axis=1), dtype=float)
 
     def covariance_among(self, columns: Integers) -> Array:
         """Return the covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
@@ -393,10 +390,9 @@ class Posterior:
         return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta), dtype=float)
 
     def _inverse_and_cavity(self, columns: Integers) -> tuple[Array, Array]:
-        """Return the inverse covariance (…, q, q) among columns (…, q) of forms, and the precision Λ of their cavities:
-        the same without their own prior."""
-        inverse, diagonal = np.linalg.inv(self.covariance_among(columns)), np.arange(columns.shape[-1])
-        precision = inverse.copy()
+        """Return the inverse covariance (…, q, q) among columns (…, q), and the same without their own prior, Λ."""
+        inverse = np.asarray(np.linalg.inv(self.covariance_among(columns)), dtype=float)
+        precision, diagonal = inverse.copy(), np.arange(columns.shape[-1])
         precision[..., diagonal, diagonal] -= 1 / self.background.variance[columns]
         return inverse, precision
 

@@ -22,7 +22,7 @@ from analysis.kinematics.arm import Array
 from rigs.effects import Effect, bounds, healthy_size, size_field
 from rigs.schema.effect import PHASE, is_wave
 
-ROUNDS = 8
+FIT_ROUNDS = 8
 """Largest number of Gauss-Newton rounds. Chosen: more than a fit near its optimum needs, since it stops by `_ENOUGH`.
 """
 _TRIES = 5
@@ -115,7 +115,7 @@ def refine(
     effects: Sequence[Effect],
     fitted: Refined | None = None,
     free: Array | None = None,
-    rounds: int = ROUNDS,
+    rounds: int = FIT_ROUNDS,
     *,
     begins: bool = False,
 ) -> Refined:

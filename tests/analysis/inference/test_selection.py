@@ -41,7 +41,7 @@ def test_a_fault_is_found_in_its_form_and_has_no_rival() -> None:
     selection, state = _searched(white(healthy(), 12) + shown_by(healthy(), [truth]))
     found = _found(state)["backlash 1"]
     place = state.effects.index(found)
-    assert state.is_fault(place) and size_of(found) == pytest.approx(20, rel=0.05)
+    assert state.may_be_fault(place) and size_of(found) == pytest.approx(20, rel=0.05)
     assert getattr(found, "transit", 0.0) == pytest.approx(0.35, abs=0.1)
     one = rival_odds(selection, state, place)
     assert one.odds > 0.99 and one.healthy_odds < 1e-6
@@ -137,7 +137,7 @@ def test_a_fault_is_more_than_healthy_arms_and_arms_like_this_one_show(level: fl
     state = replace(selection.initial_state((small, large)), level=level)
     refined = replace(state.refined, effects=(small, large))
     state = replace(state, refined=refined)
-    assert (state.is_fault(0), state.is_fault(1)) == (is_fault, True)
+    assert (state.may_be_fault(0), state.may_be_fault(1)) == (is_fault, True)
 
 
 def test_waves_of_other_orders_are_other_effects() -> None:
@@ -218,7 +218,7 @@ def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch:
         "analysis.inference.rivals.rival_odds",
         lambda selection, state, place: RivalOdds(0.1, ((state, 0.9),), state.level),
     )
-    monkeypatch.setattr(SelectionState, "is_fault", lambda *_: True)
+    monkeypatch.setattr(SelectionState, "may_be_fault", lambda *_: True)
     monkeypatch.setattr(Selection, "select", likelier)
     monkeypatch.setattr(Selection, "evidence", lambda _, state: -state.level)
     last, rivalries = compare_with_rivals(selection, first, np.zeros(len(healthy().blocks)))
