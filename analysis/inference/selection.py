@@ -435,10 +435,9 @@ class Selection:
         curves, pieces = self.waves_of_curves
         is_usual = gains.size < FAULT * max(state.level, 1.0)  # of healthy arms or of arms of this level
         gains.fault[curves & (pieces | is_usual)] = gains.healthy[curves] = -np.inf
-        against = np.array([self._against_stated(form.effect) for form in self.columns.forms])
-        fault = gains.fault - against + self._fault_price - self._log_choices
-        healthy = gains.healthy - against - _HEALTHY_PRICE - self._log_choices
-        return np.where(self._are_set_up, -np.inf, np.maximum(fault, healthy))
+        fault = gains.fault - self._against + self._fault_price - self._log_choices
+        healthy = gains.healthy - self._against - _HEALTHY_PRICE - self._log_choices
+        return np.asarray(np.maximum(fault, healthy), dtype=float)
 
     @cached_property
     def waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -453,15 +452,16 @@ class Selection:
         return np.array([self._is_of_curve(effect) for effect in effects], dtype=bool), np.array(driven) < DRIVEN_WAVES
 
     @cached_property
-    def _are_set_up(self) -> NDArray[np.bool_]:
-        """Which forms (n,) are what a set-up of poses or touches is free to do, as the last length is a length of the
-        tool: they are no names, although a set-up does not go as far along what hardly shows."""
-        if not self._shows_curves:
-            return np.zeros(len(self.columns.forms), dtype=bool)
-        columns = self.columns.X[:, : self.columns.set_ups.start]
-        remaining = np.linalg.norm(self.linear.without_set_up(columns), axis=0)
-        is_absorbed = remaining < _OF_SET_UP * np.linalg.norm(columns, axis=0)
-        return np.array([bool(is_absorbed[list(form.columns)].all()) for form in self.columns.forms], dtype=bool)
+    def _against(self) -> Array:
+        """The log evidence (n,) that a form must gain beyond its price: no end of it where a set-up of poses or touches
+        is free to do the same, as the last length is a length of the tool, if less far along what hardly shows."""
+        against = np.array([self._against_stated(form.effect) for form in self.columns.forms], dtype=float)
+        if self._shows_curves:
+            columns = self.columns.X[:, : self.columns.set_ups.start]
+            remaining = np.linalg.norm(self.linear.without_set_up(columns), axis=0)
+            is_absorbed = remaining < _OF_SET_UP * np.linalg.norm(columns, axis=0)
+            against[[bool(is_absorbed[list(form.columns)].all()) for form in self.columns.forms]] = np.inf
+        return against
 
     def _forward_step(
         self, state: SelectionState, posterior: Posterior, *, try_free_forms: bool
