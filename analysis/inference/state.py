@@ -401,11 +401,11 @@ def settled(
     for begin in begins:
         now, gain = fitted(begin), np.inf
         for rounds in reversed(range(_SETTLING_ROUNDS)):
-            best, now, before = now, fitted(with_noise(now)), gain
-            gain = evidence(now) - evidence(best)
-            if gain < _ENOUGH or (gain < before < np.inf and evidence(now) + rounds * gain < least):
+            previous, now, last_gain = now, fitted(with_noise(now)), gain
+            gain = evidence(now) - evidence(previous)
+            if gain < _ENOUGH or (gain < last_gain < np.inf and evidence(now) + rounds * gain < least):
                 break
-        states += [best, now]
+        states += [previous, now]
     return max(states, key=evidence)
 
 
