@@ -33,15 +33,15 @@ from analysis.kinematics.arm import Array, Integers, forward
 
 
 @dataclass(frozen=True)
-class Marginal:
-    """Values (N, k) beside a background, over whose coefficients their products are marginal: `weighted` (N, k) by the
-    noise, and `absorbed` (p, k), the part that the columns absorb."""
+class MarginalValues:
+    """Values (N, k), and what their products with C⁻¹, marginal over the coefficients of a background, need of them:
+    `weighted` (N, k) by the noise, and `absorbed` (p, k), the part that the columns absorb."""
 
     values: Array
     weighted: Array
     absorbed: Array
 
-    def products(self, right: Marginal) -> Array:
+    def products(self, right: MarginalValues) -> Array:
         """Return values' C⁻¹ right, a matrix (k, l) for whitened values (N, k) and (N, l)."""
         return self.weighted.T @ right.values - self.absorbed.T @ right.absorbed
 
@@ -75,16 +75,18 @@ class FittedTerms:
 @dataclass(frozen=True, eq=False)
 class Background:
     """The background of one state: noise weights (N,) of the readings, prior variances and means (p,) of the
-    coefficients of all columns. `gram` makes the weighted products X'WX (p, p) of the columns, which its factor alone
+    coefficients of all columns. `weighted_gram` makes the products X'WX (p, p) of the columns, which its factor alone
     needs, so that a background that is kept does not hold them."""
 
     columns: Columns
     weight: Array
     variance: Array
     mean: Array
-    gram: Callable[[], Array]
-    _latest: list[tuple[FittedTerms, Marginal]] = field(default_factory=list, init=False, repr=False)
-    _marginals: WeakKeyDictionary[Response, Marginal] = field(default_factory=WeakKeyDictionary, init=False, repr=False)
+    weighted_gram: Callable[[], Array]
+    _latest: list[tuple[FittedTerms, MarginalValues]] = field(default_factory=list, init=False, repr=False)
+    _marginals: WeakKeyDictionary[Response, MarginalValues] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
 
     @cached_property
     def _root(self) -> Array:
@@ -95,7 +97,7 @@ class Background:
         """The lower Cholesky factor (p, p) of M."""
         from scipy.linalg import cholesky  # noqa: PLC0415 - slow to import
 
-        M = self._root[:, None] * self.gram()
+        M = self._root[:, None] * self.weighted_gram()
         M *= self._root
         M[np.diag_indices_from(M)] += 1.0
         return np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
@@ -103,46 +105,46 @@ class Background:
     @cached_property
     def pull(self) -> Array:
         """The prior means over the prior variances (p,): what the prior adds to η; zero where nothing is expected."""
-        none = np.zeros_like(self.mean)
-        return np.asarray(np.divide(self.mean, self.variance, out=none, where=self.variance > 0), dtype=float)
+        return np.divide(self.mean, self.variance, out=np.zeros_like(self.mean), where=self.variance > 0)
 
     @cached_property
     def at_mean(self) -> Array:
         """What the columns add to the whitened readings (N,) at their prior means."""
         return self.columns.X @ self.mean
 
-    def marginal(self, values: Array) -> Marginal:
+    def marginal(self, values: Array) -> MarginalValues:
         """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
         weighted = self.weight[:, None] * values
         # In this order the product of many rows with few columns takes a third of the time.
         return self._absorbing(values, weighted, weighted.T @ self.columns.X)
 
-    def _absorbing(self, values: Array, weighted: Array, products: Array) -> Marginal:
+    def _absorbing(self, values: Array, weighted: Array, products: Array) -> MarginalValues:
         """Return values (N, k) with their products (k, p) with the weighted columns as far as these absorb them."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         right = self._root[:, None] * products.T
         absorbed = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
-        return Marginal(values, weighted, np.asarray(absorbed, dtype=float))
+        return MarginalValues(values, weighted, np.asarray(absorbed, dtype=float))
 
     @cached_property
-    def _marginal_means(self) -> Marginal:
+    def _marginal_means(self) -> MarginalValues:
         return self.marginal(self.at_mean[:, None])
 
-    def _marginal_response(self, response: Response) -> Marginal:
+    def _marginal_response(self, response: Response) -> MarginalValues:
         if response not in self._marginals:
             weighted = self.weight[:, None] * response.columns
             products = self.columns.weighted_products(response, self.weight)
             self._marginals[response] = self._absorbing(response.columns, weighted, products)
         return self._marginals[response]
 
-    def marginal_residual(self, residual: Array) -> Marginal:
+    def marginal_residual(self, residual: Array) -> MarginalValues:
         """Return a whitened residual (N,) less the readings at the prior means, as (N, 1); what does not depend on the
         weights is kept for as long as the residual is in use."""
-        whole, means = self._marginal_response(self.columns.response_of(residual)), self._marginal_means
-        return Marginal(whole.values - means.values, whole.weighted - means.weighted, whole.absorbed - means.absorbed)
+        whole, mean = self._marginal_response(self.columns.response_of(residual)), self._marginal_means
+        weighted, absorbed = whole.weighted - mean.weighted, whole.absorbed - mean.absorbed
+        return MarginalValues(whole.values - mean.values, weighted, absorbed)
 
-    def marginal_responses(self, responses: Sequence[Response], residual: Array | None = None) -> Marginal:
+    def marginal_responses(self, responses: Sequence[Response], residual: Array | None = None) -> MarginalValues:
         """Return the columns of some responses and, last, a whitened residual (N,) at the prior means,
         together."""
         parts = [self._marginal_response(response) for response in responses]
@@ -150,20 +152,20 @@ class Background:
         if len(parts) == 1:
             return parts[0]
         empty = np.empty((len(self.weight), 0))
-        return Marginal(
+        return MarginalValues(
             np.concatenate([empty, *(part.values for part in parts)], axis=1),
             np.concatenate([empty, *(part.weighted for part in parts)], axis=1),
             np.concatenate([np.empty((len(self.variance), 0)), *(part.absorbed for part in parts)], axis=1),
         )
 
-    def marginal_terms(self, terms: FittedTerms) -> Marginal:
+    def marginal_terms(self, terms: FittedTerms) -> MarginalValues:
         """Return the columns (N, q) of fitted terms and, last, the residual at the prior means. The latest
         ones are kept, because a state's evidence and its posterior need the same."""
         if not self._latest or self._latest[0][0] is not terms:
             self._latest[:] = [(terms, self.marginal_responses(terms.responses, terms.r))]
         return self._latest[0][1]
 
-    def taken(self, marginal: Marginal) -> Array:
+    def taken(self, marginal: MarginalValues) -> Array:
         """Return the coefficients (p, k) with which the columns absorb as much as possible of the values."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
@@ -189,8 +191,8 @@ class Background:
 
     @cached_property
     def variances(self) -> Array:
-        """The diagonal (p,) of the covariance, from half of its work where nothing else of it is needed."""
-        if "covariance" in vars(self):
+        """The diagonal (p,) of the covariance, from half of its work unless the whole is there already."""
+        if "covariance" in vars(self):  # where a cached property is kept once it was asked for
             return np.diag(self.covariance)
         from scipy.linalg.lapack import dtrtri  # noqa: PLC0415 - slow to import
 
@@ -198,7 +200,7 @@ class Background:
         return np.asarray(self.variance * np.einsum("kj,kj->j", inverse, inverse), dtype=float)
 
     def covariance_times(self, vector: Array) -> Array:
-        """Return the product (p,) of the covariance of the weights with a vector (p,), without the covariance."""
+        """Return the product (p,) of the covariance of the coefficients with a vector (p,), without the covariance."""
         none = np.empty((0, 1))
         return self.taken(self._absorbing(none, none, vector[None]))[:, 0]
 
@@ -225,6 +227,18 @@ class Background:
         return -0.5 * float(cost + occam)
 
 
+@dataclass(frozen=True)
+class Gains:
+    """What n forms would gain, each beside everything else, over the healthy share that it has: the log evidence (n,)
+    as a `fault`, and as the single form of `healthy` size that its name has. `sigma` (n,) is how many sigmas a healthy
+    size of it is, and `size` (n,) what the readings show of it, in healthy sizes."""
+
+    fault: Array
+    healthy: Array
+    sigma: Array
+    size: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """The posterior of all coefficients of whitened columns beside fitted terms."""
@@ -233,7 +247,7 @@ class Posterior:
     terms: FittedTerms
 
     @cached_property
-    def _marginal(self) -> Marginal:
+    def _marginal(self) -> MarginalValues:
         return self.background.marginal_terms(self.terms)
 
     @cached_property
@@ -267,8 +281,7 @@ class Posterior:
     def variance(self) -> Array:
         """The variances (p,) of the columns of the background."""
         taken = self._taken[:, :-1]
-        values: Array = self.background.variances + np.sum(taken @ self.term_covariance * taken, axis=1)
-        return values
+        return np.asarray(self.background.variances + np.sum(taken @ self.term_covariance * taken, axis=1), dtype=float)
 
     def covariance_among(self, columns: Integers) -> Array:
         """Return the covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
@@ -317,7 +330,7 @@ class Posterior:
 
     @cached_property
     def weighted_spent(self) -> Array:
-        """The same with the weights of the readings (b,)."""
+        """The energy of each band (b,), weighted as readings are, that the uncertainty of all coefficients hides."""
         background, columns = self.background, self.background.columns
         spent: Array = columns.weighted_spent(background.weight, background.covariance)
         return spent + np.bincount(columns.band, background.weight * self._of_terms)
@@ -340,44 +353,48 @@ class Posterior:
         forms = self.background.columns.set_ups.start
         return self.background.columns.X[:, :forms] @ self.mean[:forms]
 
-    def gains(self, forms: Sequence[Form], level: float) -> tuple[Array, Array, Array, Array]:
-        """Return four arrays (n,), one entry for each form: its log evidence as a fault over its healthy share; its
-        log evidence as the single form that its name has, at the level of all others; its size in sigmas at a healthy
-        size; and the size in healthy sizes that the readings show of it beside everything else."""
-        fault, pick, sigma, size = np.full((4, len(forms)), -np.inf)
-        sigma[:] = size[:] = 0.0
+    def gains(self, forms: Sequence[Form], level: float) -> Gains:
+        """Return what forms would gain in an arm whose other forms are at a level."""
+        gains = Gains(*np.full((2, len(forms)), -np.inf), *np.zeros((2, len(forms))))
         width = np.array([len(form.columns) for form in forms])
         usual_variance = self.background.columns.usual_variance(level)
         for q in np.unique(width).tolist():
             members = np.flatnonzero(width == q)
             cols = np.array([forms[k].columns for k in members.tolist()])
-            prior, mean = self.background.variance[cols], self.background.mean[cols]
-            kept = (prior > 0).all(axis=1)
-            members, cols, prior, mean = members[kept], cols[kept], prior[kept], mean[kept]
-            if not len(members):
-                continue
-            inverse = np.linalg.inv(self.covariance_among(cols))
+            is_free = (self.background.variance[cols] > 0).all(axis=1)
+            members, cols = members[is_free], cols[is_free]
+            inverse, precision = self._inverse_and_cavity(cols)
             eta = np.einsum("nij,nj->ni", inverse, self.mean[cols]) - self.background.pull[cols]
-            precision = inverse.copy()
-            precision[:, np.arange(q), np.arange(q)] -= 1 / prior
-            values, turn = np.linalg.eigh(precision)
+            values, axes = np.linalg.eigh(precision)
             values = np.maximum(values, 0.0)
-            along, at = (np.einsum("nij,ni->nj", turn, vector) for vector in (eta, mean))
-            seen = along**2
-            usual = np.minimum(prior, usual_variance[cols]).mean(axis=1)[:, None]
-            now = cavity_evidence(values, (along - values * at) ** 2, usual)
-            now += np.sum(along * at - 0.5 * values * at**2, axis=1)
-            fault[members] = fault_evidence(values, seen, level) - now
-            pick[members] = cavity_evidence(values, seen, level**2 / q) - now
-            sigma[members] = np.sqrt(values.max(axis=1))
-            shown = np.divide(along, values, out=np.zeros_like(along), where=values > 0)
-            size[members] = np.linalg.norm(shown, axis=1)
+            eta_along, mean_along = (np.einsum("nij,ni->nj", axes, v) for v in (eta, self.background.mean[cols]))
+            usual = np.minimum(self.background.variance[cols], usual_variance[cols]).mean(axis=1)[:, None]
+            share = cavity_evidence(values, (eta_along - values * mean_along) ** 2, usual)
+            share += np.sum(eta_along * mean_along - 0.5 * values * mean_along**2, axis=1)
+            gains.fault[members] = fault_evidence(values, eta_along**2, level) - share
+            gains.healthy[members] = cavity_evidence(values, eta_along**2, level**2 / q) - share
+            gains.sigma[members] = np.sqrt(values.max(axis=1))
+            shown = np.divide(eta_along, values, out=np.zeros_like(values), where=values > 0)
+            gains.size[members] = np.linalg.norm(shown, axis=1)
             if q == 1:
-                wrong = [
-                    k for k, way in zip(members.tolist(), eta[:, 0], strict=True) if way < 0 and forms[k].one_sided
-                ]
-                fault[wrong] = pick[wrong] = -np.inf
-        return fault, pick, sigma, size
+                one_sided = np.array([forms[k].one_sided for k in members.tolist()], dtype=bool)
+                wrong_way = members[one_sided & (eta[:, 0] < 0)]
+                gains.fault[wrong_way] = gains.healthy[wrong_way] = -np.inf
+        return gains
+
+    def size(self, form: Form) -> Array:
+        """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""
+        cols = np.array(form.columns)
+        inverse, precision = self._inverse_and_cavity(cols)
+        eta = inverse @ self.mean[cols] - self.background.pull[cols]
+        return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta), dtype=float)
+
+    def _inverse_and_cavity(self, columns: Integers) -> tuple[Array, Array]:
+        """Return the inverse covariance (…, q, q) among columns (…, q), and the same without their own prior, Λ."""
+        inverse = np.asarray(np.linalg.inv(self.covariance_among(columns)), dtype=float)
+        precision, diagonal = inverse.copy(), np.arange(columns.shape[-1])
+        precision[..., diagonal, diagonal] -= 1 / self.background.variance[columns]
+        return inverse, precision
 
     def cavity(self, columns: Array) -> tuple[Array, Array]:
         """Return what the readings say about whitened columns (N, q) beside everything else: the precision Λ (q, q)
@@ -394,14 +411,6 @@ class Posterior:
         terms = self.term_covariance @ self._marginal.products(marginal)[:-1]
         taken = self.background.taken(marginal) - self._taken[:, :-1] @ terms
         return columns - self.terms.T @ terms - self.background.columns.X @ taken
-
-    def size(self, form: Form) -> Array:
-        """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""
-        cols = np.array(form.columns)
-        inverse = np.linalg.inv(self.covariance_among(cols))
-        eta = inverse @ self.mean[cols] - self.background.pull[cols]
-        precision = inverse - np.diag(1 / self.background.variance[cols])
-        return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta), dtype=float)
 
 
 def background_of(columns: Columns, weight: Array, variance: Array, mean: Array | None = None) -> Background:

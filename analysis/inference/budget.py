@@ -280,7 +280,7 @@ class Budget:
         far larger than the rest, beside the odds that none is."""
         result = self.result
         forms = [form for form in forms if form.columns not in self._not_shown]
-        gain = result.posterior.gains(forms, result.state.level)[0]
+        gain = result.posterior.gains(forms, result.state.level).fault
         best: dict[str, int] = {}
         for k in np.argsort(-gain.round(6), kind="stable").tolist():  # of equals the first, whatever the last digit
             if np.isfinite(gain[k]):

@@ -18,7 +18,7 @@ from analysis.inference.expected import SEPARABLE, ExpectedPosterior, without_ba
 from analysis.inference.observation import ObservedRun
 from analysis.inference.plan import FurtherTests, PossibleTest, shortest, sigma_between
 from analysis.inference.responses import linearise
-from analysis.inference.result import ODDS, BudgetPart, Named, is_open, likely_rivals
+from analysis.inference.result import CERTAIN_ODDS, BudgetPart, Named, is_open, likely_rivals
 from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups
 from rigs.effects import Effect
@@ -55,7 +55,7 @@ class NamingTests:
     def _cheapest(
         self, sigma: Callable[[PossibleTest], float], among: int, names: tuple[str, ...]
     ) -> tuple[NamingTest, Cost] | None:
-        named = shortest(self.possible, sigma, lambda sigmas: _odds(sigmas, among) >= ODDS / (1 + ODDS))
+        named = shortest(self.possible, sigma, lambda sigmas: _odds(sigmas, among) >= CERTAIN_ODDS)
         if named is None:
             return None
         best, sigmas = named

@@ -239,7 +239,7 @@ is not. Chosen."""
 _SLOW_CORNER = 5.0
 """The order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s, within the
 0.1 to 5 s of real cells."""
-_ROUNDS = 4
+_NOISE_ROUNDS = 4
 """Number of rounds in which noise and scatter are estimated in turn. Chosen: a further one changes the noise by less
 than its uncertainty."""
 _BORROWED = 4.0
@@ -319,7 +319,7 @@ def _setup_noise(every: Sequence[Repeated]) -> tuple[list[Array], RunScatter]:
     """
     parts = [unscattered(runs.apart, np.concatenate([runs.response, *runs.drifting], axis=1)) for runs in every]
     levels = [np.ones((len(runs.apart), 4)) for runs in every]
-    for _ in range(_ROUNDS):
+    for _ in range(_NOISE_ROUNDS):
         for _ in range(2):
             shape = _shape(
                 [rows / level[:, _PART] for (rows, _), level in zip(parts, levels, strict=True)],

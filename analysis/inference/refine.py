@@ -15,14 +15,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from analysis.inference.background import Background, FittedTerms, Marginal
+from analysis.inference.background import Background, FittedTerms, MarginalValues
 from analysis.inference.candidates import LARGEST_FAULT, alike_columns, departure_columns, fewest_columns
 from analysis.inference.responses import Linearisation, Response
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, bounds, healthy_size, size_field
 from rigs.schema.effect import PHASE, is_wave
 
-ROUNDS = 8
+FIT_ROUNDS = 8
 """Largest number of Gauss-Newton rounds. Chosen: more than a fit near its optimum needs, since it stops by `_ENOUGH`.
 """
 _TRIES = 5
@@ -115,7 +115,7 @@ def refine(
     effects: Sequence[Effect],
     fitted: Refined | None = None,
     free: Array | None = None,
-    rounds: int = ROUNDS,
+    rounds: int = FIT_ROUNDS,
     *,
     begins: bool = False,
 ) -> Refined:
@@ -179,7 +179,7 @@ def no_effects(linear: Linearisation) -> Refined:
 class _Projected:
     """Values in the background, and `across` (f, k), their products with the departures and free forms."""
 
-    marginal: Marginal
+    marginal: MarginalValues
     across: Array
 
 
@@ -205,7 +205,7 @@ class _Problem:
         return np.array([u.spread for u in self.unknowns])
 
     @cached_property
-    def _allowed(self) -> Marginal:
+    def _allowed(self) -> MarginalValues:
         """What is allowed for beside the effects: the columns (N, f) of departures and free forms, marginal."""
         return self.background.marginal_responses((*self.departures, self.free))
 
@@ -268,7 +268,7 @@ class _Problem:
         """Return the residual (N, 1) with the effects, and with the background at its prior means."""
         return self._projected(self.background.marginal_residual(self.linear.residual(effects)))
 
-    def _projected(self, marginal: Marginal) -> _Projected:
+    def _projected(self, marginal: MarginalValues) -> _Projected:
         """Return marginal values (N, k) with their products with the departures and the free forms."""
         return _Projected(marginal, self._allowed.products(marginal))
 

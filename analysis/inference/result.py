@@ -151,7 +151,7 @@ class Accuracy:
 # where model and measurement disagree → which effect is missing → what the model says with it → what remains → what
 # these tests cannot distinguish → what to do → which test to run next
 
-_DIFFERS, _SURE = 0.5, 3.0
+_DIFFERS, _DIFFERS_SIGMA = 0.5, 3.0
 """Difference of the shares of two set-ups above which they contradict a name, and the standard uncertainties by which
 they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
 ODDS = 20.0
@@ -240,7 +240,7 @@ class Named:
         if self.is_term or not self.shares:
             return self.is_term
         least, most = (of(self.shares, key=lambda share: share.value) for of in (min, max))
-        return most.value - least.value > max(_DIFFERS, _SURE * math.hypot(least.sd, most.sd))
+        return most.value - least.value > max(_DIFFERS, _DIFFERS_SIGMA * math.hypot(least.sd, most.sd))
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types, rivals with it."""

@@ -55,7 +55,7 @@ def compare_with_rivals(
         for place in range(len(state.effects)):
             effect = state.effects[place]
             moves = abs(size_of(effect)) >= FAULT or _worth(selection, state, place).is_material(limits)
-            is_reported = state.is_fault(place) and moves
+            is_reported = state.may_be_fault(place) and moves
             odds = rival_odds(selection, state, place) if is_reported else RivalOdds(1.0)
             compared.append(odds)
             if swaps_left and place not in swapped and odds.rivals and odds.rivals[0][1] > odds.odds:
@@ -79,7 +79,7 @@ def without_needless_names(selection: Selection, state: SelectionState, limits: 
     state = selection.settled(state)
     tried: set[str] = set()
     while True:
-        of = {k: _worth(selection, state, k) for k in range(len(state.effects)) if state.is_fault(k)}
+        of = {k: _worth(selection, state, k) for k in range(len(state.effects)) if state.may_be_fault(k)}
         names = {k: label_of(state.effects[k]) for k in sorted(of, key=lambda k: of[k].um.max())[:-1]}
         place = next((k for k, name in names.items() if name not in tried and of[k].is_material(limits)), None)
         if place is None:
@@ -104,9 +104,9 @@ def rival_odds(selection: Selection, state: SelectionState, place: int) -> Rival
     bare, whole = selection.evidence(without), selection.evidence(state)
     gain = whole - bare
     now = selection.posterior(state)
-    gains = np.maximum(*selection.gains(state, now))
+    gains = selection.gains(state, now)
     without_name = selection.posterior(without)
-    linear = np.maximum(*selection.gains(without, without_name))
+    linear = selection.gains(without, without_name)
     # The linear form of a large effect may lose a third of what its fit gains, and so may those of its rivals.
     own_linear = max((linear[k] for k, form in enumerate(forms) if form.name == name_of(effect)), default=gain)
     least = min(gain - _NEAR, _MISSED * min(gain, own_linear))

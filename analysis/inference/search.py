@@ -136,15 +136,15 @@ class SearchResult:
 def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> SearchResult:
     """Return the names found in runs, about set-ups fitted with them; the readings of a run are (m, k) mm. Names that
     change readings by no more than the scatter of one run have no rivals."""
-    before: tuple[Effect, ...] = ()
+    refitted: tuple[Effect, ...] = ()
     so_far: tuple[Effect, ...] = ()
     setups, begun = _starting_setups(runs, progress)
     for turn in range(_ITERATIONS):
         progress("computing the response to each effect" + " again" * (turn > 0))
         selection = _selection(runs, setups, so_far)
         progress("selecting effects")
-        begun = selection.fitted_again(selection.initial_state(so_far, begun), before)
-        before = begun.faults_among(begun.effects)
+        begun = selection.fitted_again(selection.initial_state(so_far, begun), refitted)
+        refitted = begun.possible_faults(begun.effects)
         state = selection.select(begun, stops=turn < _STOPS)
         is_last = turn + 1 == _ITERATIONS
         if is_last or selection.holds_for(state):
@@ -161,13 +161,13 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
     """Return the fit of given effects to runs of (m, k) mm, beside a healthy arm's share of everything else; nothing
     else is named, and nothing is a rival."""
     so_far: tuple[Effect, ...] = ()
-    setups, before = _starting_setups(runs, progress)
+    setups, previous = _starting_setups(runs, progress)
     for turn in range(_GIVEN_TURNS):
         progress(f"fitting {len(effects)} effects" + " again" * (turn > 0))
         selection = _selection(runs, setups, so_far)
-        begun = (selection.initial_state if turn else selection.state_with)(effects, before)
+        begun = (selection.initial_state if turn else selection.state_with)(effects, previous)
         # A fit with the strengths of the noise alone leaves much of a large effect to the background.
-        state = before = selection.settled(*beginnings(begun))
+        state = previous = selection.settled(*beginnings(begun))
         effects = state.effects
         if selection.holds_for(state):
             break
@@ -199,7 +199,7 @@ def _starting_setups(
         progress("placing instrument and target")
         of_poses = {run.setup: setups[run.setup] for run in poses}
         selection = _selection(poses, of_poses)
-        begun = selection.initial_state(before=begun)
+        begun = selection.initial_state(previous=begun)
         moves = selection.moves(begun)
         setups |= selection.linear.setups_moved_by(moves)
         if selection.linear.is_straight(moves):
@@ -215,7 +215,7 @@ def _starting_setups(
 # wrong sign, so their share is added back. The direction of travel correlates with the joint angle, so whatever
 # varies with each joint's angle is removed first.
 
-_SURE = 5.0
+_SURE_SIGMA = 5.0
 """Smallest size of a joint's error, in standard deviations, that is reported. Among six joints, chance exceeds 5 sigma
 once in a million diagnoses."""
 _LEAST_SHARE = 0.2
@@ -268,7 +268,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     share, ahead, sd, A, y, words, unit = max(fits, key=lambda fit: fit[0])
     poses = [block.table.kind.of_tracker for block in linear.blocks]
     um = np.array([plain_worth(linear, A[:, [k]] @ ahead[[k]]).um[poses].max() for k in range(len(joints))])
-    early = (ahead > _SURE * sd) & (um > LEAST_MATERIAL_UM)
+    early = (ahead > _SURE_SIGMA * sd) & (um > LEAST_MATERIAL_UM)
     if share < _LEAST_SHARE or not early.any() or share < _step_share(linear, rows, free, y):
         return ()
     axes = ", ".join(f"axis {k + 1} {words.format(unit * ahead[k], unit * sd[k])}" for k in np.flatnonzero(early))

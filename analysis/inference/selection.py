@@ -25,7 +25,7 @@ from analysis.inference.background import (
 )
 from analysis.inference.candidates import LARGEST_FAULT, Columns, fault_sizes, order_of
 from analysis.inference.joint_curves import JointCurves, is_of_curve
-from analysis.inference.refine import ROUNDS, no_effects, refine
+from analysis.inference.refine import FIT_ROUNDS, no_effects, refine
 from analysis.inference.responses import Linearisation, Response
 from analysis.inference.state import (
     DRIVEN_WAVES,
@@ -69,7 +69,7 @@ columns hold, however small the faults are. Chosen: columns that miss 1 % of it 
 _DEPTH = 40
 """Largest number of fitted effects: real arms that were never calibrated have 9 to 14 faults, and as many visible
 healthy effects."""
-_ROUNDS = 40
+_SEARCH_ROUNDS = 40
 """Largest number of rounds; each adds or removes one effect, so it equals the largest number of effects."""
 _HEALTHY_PRICE = 6.0
 """Log evidence that a single form at healthy size must gain to be fitted. Chosen: a smaller gain changes no verdict."""
@@ -78,7 +78,7 @@ _OFF_STATED = 3.0
 _SEEN = 4.0
 """Sigmas that the largest fault must have for its name to be testable. Chosen: below the 7 sigma at which an effect is
 detected, so that names in between are not reported as hidden."""
-_SURE = 5.0
+_SURE_EVIDENCE = 5.0
 """Log evidence of the cavity above which an effect is not tested for removal. Chosen: odds of 150 to 1."""
 _MUCH = 50.0
 """Log evidence from which a free form competes with names. Chosen: foreign effects leave 50 to 500 in log evidence, and
@@ -99,7 +99,7 @@ term leaves 0.6 and more."""
 _CURVE_ROUNDS, _ENOUGH_OF_CURVES = 3, 2.0
 """Largest number of fits of curves in turn with the weights of wild readings, and the log evidence that one must gain
 for the next. Chosen: a wild pose among 30 of a UR10 took three."""
-_FEW = 3
+_FEW_ROUNDS = 3
 """Rounds of fits that are followed by others: those from several beginnings, of which only the likeliest goes on, and
 those in turn with the noise. Chosen: in a case for development the first two gained nearly all that a fit gained."""
 
@@ -116,7 +116,7 @@ class Selection:
         return float(np.log(_FAULTS / max(len(self.columns.among), 1)))
 
     @cached_property
-    def _among(self) -> Array:
+    def _log_choices(self) -> Array:
         """The logarithm (n,) of the number of forms of the name of each form."""
         return np.log([self.columns.among[form.name] / form.weight for form in self.columns.forms])
 
@@ -135,15 +135,15 @@ class Selection:
         # held-out poses was 0.317 mm instead of the 0.141 mm with names alone.
         return tuple(free_forms_of(self.linear)) if any(block.sampling for block in self.linear.blocks) else ()
 
-    def initial_state(self, effects: Sequence[Effect] = (), before: SelectionState | None = None) -> SelectionState:
+    def initial_state(self, effects: Sequence[Effect] = (), previous: SelectionState | None = None) -> SelectionState:
         """Return a state with the given effects fitted, in an arm at healthy level and with the estimated noise; the
-        noise and the curves of joints that poses show are searched from those of the state `before`."""
+        noise and the curves of joints that poses show are searched from those of the `previous` state."""
         strength, robust = np.ones(len(self.columns.count)), np.ones(len(self.linear.y))
         curves = JointCurves((1.0,) * max(self.linear.axes, self.columns.curves.count)) if self._shows_curves else None
-        if curves is not None and before is not None and before.curves is not None:
-            curves = before.curves
-            if self._of_tracker and len(before.strength) == len(strength) and len(before.robust) == len(robust):
-                strength, robust = before.strength, before.robust
+        if curves is not None and previous is not None and previous.curves is not None:
+            curves = previous.curves
+            if self._of_tracker and len(previous.strength) == len(strength) and len(previous.robust) == len(robust):
+                strength, robust = previous.strength, previous.robust
         none, first = replace(no_effects(self.linear), effects=tuple(effects)), curves if self._of_tracker else None
         bare = SelectionState(none, (-1,) * len(effects), 1.0, strength, robust, curves=first)
         state = replace(bare, refined=refine(self.linear, self.backgrounds.of(bare), effects))
@@ -169,7 +169,7 @@ class Selection:
         """Whether all readings are poses of a tracker."""
         return all(block.table.kind.of_tracker for block in self.linear.blocks)
 
-    def state_with(self, effects: Sequence[Effect], before: SelectionState | None = None) -> SelectionState:
+    def state_with(self, effects: Sequence[Effect], previous: SelectionState | None = None) -> SelectionState:
         """Return a state with the given effects fitted, whatever size and shape they are given with.
 
         An effect whose readings are not in proportion to it, such as a play, begins where it explains most beside those
@@ -177,10 +177,10 @@ class Selection:
         """
         forms = self.columns.forms
         waiting = [effect for effect in effects if effect.FREE or (effect.STRETCHED and not is_wave(effect))]
-        state = self.initial_state([effect for effect in effects if effect not in waiting], before)
+        state = self.initial_state([effect for effect in effects if effect not in waiting], previous)
         while waiting:
             posterior = self.posterior(state)
-            gain = np.maximum(*self.gains(state, posterior))
+            gain = self.gains(state, posterior)
             best: dict[Effect, int | None] = {}
             for effect in waiting:
                 alike = [k for k, form in enumerate(forms) if is_alike(form.effect, effect) and np.isfinite(gain[k])]
@@ -189,7 +189,7 @@ class Selection:
             waiting.remove(effect)
             k = best[effect]
             added = self._with_effect(state, effect, -1) if k is None else self.with_form(state, posterior, k)
-            state = self.settled(*beginnings(added)) if added.is_fault(-1) else self._renewed(added)
+            state = self.settled(*beginnings(added)) if added.may_be_fault(-1) else self._renewed(added)
         return state
 
     def _with_likeliest_curves(self, state: SelectionState, limits: Array) -> SelectionState:
@@ -208,26 +208,25 @@ class Selection:
         curves, strength = self.columns.curves.fitted(state.curves, state.strength, limits, likelihood)
         return replace(state, curves=curves, strength=strength)
 
-    def fitted_again(self, state: SelectionState, before: Sequence[Effect] = ()) -> SelectionState:
+    def fitted_again(self, state: SelectionState, refitted: Sequence[Effect] = ()) -> SelectionState:
         """Return the state with each fault fitted again from the best form of its name, where that explains more,
-        except the faults `before`, which were.
+        except those that are `refitted` already.
 
         A shape that was found about set-ups elsewhere may be a local optimum: a spike of 0.18 s remained one of 0.05 s,
         most of which took four times as long.
         """
         place = 0
         for effect in state.effects:
-            tried = None
-            if state.is_fault(place) and not any(is_one(earlier, effect) for earlier in before):
+            again = None
+            if state.may_be_fault(place) and not any(is_one(earlier, effect) for earlier in refitted):
                 without = self.without(state, place)
                 posterior = self.posterior(without)
-                gain = np.maximum(*self.gains(without, posterior))
+                gain = self.gains(without, posterior)
                 of_name = [k for k, form in enumerate(self.columns.forms) if form.name == name_of(effect)]
                 best = max((k for k in of_name if np.isfinite(gain[k])), key=lambda k: gain[k], default=None)
-                tried = None if best is None else self.with_form(without, posterior, best)
-            is_other_wave = tried is not None and is_twice(tried.effects)
-            if tried is not None and not is_other_wave and self.evidence(tried) > self.evidence(state):
-                state = tried  # it is the last now, and the next one is in its place
+                again = None if best is None else self.with_form(without, posterior, best)
+            if again is not None and not is_twice(again.effects) and self.evidence(again) > self.evidence(state):
+                state = again  # it is the last now, and the next one is in its place
             else:
                 place += 1
         return state
@@ -248,11 +247,11 @@ class Selection:
         linear = self.linear
         if not linear.is_straight(self.moves(state)):
             return False
-        before, now = state.faults_among(linear.reference), state.faults_among(state.effects)
-        if not (before or now):
+        reference, faults = state.possible_faults(linear.reference), state.possible_faults(state.effects)
+        if not (reference or faults):
             return True
-        with_before, with_now, without = (linear.residual(effects) for effects in (before, now, ()))
-        off, whole = (linear.without_set_up(change - with_now) for change in (with_before, without))
+        with_reference, with_faults, without = (linear.residual(effects) for effects in (reference, faults, ()))
+        off, whole = (linear.without_set_up(residual - with_faults) for residual in (with_reference, without))
         return float(np.linalg.norm(off)) <= max(_OFF * float(np.linalg.norm(whole)), _FEW_SIGMA)
 
     def moves(self, state: SelectionState) -> Array:
@@ -287,28 +286,30 @@ class Selection:
         fault beside which the columns do not hold, unless there is such a form. It ends at a series of waves too."""
         with_free_form = None
         # Faults without a name resemble an arm with a high level, so names are selected at level 1 first.
-        for most in (1.0, MOST_LEVEL):
-            level, state = state.level, self._renewed(replace(state, most=most))
-            if most > 1.0 and state.level == level:
+        for level_cap in (1.0, MOST_LEVEL):
+            level, state = state.level, self._renewed(replace(state, level_cap=level_cap))
+            if level_cap > 1.0 and state.level == level:
                 break
-            for _ in range(_ROUNDS):
+            for _ in range(_SEARCH_ROUNDS):
                 if series_among(state.effects):
                     break  # further names would stand for what a series leaves of an error of another form
                 posterior = self.posterior(state)
-                changed = self._backward_step(state, posterior, 0.0)
+                # What pays nothing goes, and only then is an effect added; if none gains, what is doubtful goes.
+                changed = self._backward_step(state, posterior, below=0.0)
                 if changed is None:
-                    tried = accept_free_forms or with_free_form is None
-                    changed, unnamed = self._forward_step(state, posterior, try_free_forms=tried)
+                    may_try_free = accept_free_forms or with_free_form is None
+                    changed, unnamed = self._forward_step(state, posterior, try_free_forms=may_try_free)
                     with_free_form = with_free_form or unnamed
                     if accept_free_forms and unnamed:
                         changed = unnamed
-                    elif changed is not None and changed.is_fault(-1):
+                    elif changed is not None and changed.may_be_fault(-1):
                         newest = changed.effects[-1]
-                        is_new = not any(is_alike(before, newest) for before in self.linear.reference)
+                        is_new = not any(is_alike(effect, newest) for effect in self.linear.reference)
                         if stops and with_free_form is None and is_new and not self.holds_for(changed):
                             return changed, None
                         changed = self.settled(*beginnings(changed))
-                changed = changed or self._backward_step(state, posterior, _SURE) or self._without_free_form(state)
+                changed = changed or self._backward_step(state, posterior, below=_SURE_EVIDENCE)
+                changed = changed or self._without_free_form(state)
                 if changed is None:
                     break
                 state = self._renewed(changed)
@@ -326,13 +327,9 @@ class Selection:
     def not_testable(self, state: SelectionState, posterior: Posterior) -> tuple[str, ...]:
         """Return the names that these tests would not show at the size of a large fault, beside everything else that
         may be present."""
-        _, _, sigma, _ = posterior.gains(self.columns.forms, state.level)
+        sigma = posterior.gains(self.columns.forms, state.level).sigma
         named = {name_of(effect) for effect in state.effects}
-        seen = {
-            form.name
-            for form, sigma_of_form in zip(self.columns.forms, sigma, strict=True)
-            if LARGEST_FAULT * sigma_of_form > _SEEN
-        }
+        seen = {self.columns.forms[k].name for k in np.flatnonzero(LARGEST_FAULT * sigma > _SEEN).tolist()}
         hidden = dict.fromkeys([*self.columns.not_seen, *(form.name for form in self.columns.forms)])
         return tuple(name for name in hidden if name not in seen | named)
 
@@ -340,10 +337,10 @@ class Selection:
         """Return the state with the strengths, robust weights and level that it shows."""
         return self._hyperparameters.update(state, self.posterior(state), self.evidence, self.posterior)
 
-    def _backward_step(self, state: SelectionState, posterior: Posterior, sure: float) -> SelectionState | None:
+    def _backward_step(self, state: SelectionState, posterior: Posterior, *, below: float) -> SelectionState | None:
         """Return the state without the effect of least evidence, if it does not cover its price, and None otherwise.
-        Only effects whose cavity gains less than `sure` are tested."""
-        doubtful = [k for k in range(len(state.effects)) if self.gain_of(state, posterior, k) < sure]
+        Only effects whose cavity gains log evidence below `below` are tested."""
+        doubtful = [k for k in range(len(state.effects)) if self.gain_of(state, posterior, k) < below]
         if not doubtful:
             return None
         whole = self.evidence(state)
@@ -367,22 +364,20 @@ class Selection:
             kept = (*state.free_forms[:k], *state.free_forms[k + 1 :])
             without_it = self._refitted(replace(state, free_forms=kept))
             posterior = self.posterior(without_it)
-            best = int(np.argmax(np.maximum(*self.gains(without_it, posterior))))
-            for tried in (without_it, self._refitted(self.with_form(without_it, posterior, best))):
-                if self.evidence(tried) > whole:
-                    return replace(tried, replaced_forms=state.replaced_forms | {state.free_forms[k].words})
+            best = int(np.argmax(self.gains(without_it, posterior)))
+            for simpler in (without_it, self._refitted(self.with_form(without_it, posterior, best))):
+                if self.evidence(simpler) > whole:
+                    return replace(simpler, replaced_forms=state.replaced_forms | {state.free_forms[k].words})
         return None
 
     def gain_of(self, state: SelectionState, posterior: Posterior, place: int) -> float:
         """Return the approximate log evidence of an effect over the share of a healthy arm in its form, from the cavity
         of its size."""
-        refined = state.refined
-        effect = refined.effects[place]
+        refined, effect = state.refined, state.effects[place]
         row = next(k for k, u in enumerate(refined.unknowns) if u.effect == place)
-        healthy, variance = healthy_size(effect), posterior.term_covariance[row, row]
-        values = np.array([max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * healthy**2])
-        seen = np.array([((refined.values[row] + posterior.term_means[row]) / variance * healthy) ** 2])
-        among = self.columns.among.get(name_of(effect), 1)
+        unit, variance = healthy_size(effect), posterior.term_covariance[row, row]
+        values = np.array([max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * unit**2])
+        seen = np.array([((refined.values[row] + posterior.term_means[row]) / variance * unit) ** 2])
         # The variance that an arm of this state has in the form nearest to the effect.
         forms, usual = self.columns.forms, state.level**2
         if of_name := [k for k, form in enumerate(forms) if form.name == name_of(effect)]:
@@ -393,21 +388,19 @@ class Selection:
                 usual = self.columns.variance(1.0, state.curves)[list(forms[nearest].columns)].sum()
         share = cavity_evidence(values, seen, float(usual))
         fault = fault_evidence(values, seen, state.level) - share + self._fault_price
-        healthy_one = cavity_evidence(values, seen, state.level**2) - share - _HEALTHY_PRICE
-        if self._is_of_curve(effect):
-            return float(fault) - float(np.log(among))
-        return float(max(fault, healthy_one)) - float(np.log(among))
+        healthy = cavity_evidence(values, seen, state.level**2) - share - _HEALTHY_PRICE
+        log_choices = float(np.log(self.columns.among.get(name_of(effect), 1)))
+        return float(fault if self._is_of_curve(effect) else max(fault, healthy)) - log_choices
 
     def price(self, effect: Effect, level: float) -> float:
         """Return the prior log odds of an effect of its size and form over those of the wide prior of the fit."""
         size, sizes = size_of(effect), fault_sizes(level)
         fault = self._fault_price + np.log(np.mean(np.exp(-0.5 * (size / sizes) ** 2) / sizes) + 1e-300)
-        healthy_one = -_HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level)
-        if self._is_of_curve(effect):
-            healthy_one = -np.inf
+        may_be_healthy = not self._is_of_curve(effect)
+        healthy = -_HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level) if may_be_healthy else -np.inf
         wide = -0.5 * (size / LARGEST_FAULT) ** 2 - np.log(LARGEST_FAULT)
-        among = np.log(self.columns.among.get(name_of(effect), 1))
-        return float(np.logaddexp(fault, healthy_one) - wide - among) - self._against_stated(effect)
+        log_choices = np.log(self.columns.among.get(name_of(effect), 1))
+        return float(np.logaddexp(fault, healthy) - wide - log_choices) - self._against_stated(effect)
 
     def _against_stated(self, effect: Effect) -> float:
         """Return the log evidence that readings must give for shapes of an effect that are not as the rig file states:
@@ -435,16 +428,16 @@ class Selection:
         origins = (*state.origins[:place], *state.origins[place + 1 :])
         return replace(state, refined=replace(kept, residual=self.linear.residual(kept.effects)), origins=origins)
 
-    def gains(self, state: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
-        """Return the log odds (n,) of each form as a fault, and as the healthy effect of its name, over an
-        equal share."""
-        fault, single, _, size = posterior.gains(self.columns.forms, state.level)
+    def gains(self, state: SelectionState, posterior: Posterior) -> Array:
+        """Return the log odds (n,) of each form over an equal share, as a fault or as the healthy effect of its name,
+        whichever are larger."""
+        gains = posterior.gains(self.columns.forms, state.level)
         curves, pieces = self.waves_of_curves
-        fault[curves & (pieces | (size < FAULT * max(state.level, 1.0)))] = single[curves] = -np.inf
-        against = np.array([self._against_stated(form.effect) for form in self.columns.forms])
-        fault, single = fault - against, single - against
-        fault[self._are_set_up] = single[self._are_set_up] = -np.inf
-        return fault + self._fault_price - self._among, single - _HEALTHY_PRICE - self._among
+        is_usual = gains.size < FAULT * max(state.level, 1.0)  # of healthy arms or of arms of this level
+        gains.fault[curves & (pieces | is_usual)] = gains.healthy[curves] = -np.inf
+        fault = gains.fault - self._against + self._fault_price - self._log_choices
+        healthy = gains.healthy - self._against - _HEALTHY_PRICE - self._log_choices
+        return np.asarray(np.maximum(fault, healthy), dtype=float)
 
     @cached_property
     def waves_of_curves(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -459,42 +452,43 @@ class Selection:
         return np.array([self._is_of_curve(effect) for effect in effects], dtype=bool), np.array(driven) < DRIVEN_WAVES
 
     @cached_property
-    def _are_set_up(self) -> NDArray[np.bool_]:
-        """Which forms (n,) are what a set-up of poses or touches is free to do, as the last length is a length of the
-        tool: they are no names, although a set-up does not go as far along what hardly shows."""
-        if not self._shows_curves:
-            return np.zeros(len(self.columns.forms), dtype=bool)
-        columns = self.columns.X[:, : self.columns.set_ups.start]
-        remaining = np.linalg.norm(self.linear.without_set_up(columns), axis=0)
-        is_absorbed = remaining < _OF_SET_UP * np.linalg.norm(columns, axis=0)
-        return np.array([bool(is_absorbed[list(form.columns)].all()) for form in self.columns.forms], dtype=bool)
+    def _against(self) -> Array:
+        """The log evidence (n,) that a form must gain beyond its price: no end of it where a set-up of poses or touches
+        is free to do the same, as the last length is a length of the tool, if less far along what hardly shows."""
+        against = np.array([self._against_stated(form.effect) for form in self.columns.forms], dtype=float)
+        if self._shows_curves:
+            columns = self.columns.X[:, : self.columns.set_ups.start]
+            remaining = np.linalg.norm(self.linear.without_set_up(columns), axis=0)
+            is_absorbed = remaining < _OF_SET_UP * np.linalg.norm(columns, axis=0)
+            against[[bool(is_absorbed[list(form.columns)].all()) for form in self.columns.forms]] = np.inf
+        return against
 
     def _forward_step(
         self, state: SelectionState, posterior: Posterior, *, try_free_forms: bool
     ) -> tuple[SelectionState | None, SelectionState | None]:
         """Return the state with the effect of largest gain, if one covers its price, and the state with a free form
         instead, if those are tried and one explains much more."""
-        gain = np.maximum(*self.gains(state, posterior))
+        gain = self.gains(state, posterior)
         gain[[k for k in state.refused if k >= 0]] = -np.inf
-        most, changed, best = 0.0, None, self._worth_trying(state, posterior, gain)
+        most_gain, changed, best = 0.0, None, self._worth_trying(state, posterior, gain)
         if best:
             # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
-            tried = {k: self.with_form(state, posterior, k) for k in best}
-            if twice := frozenset(k for k, tried_state in tried.items() if is_twice(tried_state.effects)):
+            with_each = {k: self.with_form(state, posterior, k) for k in best}
+            if twice := frozenset(k for k, added in with_each.items() if is_twice(added.effects)):
                 state = replace(state, refused=state.refused | twice)
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
-            rise, changed = self._likeliest(list(tried.values()))
+            rise, changed = self._likeliest(list(with_each.values()))
             rise -= self.evidence(state)
             if gain[best[0]] < _MUCH and rise <= 0:
                 for k in best:
                     state = self.refusing(state, self.columns.forms[k].effect)
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
-            most = max(float(gain[best[0]]), rise)
+            most_gain = max(float(gain[best[0]]), rise)
         taken = state.replaced_forms | {form.words for form in state.free_forms}
         forms = [form for form in self._free if form.words not in taken] if try_free_forms else []
         free_form = best_free_form(forms, posterior) if forms else None
         # A fit may be worse than its linear prediction where it moves the set-up far; the next turn corrects that.
-        if free_form is None or free_form.gain < max(_MUCH, _MARGIN * most):
+        if free_form is None or free_form.gain < max(_MUCH, _MARGIN * most_gain):
             return changed, None
         return changed, self._refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
@@ -507,8 +501,8 @@ class Selection:
                 break
             best_of.setdefault(forms[k].name, k)
         if gain.max() < _MUCH and len(state.effects) < _DEPTH:
-            _, _, sigma, size = posterior.gains(forms, state.level)
-            plain = np.flatnonzero((gain > _BENT) & (np.abs(size) * sigma > _PLAIN_TO_SEE)).tolist()
+            shown = posterior.gains(forms, state.level)
+            plain = np.flatnonzero((gain > _BENT) & (shown.size * shown.sigma > _PLAIN_TO_SEE)).tolist()
             bent = [k for k in plain if forms[k].effect.STRETCHED and not is_wave(forms[k].effect)]
             if bent:
                 best = max(bent, key=lambda k: float(gain[k]))
@@ -524,13 +518,13 @@ class Selection:
             effects = [self._likeliest(begun)[1].refined.effects[-1]]
         return self._with_effect(state, effects[0], k)
 
-    def _likeliest(self, tried: Sequence[SelectionState]) -> tuple[float, SelectionState]:
+    def _likeliest(self, states: Sequence[SelectionState]) -> tuple[float, SelectionState]:
         """Return the largest log evidence of some states, and the first state that has it."""
-        return max(((self.evidence(state), state) for state in tried), key=lambda both: both[0])
+        return max(((self.evidence(state), state) for state in states), key=lambda both: both[0])
 
     def _with_effect(self, state: SelectionState, effect: Effect, k: int, *, begins: bool = False) -> SelectionState:
         """Return the state with one more effect, which comes from form k, fitted, in few rounds if it only `begins`."""
-        effects, rounds = (*state.effects, effect), _FEW if begins else ROUNDS
+        effects, rounds = (*state.effects, effect), _FEW_ROUNDS if begins else FIT_ROUNDS
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
         background = self.backgrounds.of(bare)
         refined = refine(self.linear, background, effects, state.refined, rounds=rounds, begins=begins)
@@ -539,9 +533,9 @@ class Selection:
     def settled(self, *begins: SelectionState, least: float = -np.inf) -> SelectionState:
         """Return the likeliest state that is reached from some states when all effects and the noise are fitted until
         the evidence hardly rises, or could hardly reach the log evidence `least`."""
-        return settled(begins, lambda state: self._refitted(state, _FEW), self._renewed, self.evidence, least)
+        return settled(begins, lambda state: self._refitted(state, _FEW_ROUNDS), self._renewed, self.evidence, least)
 
-    def _refitted(self, state: SelectionState, rounds: int = ROUNDS) -> SelectionState:
+    def _refitted(self, state: SelectionState, rounds: int = FIT_ROUNDS) -> SelectionState:
         """Return the state with all effects fitted together in at most so many rounds."""
         free = np.concatenate([np.empty((len(self.linear.y), 0)), *(form.columns for form in state.free_forms)], axis=1)
         refined = refine(self.linear, self.backgrounds.of(state), state.effects, free=free, rounds=rounds)

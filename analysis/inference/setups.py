@@ -36,7 +36,7 @@ _REACH_MM = 100.0
 result."""
 _STEP_MM = 0.01
 """Step of the derivatives by a set-up term. Readings are linear over such a step."""
-_ROUNDS = 30
+_MOST_STEPS = 30
 """Largest number of Gauss-Newton steps. Chosen: a set-up 20 mm off needs twenty steps of 1 mm."""
 _ENOUGH_MM = 1e-4
 """Change below which a set-up has converged: a tenth of a micrometre, below the resolution of any gauge."""
@@ -238,7 +238,7 @@ def _placed(runs: Sequence[ObservedRun], starts: Mapping[str, SetUp]) -> dict[st
 
     ball = np.arange(count) < (0 if poses else 3)
     so_far, change, J = np.zeros(count), np.zeros(count), np.empty(0)
-    for turn in range(_ROUNDS):
+    for turn in range(_MOST_STEPS):
         r = residual(so_far)
         if turn == 0 or np.abs(change).max() > _STRAIGHT_MM:
             J = np.stack([(r - residual(step)) / _STEP_MM for step in so_far + _STEP_MM * np.eye(count)], axis=1)

@@ -27,8 +27,8 @@ from rigs.schema.vocabulary import Build
 # The state of a selection: the fitted effects, and the noise and healthy level of everything else.
 
 FAULT = 5.0
-"""Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. A search
-asks for rivals of fewer in an arm with a level below 1."""
+"""Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. In an arm
+with a level below 1, smaller ones may be."""
 DRIVEN_WAVES = 2.0
 """Waves that a joint must drive before one of them is called a gear: fewer are a piece of a smooth curve."""
 _NEAR_ORDER = 1.15
@@ -47,10 +47,10 @@ class SelectionState:
     """One state.
 
     `refined` has the fitted effects and `origins` the indices of the forms from which they come, -1 for none. `level`
-    is that of the background and `most` its upper limit. `strength` (b,) is the variance of the residual in each band
-    over that of the noise and `robust` (N,) the weights of the entries. `refused` has the indices of forms that did not
-    cover their price, `free_forms` the free forms in use and `replaced_forms` the descriptions of those that a name
-    replaced. `curves` is how large the curves of joints are, where poses alone show them, and None elsewhere.
+    is that of the background and `level_cap` its upper limit. `strength` (b,) is the variance of the residual in each
+    band over that of the noise and `robust` (N,) the weights of the entries. `refused` has the indices of forms that
+    did not cover their price, `free_forms` the free forms in use and `replaced_forms` the descriptions of those that a
+    name replaced. `curves` is how large the curves of joints are, where poses alone show them, and None elsewhere.
     """
 
     refined: Refined
@@ -59,7 +59,7 @@ class SelectionState:
     strength: Array
     robust: Array
     refused: frozenset[int] = frozenset()
-    most: float = 1.0
+    level_cap: float = 1.0
     curves: JointCurves | None = None
     free_forms: tuple[FreeForm, ...] = ()
     replaced_forms: frozenset[str] = frozenset()
@@ -69,13 +69,13 @@ class SelectionState:
         """The fitted effects."""
         return self.refined.effects
 
-    def is_fault(self, place: int) -> bool:
-        """Whether an effect is larger than healthy arms, and arms of this level, show."""
-        return bool(self.faults_among([self.refined.effects[place]]))
+    def may_be_fault(self, place: int) -> bool:
+        """Whether an effect is one of the possible faults."""
+        return bool(self.possible_faults([self.refined.effects[place]]))
 
-    def faults_among(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-        """Return the effects that are larger than healthy arms, or arms of this level, show: beside them a search
-        computes everything else again, and it asks for their rivals. Whether one is a fault is not asked here."""
+    def possible_faults(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+        """Return the effects that are larger than healthy arms, or else than arms of this level, show: beside them a
+        search computes everything else again, and it asks for their rivals. The verdict says which are faults."""
         return tuple(effect for effect in effects if abs(size_of(effect)) > FAULT * min(self.level, 1.0))
 
 
@@ -170,9 +170,9 @@ class Backgrounds:
             variance, mean = self._shares[name] * variance, self._shares[name] * mean
         weight = state.robust / state.strength[columns.band]
         seen = weight.tobytes()
-        gram = partial(recent, self._grams, seen, partial(columns.weighted_gram, weight), _GRAMS)
+        weighted_gram = partial(recent, self._grams, seen, partial(columns.weighted_gram, weight), _GRAMS)
         key = (seen, variance.tobytes())  # the means follow from the level and the names, as the variances do
-        return recent(self._recent, key, lambda: Background(columns, weight, variance, mean, gram), _KEPT)
+        return recent(self._recent, key, lambda: Background(columns, weight, variance, mean, weighted_gram), _KEPT)
 
     @cached_property
     def _usual_load(self) -> Array:
@@ -268,7 +268,7 @@ class Hyperparameters:
         weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)
         likely = -seen.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
         likely -= np.log(_LEVELS) ** 2 / (2 * _LEVEL_SPREAD**2)
-        return float(min(_LEVELS[np.argmax(likely)], state.most))
+        return float(min(_LEVELS[np.argmax(likely)], state.level_cap))
 
     def robust(self, posterior: Posterior) -> Array:
         """Return the weights (N,) of the entries: those of Student's distribution at targets, and 1 elsewhere."""
@@ -283,9 +283,9 @@ class Hyperparameters:
     def strength(self, state: SelectionState, posterior: Posterior) -> Array:
         """Return the strength (b,) of each band: that of the residual where it exceeds the noise by more than its
         price. Assumed noise, which is wide, may also be reduced."""
-        energy, spent = self._energy(state, posterior)
-        free: Array = np.maximum(self.columns.count - spent / state.strength, 0.25 * self.columns.count)
-        ratio: Array = np.maximum(energy / free, 1e-9)
+        count = self.columns.count
+        free: Array = np.maximum(count - posterior.spent / state.strength, 0.25 * count)
+        ratio: Array = np.maximum(self._energy(state, posterior) / free, 1e-9)
         gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
         return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self.strength_limits[0], 1.0))
 
@@ -305,8 +305,8 @@ class Hyperparameters:
     def nearer_strength(self, state: SelectionState, posterior: Posterior) -> Array:
         """Return the strength (b,) after a shorter step, which never makes the readings less likely (expectation
         maximisation: Dempster, Laird and Rubin 1977)."""
-        energy, spent = self._energy(state, posterior)
-        return np.clip((energy + spent) / self.columns.count, *self.strength_limits)
+        energy = self._energy(state, posterior) + posterior.spent
+        return np.clip(energy / self.columns.count, *self.strength_limits)
 
     def update(
         self,
@@ -339,13 +339,10 @@ class Hyperparameters:
             state, posterior = tried, posterior_of(tried)
         return state
 
-    def _energy(self, state: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
-        """Return, for each band (b,) and in variances of the noise, the robust energy of the residual and the energy
-        that the uncertainty of the coefficients may hide."""
-        columns = self.columns
-        raw = posterior.background.weight * state.strength[columns.band] * posterior.residual**2
-        energy = np.asarray(np.bincount(columns.band, raw), dtype=float)
-        return energy, posterior.spent
+    def _energy(self, state: SelectionState, posterior: Posterior) -> Array:
+        """Return the robust energy (b,) of the residual of each band, in variances of the noise."""
+        raw = posterior.background.weight * state.strength[self.columns.band] * posterior.residual**2
+        return np.asarray(np.bincount(self.columns.band, raw), dtype=float)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -380,7 +377,7 @@ def background_effects(posterior: Posterior) -> tuple[Effect, ...]:
 # residual then supports wrong names. So after such an effect the fits start twice, from these strengths and, where
 # they differ, from those of the noise alone.
 
-_ROUNDS = 6
+_SETTLING_ROUNDS = 6
 """Largest number of fits after an update of the noise. Chosen: most states need three."""
 _ENOUGH = 5.0
 """Log evidence that a round must gain for the next one. Chosen: odds of 150 to 1."""
@@ -408,12 +405,12 @@ def settled(
     states = []
     for begin in begins:
         now, gain = fitted(begin), np.inf
-        for rounds in reversed(range(_ROUNDS)):
-            best, now, before = now, fitted(with_noise(now)), gain
-            gain = evidence(now) - evidence(best)
-            if gain < _ENOUGH or (gain < before < np.inf and evidence(now) + rounds * gain < least):
+        for rounds in reversed(range(_SETTLING_ROUNDS)):
+            previous, now, last_gain = now, fitted(with_noise(now)), gain
+            gain = evidence(now) - evidence(previous)
+            if gain < _ENOUGH or (gain < last_gain < np.inf and evidence(now) + rounds * gain < least):
                 break
-        states += [best, now]
+        states += [previous, now]
     return max(states, key=evidence)
 
 

@@ -139,7 +139,7 @@ class _Missed:
         missed by twice what all others are, as one placement of nine, count less: u is what most places need."""
         weight, count = self.weight, len(self.weight)
         ratio = error = 0.0
-        for _ in range(_ROUNDS):
+        for _ in range(_WEIGHT_ROUNDS):
             excess, stated = weight * (self.missed - self.noise), weight * self.stated
             ratio = float(excess.sum() / stated.sum())
             error = float(np.sqrt(count / max(count - 1, 1)) * np.linalg.norm(excess - ratio * stated) / stated.sum())
@@ -169,7 +169,7 @@ class _Missed:
         return Widening(float(np.sqrt(max(ratio - likely / mean, 1.0))), float(np.sqrt(likely)))
 
 
-_FAR, _ROUNDS = 4.0, 8
+_FAR, _WEIGHT_ROUNDS = 4.0, 8
 """Mean square over that expected from which a neighbourhood counts less: of three normal coordinates less than one in a
 hundred is so far. And rounds until that has settled."""
 _FREEDOM = 3.0

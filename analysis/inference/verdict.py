@@ -123,7 +123,7 @@ def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Li
 _CRUMBS = 0.05
 """Share of the gap's energy up to which a remainder is crumbs: false verdicts of generated cells had 0.03 to 0.5 %, and
 a UR10 that the calibrated model predicts within a tenth of its error 1 to 5 %."""
-_SURE = 0.999
+_SURE_ODDS = 0.999
 """Odds from which a name stands that alone makes the gap no smaller. A gear of 97 % stood for a twist of 96 %."""
 _SAME_SIGMA = 0.5
 """Change of the readings in standard deviations of the noise up to which an effect and its rival are twins. Chosen: at
@@ -224,7 +224,7 @@ def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
         return [replace(name, doubt="no_better") if name.stands else name for name in named]
     if train.after_um < train.before_um:
         return list(named)
-    return [replace(name, doubt="unsure") if name.stands and name.posterior < _SURE else name for name in named]
+    return [replace(name, doubt="unsure") if name.stands and name.posterior < _SURE_ODDS else name for name in named]
 
 
 def _named(result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float) -> Named:

@@ -41,7 +41,7 @@ def test_a_fault_is_found_in_its_form_and_has_no_rival() -> None:
     selection, state = _searched(white(healthy(), 12) + shown_by(healthy(), [truth]))
     found = _found(state)["backlash 1"]
     place = state.effects.index(found)
-    assert state.is_fault(place) and size_of(found) == pytest.approx(20, rel=0.05)
+    assert state.may_be_fault(place) and size_of(found) == pytest.approx(20, rel=0.05)
     assert getattr(found, "transit", 0.0) == pytest.approx(0.35, abs=0.1)
     one = rival_odds(selection, state, place)
     assert one.odds > 0.99 and one.healthy_odds < 1e-6
@@ -113,7 +113,7 @@ def test_a_target_far_from_where_it_was_fitted_is_no_length() -> None:
     state = selection.initial_state()
     posterior = selection.posterior(state)
     (length,) = (k for k, form in enumerate(selection.columns.forms) if form.name == "link_geometry 6.d")
-    assert np.maximum(*selection.gains(state, posterior))[length] < -2.0
+    assert selection.gains(state, posterior)[length] < -2.0
     assert posterior.mean[selection.columns.set_ups][8] == pytest.approx(-60, abs=0.1)
 
 
@@ -137,7 +137,7 @@ def test_a_fault_is_more_than_healthy_arms_and_arms_like_this_one_show(level: fl
     state = replace(selection.initial_state((small, large)), level=level)
     refined = replace(state.refined, effects=(small, large))
     state = replace(state, refined=refined)
-    assert (state.is_fault(0), state.is_fault(1)) == (is_fault, True)
+    assert (state.may_be_fault(0), state.may_be_fault(1)) == (is_fault, True)
 
 
 def test_waves_of_other_orders_are_other_effects() -> None:
@@ -179,10 +179,9 @@ def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(mon
         refined = replace(rest.refined, effects=effects, residual=selection.linear.residual(effects))
         return replace(rest, refined=refined)
 
-    def of_that_wave(selection: Selection, of: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
+    def of_that_wave(selection: Selection, of: SelectionState, posterior: Posterior) -> Array:
         own = [is_alike(form.effect, wave) for form in selection.columns.forms]
-        fault, alone = gains(selection, of, posterior)
-        return (fault, alone) if of is state else (np.where(own, 1e6, -np.inf), np.where(own, alone, -np.inf))
+        return gains(selection, of, posterior) if of is state else np.where(own, 1e6, -np.inf)
 
     monkeypatch.setattr(Selection, "without", moving)
     monkeypatch.setattr(Selection, "gains", of_that_wave)
@@ -229,7 +228,7 @@ def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch:
         "analysis.inference.rivals.rival_odds",
         lambda selection, state, place: RivalOdds(0.1, ((state, 0.9),), state.level),
     )
-    monkeypatch.setattr(SelectionState, "is_fault", lambda *_: True)
+    monkeypatch.setattr(SelectionState, "may_be_fault", lambda *_: True)
     monkeypatch.setattr(Selection, "select", likelier)
     monkeypatch.setattr(Selection, "evidence", lambda _, state: -state.level)
     last, rivalries = compare_with_rivals(selection, first, np.zeros(len(healthy().blocks)))

@@ -72,6 +72,6 @@ def test_a_play_of_95_healthy_sizes_is_found_as_it_is_and_alone() -> None:
     """From the noise before it was found, its fit had ended beside it, and the rest had drawn other names."""
     selection, state, y = _begun(Backlash(axis=1, width_deg=0.95, transit=0.05))
     found = selection.select(state)
-    (effect,) = [one for k, one in enumerate(found.effects) if found.is_fault(k)]
+    (effect,) = [one for k, one in enumerate(found.effects) if found.may_be_fault(k)]
     assert _width(effect) == pytest.approx(0.95, rel=0.01)
     assert np.mean(selection.posterior(found).residual ** 2) < 2 < np.mean(y**2)
