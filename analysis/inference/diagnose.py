@@ -174,8 +174,8 @@ def diagnose(
     fitted = FittedRuns(sound)
     stages = stages_of(fitted, result)
     # Beside the calibrated model: what names alone leave hides readings that are 1 mm wrong on an arm that leaves 0.1.
-    judges, wild_judges = without_wild(judges, stages.effects[-1], "held-out runs")
-    elsewhere, wild_elsewhere = without_wild(elsewhere, stages.effects[-1], "the unseen place")
+    judges, wild_judges = without_wild(judges, stages.calibrated.effects, "held-out runs")
+    elsewhere, wild_elsewhere = without_wild(elsewhere, stages.calibrated.effects, "the unseen place")
     judged_runs = ((sound, _names(used)), (judges, _names(held_out or used)), (elsewhere, _names(unseen)))
     whole = _gaps(judged_runs, stages, result)
     if whole.names_do_better:
@@ -266,7 +266,9 @@ def _named_in(
         circles = [block.sampling is not None for block in result.linear.blocks]
         limits = limits_um(result.linear, swing.scatter_um)
         named += named_vibration(swing, limits[circles], train.after_um)
-    named = [replace(name, alone_um=fitted.left_um([name.effect])) if name.stands or given else name for name in named]
+    named = [
+        replace(name, alone_um=fitted.residual_um([name.effect])) if name.stands or given else name for name in named
+    ]
     return sorted(named, key=lambda name: (not name.stands, -name.worth_um)), at_limits
 
 

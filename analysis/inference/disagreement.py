@@ -16,7 +16,7 @@ from analysis.inference.residuals import Curve, Map, Place, curves_of, maps_of, 
 from analysis.inference.responses import linearise, noise_um
 from analysis.inference.setups import fit_run_setups
 from analysis.inference.staircase import Left, Staircase, Step
-from analysis.inference.stepwise import drawn, left_um_of
+from analysis.inference.stepwise import drawn, residuals_um_of
 from analysis.traces.loading import Measured
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -76,8 +76,8 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
     floor_um = float(np.sqrt(np.mean(noise_um(linear) ** 2)))
     u_um = [floor_um / np.sqrt(max(len(runs_there), 1)) for runs_there in (runs, elsewhere)]
     steps = []
-    for k, left_um in enumerate(left_um_of(models, (runs, elsewhere)) if groups else ()):
-        then, later = (Left(um, float(u)) if um is not None else None for um, u in zip(left_um, u_um, strict=True))
+    for k, residuals_um in enumerate(residuals_um_of(models, (runs, elsewhere)) if groups else ()):
+        then, later = (Left(um, float(u)) if um is not None else None for um, u in zip(residuals_um, u_um, strict=True))
         assert then is not None  # noqa: S101 - runs were prepared
         steps.append(Step((groups[k - 1][0],) if k else (), then, unseen=later))
     staircase = Staircase(tuple(steps), curves, maps) if groups else None

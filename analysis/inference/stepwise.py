@@ -20,7 +20,7 @@ from analysis.inference.search import SearchResult
 from analysis.inference.setups import fit_run_setups, with_effects
 from analysis.inference.staircase import Left, Staircase, Step
 from analysis.inference.state import background_terms
-from analysis.inference.validation import Stages
+from analysis.inference.validation import FrozenModel, Stages
 from analysis.kinematics.arm import Array
 from rigs.calibration import effects_of
 from rigs.effects import Effect
@@ -45,12 +45,12 @@ def staircase_of(
     if len(rungs) < 2:
         return None
     gaps = (diagnosis.train, diagnosis.held_out, diagnosis.unseen)
-    left_um = [[gap.before_um if gap else None for gap in gaps]]
+    residuals_um = [[gap.before_um if gap else None for gap in gaps]]
     thin = [[thinned(run.on_lap, _ROWS) if run.table.kind.swept else run for run in runs] for runs in places]
-    left_um += left_um_of([effects for _, effects in rungs[1:-1]], thin)
-    left_um.append([gap.calibrated_um if gap else None for gap in gaps])
+    residuals_um += residuals_um_of([effects for _, effects in rungs[1:-1]], thin)
+    residuals_um.append([gap.calibrated_um if gap else None for gap in gaps])
     steps = []
-    for (parts, _), row in zip(rungs, left_um, strict=True):
+    for (parts, _), row in zip(rungs, residuals_um, strict=True):
         # The uncertainty is that of the acts.
         used, held_out, unseen = (
             Left(um, gap.left_u_um) if gap is not None and um is not None else None
@@ -67,7 +67,7 @@ def _rungs(
     """Yield the models, each with the places in the budget of what it adds and with all of its effects: the one begun
     with, with each large part, the largest first, and the calibrated one, with all others. What no model removes, as
     scatter, has no step."""
-    effects, budget = stages.effects[-1], diagnosis.budget
+    effects, budget = stages.calibrated.effects, diagnosis.budget
     # What each part adds, by its label: effects as they were fitted, or so many times of those that are of its kind and
     # joint in the calibrated background.
     names = {label_of(effect): effect for effect in effects if effect in result.effects}
@@ -94,19 +94,16 @@ def _rungs(
         yield small, effects
 
 
-def left_um_of(
+def residuals_um_of(
     models: Sequence[tuple[Effect, ...]], places: Sequence[Sequence[ObservedRun]]
 ) -> Iterator[list[float | None]]:
     """Yield what models with these effects leave in µm of the runs of each place, of (m, k) mm, with the set-ups fitted
     to those of the first; None where a place has no runs."""
-    setups, fitted = None, []
+    setups = None
     for effects in models:
         setups, _ = fit_run_setups(with_effects(places[0], effects), setups)
-        fitted.append(setups)
-    steps = Stages(tuple(models), tuple(fitted))
-    each = [steps.left(runs) if runs else [None] * len(models) for runs in places]
-    for row in zip(*each, strict=True):
-        yield [None if residual is None else 1e3 * rms(residual) for residual in row]
+        model = FrozenModel(effects, setups)
+        yield [1e3 * rms(model.residuals(runs)) if runs else None for runs in places]
 
 
 def drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:

@@ -32,75 +32,72 @@ from rigs.rig import Rig
 
 
 @dataclass(frozen=True)
+class FrozenModel:
+    """A model that is held against runs: the effects that it adds to the rig file, and the set-ups that fit the runs
+    used with them."""
+
+    effects: tuple[Effect, ...]
+    setups: Mapping[str, SetUp]
+
+    def residuals(self, runs: Sequence[ObservedRun]) -> list[Array]:
+        """Return the residuals (m, k) mm of each run. Runs in a set-up that was used keep it; the others have their own
+        fitted."""
+        modelled = with_effects(runs, self.effects)
+        setups = self.setups_with(modelled)
+        return [residual_of(run.on_lap, setups) for run in modelled]
+
+    def setups_with(self, runs: Sequence[ObservedRun]) -> dict[str, SetUp]:
+        """Return its set-ups, and those of runs with its effects, of (m, k) mm, that are in none of them."""
+        new = [run for run in runs if run.setup not in self.setups]
+        return {**self.setups, **(fit_run_setups(new)[0] if new else {})}
+
+
+@dataclass(frozen=True)
 class Stages:
     """The models that are held against runs, one after the other: without what was found, with the names, and
-    calibrated; each with its effects and the set-ups that fit the runs used."""
+    calibrated."""
 
-    effects: tuple[tuple[Effect, ...], ...]
-    setups: tuple[dict[str, SetUp], ...]
+    bare: FrozenModel
+    named: FrozenModel
+    calibrated: FrozenModel
 
     @property
     def has_background(self) -> bool:
         """Whether the calibrated model has more than the names."""
-        return self.effects[-1] != self.effects[-2]
+        return self.calibrated.effects != self.named.effects
 
     def names_alone(self) -> Stages:
         """Return these models with the names in place of the whole one."""
-        return Stages((*self.effects[:2], self.effects[1]), (*self.setups[:2], self.setups[1]))
-
-    @property
-    def calibrated(self) -> dict[str, SetUp]:
-        """The set-ups of the runs used with the calibrated model."""
-        return self.setups[-1]
-
-    def left(self, runs: Sequence[ObservedRun]) -> list[list[Array]]:
-        """Return the residuals (m, k) mm of each run, for each model. Runs in a set-up that was used keep it; the
-        others have their own fitted."""
-        models = zip(self.effects, self.setups, strict=True)
-        return [_left_with(with_effects(runs, effects), placed) for effects, placed in models]
-
-
-def _left_with(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> list[Array]:
-    """Return the residuals (m, k) mm of each run with the set-ups that were placed, and with its own where it is in
-    none of them."""
-    every = _with_new(runs, placed)
-    return [residual_of(run.on_lap, every) for run in runs]
-
-
-def _with_new(runs: Sequence[ObservedRun], placed: Mapping[str, SetUp]) -> dict[str, SetUp]:
-    """Return set-ups that were placed, and those of runs, of (m, k) mm, that are in none of them."""
-    new = [run for run in runs if run.setup not in placed]
-    return {**placed, **(fit_run_setups(new)[0] if new else {})}
+        return replace(self, calibrated=self.named)
 
 
 def stages_of(fitted: FittedRuns, result: SearchResult) -> Stages:
     """Return the models of a search, with set-ups fitted to the runs used, of (m, k) mm. Where what was found beside
     the names explains these runs worse than the names alone, the calibrated model has the names alone."""
     names = result.effects
-    effects = ((), names, (*names, *background_effects(result.calibrated_posterior)))
-    fits = [fitted.beside(added) for added in effects]
-    if rms(fits[2][1]) > rms(fits[1][1]):
-        effects, fits = (effects[0], names, names), [fits[0], fits[1], fits[1]]
-    return Stages(effects, tuple(setups for setups, _ in fits))
+    whole = (*names, *background_effects(result.calibrated_posterior))
+    bare, named, calibrated = (FrozenModel(effects, fitted.beside(effects)[0]) for effects in ((), names, whole))
+    is_worse = rms(fitted.beside(whole)[1]) > rms(fitted.beside(names)[1])
+    return Stages(bare, named, named if is_worse else calibrated)
 
 
-def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names: Sequence[str]) -> Gap:
+def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, run_names: Sequence[str]) -> Gap:
     """Return the gap of runs without what was found, with the names, and calibrated; residuals are (m, k) mm.
 
     The noise and scatter of one of the runs come from repeats, or else from the assumed noise; that of touches, and of
     many poses, as far as the readings show it. Runs of another place have that of their test.
     """
-    residuals = stages.left(runs)
-    before, after, calibrated = (1e3 * rms(of_stage) for of_stage in residuals)
+    bare, named, calibrated = (model.residuals(runs) for model in (stages.bare, stages.named, stages.calibrated))
+    before, after, calibrated_um = (1e3 * rms(residuals) for residuals in (bare, named, calibrated))
     tests = []
     for test in dict.fromkeys(run.table.test for run in runs):
         um = []
-        for of_stage in (residuals[0], residuals[-1]):
-            of_test = [mm for run, mm in zip(runs, of_stage, strict=True) if run.table.test == test]
+        for residuals in (bare, calibrated):
+            of_test = [mm for run, mm in zip(runs, residuals, strict=True) if run.table.test == test]
             sizes = [np.linalg.norm(mm, axis=1) if mm.shape[1] == 3 else np.abs(mm) for mm in of_test]
             um += [1e3 * rms(of_test), 1e3 * max(float(size.max()) for size in sizes)]
         tests.append(TestGap(test, *um))
-    keeps = all(run.setup in stages.calibrated for run in runs)
+    keeps = all(run.setup in stages.calibrated.setups for run in runs)
     blocks, same_names = result.linear.blocks, {run.name for run in runs}
     alike = [block.name in same_names for block in blocks]
     if not any(alike):
@@ -108,7 +105,7 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, names
         alike = [block.table.test in same_tests for block in blocks]
     size = np.array([len(block.rows) * block.count for block in blocks]) * (alike if any(alike) else 1)
     floor = float(np.sqrt(size @ (_noise_shown(result) * noise_um(result.linear) ** 2) / size.sum()))
-    return Gap(tuple(names), before, after, floor, calibrated, tuple(tests), keeps)
+    return Gap(tuple(run_names), before, after, floor, calibrated_um, tuple(tests), keeps)
 
 
 @dataclass(frozen=True)
@@ -191,16 +188,16 @@ def widening(
     misses places by more than its covariance allows for. Residuals are (m, k) mm.
     """
     sets = [_missed_of(left_out.sums) if len(left_out.rows) else None, _missed_by_placement(result)]
-    setups = dict(stages.calibrated)
+    setups = dict(stages.calibrated.setups)
     for runs in (judges, elsewhere):
         places = [run for run in runs if run.table.kind.of_places]
-        setups |= _with_new(with_effects(places, stages.effects[-1]), stages.calibrated)
+        setups |= stages.calibrated.setups_with(with_effects(places, stages.calibrated.effects))
         sets.append(_missed_by(places, setups, stages, result) if places else None)
     judging = [missed for missed in sets if missed is not None and missed.stated.any()]
     wider = max(judging, key=lambda missed: missed.ratio).widening() if judging else Widening()
     tables = [run.table for run in (*result.linear.blocks, *judges, *elsewhere)]
     of_sockets = all(table.kind.frame_terms == 3 for table in tables)
-    return replace(wider, reach_mm=reach_mm(setups, stages.calibrated) if of_sockets else None)
+    return replace(wider, reach_mm=reach_mm(setups, stages.calibrated.setups) if of_sockets else None)
 
 
 @dataclass(frozen=True)
@@ -291,7 +288,7 @@ def _missed_by(
     """Return by how much the calibrated model misses neighbourhoods of runs of places that had no part in it, in the
     set-ups of the runs used, or in their own."""
     groups, shown = [], _noise_shown(result)
-    for run, calibrated in zip(runs, with_effects(runs, stages.effects[-1]), strict=True):
+    for run, calibrated in zip(runs, with_effects(runs, stages.calibrated.effects), strict=True):
         residual = residual_of(calibrated, setups)
         noise, variance = _stated_variances(run, setups, result)
         alike = [block.table.test == run.table.test for block in result.linear.blocks]
@@ -425,11 +422,10 @@ def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str
     return _JudgedRun(block, of_run.residual(()), with_share, none, changes, basis_of(of_run.U), limit)
 
 
-def left_um(runs: Sequence[ObservedRun], used: FittedRuns, effects: Sequence[Effect]) -> float:
+def residual_um(runs: Sequence[ObservedRun], used: FittedRuns, effects: Sequence[Effect]) -> float:
     """Return the rms residual (m, k) of runs with some effects alone, in µm: what their remedy alone leaves. As in the
     gap, runs in a set-up of the runs used keep it, and others have their own."""
-    placed = used.beside(effects)[0]
-    return 1e3 * rms(_left_with(with_effects(runs, effects), placed))
+    return 1e3 * rms(FrozenModel(tuple(effects), used.beside(effects)[0]).residuals(runs))
 
 
 _SHOW_NOISE = 20
@@ -505,7 +501,7 @@ def calibrated_model(  # noqa: PLR0913, PLR0917 - it gathers what a diagnosis kn
         runs=tuple(CalibratedRun(name=run.run.manifest.name, sha256=run.run.readings_sha256) for run in used),
         joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
         rail_mm=(float(rail.min()), float(rail.max())) if arm.rail is not None else None,
-        setups={name: _placed(setup, poses=name in of_poses) for name, setup in stages.calibrated.items()},
+        setups={name: _placed(setup, poses=name in of_poses) for name, setup in stages.calibrated.setups.items()},
         before_um=train.before_um,
         calibrated_um=train.calibrated_um,
         held_out_um=elsewhere.calibrated_um if elsewhere else None,
