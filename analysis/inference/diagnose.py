@@ -15,6 +15,8 @@ from analysis.inference.act_list import EARLY, EARLY_COMMANDED, JudgedPlace, act
 from analysis.inference.acts import Act
 from analysis.inference.blocks import Block
 from analysis.inference.budget import Budget, EffectChange, Measure, effect_changes
+from analysis.inference.calibrated_model import calibrated_model
+from analysis.inference.disagreement import staircase_of
 from analysis.inference.expected import is_separable
 from analysis.inference.link_swing import find_vibration
 from analysis.inference.naming_tests import naming_tests
@@ -28,10 +30,8 @@ from analysis.inference.responses import limits_um
 from analysis.inference.result import Accuracy, Diagnosis, Gap, Named, NextTest
 from analysis.inference.search import SearchResult, early_readings, fit_given, search
 from analysis.inference.setups import FittedRuns, fit_run_setups, with_effects, without_a_fold
-from analysis.inference.stepwise import staircase_of
 from analysis.inference.validation import (
     Stages,
-    calibrated_model,
     gap,
     held_out_gains,
     places_left_out,
@@ -187,10 +187,9 @@ def diagnose(
     standing = standing_of(rig, used) if tolerance_um is None else standing_within(tolerance_um, fitted)
     verdicts = _verdicts_of(rig, result, (whole, gaps), named, changes, accuracy_of(gaps, *standing), early=bool(early))
     verdicts = replace(verdicts, given=given is not None)
-    written = [name.effect for name in verdicts.written]
     wider = widening(left_out := places_left_out(result), judges, elsewhere, stages, result)
     judged = judged_of(verdicts, whole, gaps, wider.unexplained_mm)
-    calibrated = calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider, judged)
+    calibrated = calibrated_model(verdicts, result, used, runs, stages, wider, judged)
     remains = remains_of(result, left_out, _temperature(used))
     staircase = staircase_of(verdicts, result, stages, sound, judges, elsewhere)
     doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]

@@ -160,11 +160,6 @@ class Gaps:
     unseen: Gap | None
 
     @property
-    def written(self) -> tuple[Gap, Gap | None]:
-        """What a calibrated model states of itself: the gap on the runs used, and where it had no part in it."""
-        return self.train, self.unseen or self.held_out
-
-    @property
     def judged(self) -> Gap:
         """The gap by which a model is judged: where it had no part, if there are such runs."""
         return self.unseen or self.held_out or self.train
