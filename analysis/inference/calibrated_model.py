@@ -13,12 +13,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.inference.background import Posterior
+from analysis.inference.misses import Widening
 from analysis.inference.observation import ObservedRun
 from analysis.inference.refine import Unknown
 from analysis.inference.result import Diagnosis
 from analysis.inference.search import SearchResult
 from analysis.inference.state import background_terms
-from analysis.inference.validation import Stages, Widening
+from analysis.inference.validation import Stages
 from analysis.kinematics.arm import Array, rail_mm
 from analysis.model.predict import SetUp
 from analysis.traces.loading import Measured
@@ -114,10 +115,8 @@ def _beside(before: CalibratedModel, new: CalibratedModel) -> CalibratedModel:
     count = len(before.parameters)
     covariance[:count, :count] = before.root @ before.root.T
     covariance[np.ix_(new_rows, new_rows)] += new.root @ new.root.T
-    joints = [
-        (min(old_range[0], new_range[0]), max(old_range[1], new_range[1]))
-        for old_range, new_range in zip(before.joints_deg, new.joints_deg, strict=True)
-    ]
+    ranges = zip(before.joints_deg, new.joints_deg, strict=True)
+    joints = [(min(low, new_low), max(high, new_high)) for (low, high), (new_low, new_high) in ranges]
     # A copy would keep the root and the effects that are known of the one found.
     fields = {name: getattr(new, name) for name in CalibratedModel.model_fields}
     rails = [model.rail_mm for model in (before, new) if model.rail_mm]

@@ -19,26 +19,18 @@ from analysis.inference.calibrated_model import calibrated_model
 from analysis.inference.disagreement import staircase_of
 from analysis.inference.expected import is_separable
 from analysis.inference.link_swing import find_vibration
+from analysis.inference.misses import places_left_out, remains_of, widening_of
 from analysis.inference.naming_tests import naming_tests
 from analysis.inference.observation import ObservedRun, rms
 from analysis.inference.plan import FurtherTests, possible_tests, shortest, sigma_between
 from analysis.inference.prepared_runs import prepare_runs, without_wild
 from analysis.inference.refine import size_limits
-from analysis.inference.remains import remains_of
 from analysis.inference.residuals import bands_above_noise, curves_of, maps_of, places
 from analysis.inference.responses import limits_um
 from analysis.inference.result import Accuracy, Diagnosis, Gap, Named, NextTest
 from analysis.inference.search import SearchResult, early_readings, fit_given, search
 from analysis.inference.setups import FittedRuns, fit_run_setups, with_effects, without_a_fold
-from analysis.inference.validation import (
-    Stages,
-    gap,
-    held_out_gains,
-    places_left_out,
-    shows_noise,
-    stages_of,
-    widening,
-)
+from analysis.inference.validation import Stages, gap, held_out_gains, shows_noise, stages_of
 from analysis.inference.verdict import (
     Gaps,
     accuracy_of,
@@ -187,7 +179,8 @@ def diagnose(
     standing = standing_of(rig, used) if tolerance_um is None else standing_within(tolerance_um, fitted)
     verdicts = _verdicts_of(rig, result, (whole, gaps), named, changes, accuracy_of(gaps, *standing), early=bool(early))
     verdicts = replace(verdicts, given=given is not None)
-    wider = widening(left_out := places_left_out(result), judges, elsewhere, stages, result)
+    left_out = places_left_out(result)
+    wider = widening_of(left_out, judges, elsewhere, stages, result)
     judged = judged_of(verdicts, whole, gaps, wider.unexplained_mm)
     calibrated = calibrated_model(verdicts, result, used, runs, stages, wider, judged)
     remains = remains_of(result, left_out, _temperature(used))

@@ -34,9 +34,6 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 
-# ----------------------------------------------------------------------------------------------------------------------
-# The parts that a diagnosis found, the largest first.
-
 _MOST_STEPS = 6
 """Parts with a step of their own. Chosen: more than a person steps through; the budget lists all."""
 _LEAST = 0.05
@@ -105,10 +102,6 @@ def _rungs(
         yield small, effects
 
 
-# ----------------------------------------------------------------------------------------------------------------------
-# The effects of a rig file, without a search.
-
-
 @dataclass(frozen=True)
 class Disagreement:
     """The places where the model of a rig and readings disagree, the largest sigma first, and the residuals of circles
@@ -175,10 +168,6 @@ def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] 
         staircase,
         floor_um,
     )
-
-
-# ----------------------------------------------------------------------------------------------------------------------
-# What is left with each model, of a diagnosis and of a rig file alike.
 
 
 def _residuals_um_of(
