@@ -54,8 +54,8 @@ class Misses:
 
 @dataclass(frozen=True)
 class LeftOut(Misses):
-    """Places used, each neighbourhood left out in its turn and predicted by the model of all others: the whitened rows
-    (n,) of the readings too, and what they are missed by, in standard deviations of the noise."""
+    """Places used, each neighbourhood or placement left out in its turn and predicted by the model of all others: the
+    whitened rows (n,) of the readings too, and what they are missed by, in standard deviations of the noise."""
 
     rows: Integers
     missed_sigma: Array
@@ -142,8 +142,9 @@ class _Neighbourhoods:
 
     @cached_property
     def _ratio_and_weight(self) -> tuple[float, Array]:
-        """The excess over the noise as a multiple of the variance stated, and how much each counts (g,). Those that are
-        missed by twice what all others are, as one placement of nine, count less: u is what most places need."""
+        """The excess over the noise as a multiple of the variance stated, and how much each neighbourhood counts (g,).
+        Those that are missed by twice what all others are, as one placement of nine, count less: u is what most places
+        need."""
         weight, count = self.weight, len(self.weight)
         ratio = error = 0.0
         for _ in range(_ROUNDS):

@@ -1,4 +1,4 @@
-"""Validation: what a frozen model leaves of the runs used, of held-out runs, and of runs at another place."""
+"""Validation: what a frozen model leaves of runs used, held out and of another place, and what each name gains there."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, run_n
     many poses, as far as the readings show it. Runs of another place have that of their test.
     """
     bare, named, calibrated = (model.residuals(runs) for model in (stages.bare, stages.named, stages.calibrated))
-    before, after, calibrated_um = (1e3 * rms(residuals) for residuals in (bare, named, calibrated))
+    before_um, after_um, calibrated_um = (1e3 * rms(residuals) for residuals in (bare, named, calibrated))
     tests = []
     for test in dict.fromkeys(run.table.test for run in runs):
         um = []
@@ -92,8 +92,8 @@ def gap(runs: Sequence[ObservedRun], stages: Stages, result: SearchResult, run_n
         same_tests = {run.table.test for run in runs}
         alike = [block.table.test in same_tests for block in blocks]
     size = np.array([len(block.rows) * block.count for block in blocks]) * (alike if any(alike) else 1)
-    floor = float(np.sqrt(size @ (noise_shown(result) * noise_um(result.linear) ** 2) / size.sum()))
-    return Gap(tuple(run_names), before, after, floor, calibrated_um, tuple(tests), keeps)
+    floor_um = float(np.sqrt(size @ (noise_shown(result) * noise_um(result.linear) ** 2) / size.sum()))
+    return Gap(tuple(run_names), before_um, after_um, floor_um, calibrated_um, tuple(tests), keeps)
 
 
 _SHOW_NOISE = 20
