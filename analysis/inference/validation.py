@@ -1,4 +1,4 @@
-"""Validation: what a frozen model leaves of runs used, held out and of another place, and what each name gains there."""
+"""Validation: what a frozen model leaves of runs used, held out and of another place, and what each name gains."""
 
 from __future__ import annotations
 
