@@ -26,7 +26,7 @@ from analysis.inference.diagnose import diagnose
 from analysis.inference.observation import ObservedRun, by_socket, observe_run
 from analysis.inference.result import Diagnosis, Named
 from analysis.inference.setups import FittedRuns
-from analysis.inference.validation import left_um
+from analysis.inference.validation import residual_um
 from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of
 from analysis.reporting.answer_words import AnswerWords, large_parts, sure_parts
@@ -313,7 +313,7 @@ def of_circles(kind: str, seed: int, directory: Path) -> Cell:
 
     def error_um(repaired: str | None, entered: Sequence[Effect]) -> float:
         driven = _driven(truth, job.case, [fault for fault in every if fault.name != repaired])
-        return left_um(driven, FittedRuns(driven), entered)
+        return residual_um(driven, FittedRuns(driven), entered)
 
     whole = error_um(None, [])
     makes = {one["name"]: whole**2 - error_um(one["name"], []) ** 2 for one in truth["hidden"]}
@@ -380,7 +380,7 @@ def of_places(kind: str, way: str, seed: int) -> Cell:
         still = replace(arm_with(rest, strange if by == "as it is" else by), scatter_mm=0.0)
         there = observe_run(model_of(rig), measured(still, np.random.default_rng([55, seed]), 1), way)
         runs = by_socket(there)
-        return left_um(runs, FittedRuns(runs), entered)
+        return residual_um(runs, FittedRuns(runs), entered)
 
     if strange:
         plain_um, probe_um = error_um(None, [], None), error_um(None, [], strange)

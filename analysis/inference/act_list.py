@@ -15,7 +15,7 @@ from analysis.inference.acts import FOUND, Act, Against, Cost, JudgedOn, NamingT
 from analysis.inference.observation import ObservedRun
 from analysis.inference.result import LARGE_SHARE, BudgetPart, Diagnosis, Gap, Named, is_open, is_sure, likely_rivals
 from analysis.inference.setups import FittedRuns
-from analysis.inference.validation import Stages, left_um
+from analysis.inference.validation import Stages, residual_um
 from rigs.calibration import verdict_of
 from rigs.effects import Effect
 from rigs.schema.effect import label_of, name_of, size_field
@@ -45,7 +45,7 @@ class JudgedPlace:
     def removed(self, effects: Sequence[Effect], relative_u: float = 0.0) -> Act:
         """Return the figures of an act that takes away some effects, of which the change is known to a share."""
         before = self.gap.before_um
-        after = left_um(self.there, self.used, effects)
+        after = residual_um(self.there, self.used, effects)
         change = math.sqrt(max(abs(before**2 - after**2), 0.0))
         u_um = math.hypot(relative_u * change, self.gap.left_u_um)
         return Act(
@@ -217,7 +217,7 @@ def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     gains for certain, and as much as is worth the work."""
     if diagnosis.calibrated is None or verdict_of(diagnosis.calibrated) == "nothing":
         return []
-    effects = [effect for effect in judged.stages.effects[-1] if effect.compensation().use != "none"]
+    effects = [effect for effect in judged.stages.calibrated.effects if effect.compensation().use != "none"]
     if not effects:
         return []
     figures = judged.removed(effects)

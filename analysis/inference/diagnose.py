@@ -15,30 +15,22 @@ from analysis.inference.act_list import EARLY, EARLY_COMMANDED, JudgedPlace, act
 from analysis.inference.acts import Act
 from analysis.inference.blocks import Block
 from analysis.inference.budget import Budget, EffectChange, Measure, effect_changes
+from analysis.inference.calibrated_model import calibrated_model
+from analysis.inference.disagreement import staircase_of
 from analysis.inference.expected import is_separable
 from analysis.inference.link_swing import find_vibration
+from analysis.inference.misses import places_left_out, remains_of, widening_of
 from analysis.inference.naming_tests import naming_tests
 from analysis.inference.observation import ObservedRun, rms
 from analysis.inference.plan import FurtherTests, possible_tests, shortest, sigma_between
 from analysis.inference.prepared_runs import prepare_runs, without_wild
 from analysis.inference.refine import size_limits
-from analysis.inference.remains import remains_of
 from analysis.inference.residuals import bands_above_noise, curves_of, maps_of, places
 from analysis.inference.responses import limits_um
 from analysis.inference.result import Accuracy, Diagnosis, Gap, Named, NextTest
 from analysis.inference.search import SearchResult, early_readings, fit_given, search
 from analysis.inference.setups import FittedRuns, fit_run_setups, with_effects, without_a_fold
-from analysis.inference.stepwise import staircase_of
-from analysis.inference.validation import (
-    Stages,
-    calibrated_model,
-    gap,
-    held_out_gains,
-    places_left_out,
-    shows_noise,
-    stages_of,
-    widening,
-)
+from analysis.inference.validation import Stages, gap, held_out_gains, shows_noise, stages_of
 from analysis.inference.verdict import (
     Gaps,
     accuracy_of,
@@ -175,8 +167,8 @@ def diagnose(
     fitted = FittedRuns(sound)
     stages = stages_of(fitted, result)
     # Beside the calibrated model: what names alone leave hides readings that are 1 mm wrong on an arm that leaves 0.1.
-    judges, wild_judges = without_wild(judges, stages.effects[-1], "held-out runs")
-    elsewhere, wild_elsewhere = without_wild(elsewhere, stages.effects[-1], "the unseen place")
+    judges, wild_judges = without_wild(judges, stages.calibrated.effects, "held-out runs")
+    elsewhere, wild_elsewhere = without_wild(elsewhere, stages.calibrated.effects, "the unseen place")
     judged_runs = ((sound, _names(used)), (judges, _names(held_out or used)), (elsewhere, _names(unseen)))
     whole = _gaps(judged_runs, stages, result)
     if whole.names_do_better:
@@ -188,10 +180,10 @@ def diagnose(
     standing = standing_of(rig, used) if tolerance_um is None else standing_within(tolerance_um, fitted)
     verdicts = _verdicts_of(rig, result, (whole, gaps), named, changes, accuracy_of(gaps, *standing), early=bool(early))
     verdicts = replace(verdicts, given=given is not None)
-    written = [name.effect for name in verdicts.written]
-    wider = widening(left_out := places_left_out(result), judges, elsewhere, stages, result)
+    left_out = places_left_out(result)
+    wider = widening_of(left_out, judges, elsewhere, stages, result)
     judged = judged_of(verdicts, whole, gaps, wider.unexplained_mm)
-    calibrated = calibrated_model(rig, result, written, used, runs, stages, *gaps.written, wider, judged)
+    calibrated = calibrated_model(verdicts, result, used, runs, stages, wider, judged)
     remains = remains_of(result, left_out, _temperature(used))
     staircase = staircase_of(verdicts, result, stages, sound, judges, elsewhere)
     doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
@@ -269,7 +261,9 @@ def _named_in(
         circles = [block.sampling is not None for block in result.linear.blocks]
         limits = limits_um(result.linear, swing.scatter_um)
         named += named_vibration(swing, limits[circles], train.after_um)
-    named = [replace(name, alone_um=fitted.left_um([name.effect])) if name.stands or given else name for name in named]
+    named = [
+        replace(name, alone_um=fitted.residual_um([name.effect])) if name.stands or given else name for name in named
+    ]
     return sorted(named, key=lambda name: (not name.stands, -name.worth_um)), doubts
 
 

@@ -290,7 +290,7 @@ class FittedRuns:
             self._fits[key] = fit_run_setups(with_effects(self.runs, effects))
         return self._fits[key]
 
-    def left_um(self, effects: Sequence[Effect]) -> float:
+    def residual_um(self, effects: Sequence[Effect]) -> float:
         """Return the rms residual in µm with effects added to the model."""
         return 1e3 * rms(self.beside(effects)[1])
 

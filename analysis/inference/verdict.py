@@ -160,11 +160,6 @@ class Gaps:
     unseen: Gap | None
 
     @property
-    def written(self) -> tuple[Gap, Gap | None]:
-        """What a calibrated model states of itself: the gap on the runs used, and where it had no part in it."""
-        return self.train, self.unseen or self.held_out
-
-    @property
     def judged(self) -> Gap:
         """The gap by which a model is judged: where it had no part, if there are such runs."""
         return self.unseen or self.held_out or self.train
@@ -209,7 +204,7 @@ def named_effects(
     does not stand by it, if it does not. `gains` has the gain of each on held-out runs."""
     effects = result.effects
     named = [
-        _named(result, k, gain, change, fitted.left_um([*effects[:k], *effects[k + 1 :]]))
+        _named(result, k, gain, change, fitted.residual_um([*effects[:k], *effects[k + 1 :]]))
         for k, (gain, change) in enumerate(zip(gains, changes, strict=True))
     ]
     series = series_among(effects)
@@ -426,7 +421,7 @@ def standing_within(tolerance_um: float, used: FittedRuns) -> tuple[Standing, Li
     """Return how the arm as it drives, without the model of its rig file, stands against a tolerance of the residuals
     (m, k), rms."""
     bare = [replace(run, model=replace(run.model, effects=())) for run in used.runs]
-    return "pass" if FittedRuns(bare).left_um(()) <= tolerance_um else "fail", "tolerance"
+    return "pass" if FittedRuns(bare).residual_um(()) <= tolerance_um else "fail", "tolerance"
 
 
 def accuracy_of(

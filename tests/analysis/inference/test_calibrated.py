@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.inference import validation as calibrated
+from analysis.inference.calibrated_model import (  # private: a diagnosis of a calibrated arm takes a minute
+    _beside,
+    covariance_of,
+)
 from analysis.inference.result import Diagnosis
 from analysis.inference.search import SearchResult, search
 from analysis.inference.state import background_effects, background_terms
-from analysis.inference.validation import covariance_of
 from analysis.reporting.diagnosis_report import write_extended
 from rigs.calibration import TIMES, CalibratedModel, Parameter, Term, packed_factor
 from rigs.effects import Backlash, Effect, GaugeScale, JointOffset, LinkGeometry, TransmissionError
@@ -117,7 +119,7 @@ def test_two_calibrations_add_up_their_times_and_their_variances() -> None:
     same, other = JointOffset(axis=3, offset_deg=0.02), JointOffset(axis=4, offset_deg=0.02)
     new = LinkGeometry(axis=3, field="a", delta=0.2)
     first, second = _model([(same, 0.5), (other, -1.0)], 1), _model([(new, 2.0), (same, 0.25)], 2)
-    both = calibrated._beside(first, second)  # private: a diagnosis of a calibrated arm takes a minute
+    both = _beside(first, second)
     times: dict[Effect, float] = {}
     for term in both.terms:
         times[term.effect] = times.get(term.effect, 0.0) + term.times

@@ -264,7 +264,7 @@ def test_a_tolerance_judges_the_arm_as_it_drives_without_the_model_of_its_rig_fi
     holds = RIG.model_copy(update={"effects": HIDDEN["joint_offset 3"]})
     (runs,), _ = prepare_runs(holds, circles(HIDDEN["joint_offset 3"], seed=14)[:1])
     used = FittedRuns(runs)
-    assert used.left_um(()) < 30 and standing_within(30.0, used) == ("fail", "tolerance")
+    assert used.residual_um(()) < 30 and standing_within(30.0, used) == ("fail", "tolerance")
     assert standing_within(1000.0, used) == ("pass", "tolerance")
 
 

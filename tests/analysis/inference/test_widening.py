@@ -8,11 +8,11 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from analysis.inference import diagnose, remains
+from analysis.inference import diagnose, misses
 from analysis.inference.blocks import _visit_numbers  # private: which poses repeat is said nowhere else
+from analysis.inference.misses import LeftOut, _Neighbourhoods  # private: the sums that the factor is made of
 from analysis.inference.observation import observe
 from analysis.inference.placements import reach_mm
-from analysis.inference.validation import LeftOut, _Missed  # private: the sums that the factor is made of
 from analysis.kinematics.arm import transform
 from analysis.model.predict import SetUp, model_of
 from analysis.traces.tables import PoseTable
@@ -25,34 +25,34 @@ STATED = RNG.uniform(0.02, 0.3, 60) ** 2
 NOISE = np.full(60, 0.03**2)
 
 
-def missed(variance: np.ndarray) -> _Missed:
+def missed(variance: np.ndarray) -> _Neighbourhoods:
     """Neighbourhoods of ten poses that share their error, of a given variance beside the noise."""
     squares = (variance + NOISE) * RNG.chisquare(3, 60) / 3
-    return _Missed(squares, NOISE, STATED, np.full(60, 30.0))
+    return _Neighbourhoods(squares, NOISE, STATED, np.full(60, 30.0))
 
 
 def test_misses_that_grow_with_what_is_stated_are_a_factor() -> None:
-    wider = missed(4 * STATED).widening()
+    wider = missed(4 * STATED).parted()
     assert 1.6 < wider.factor < 2.7
     assert wider.unexplained_mm is not None and wider.unexplained_mm < 0.12
 
 
 def test_misses_that_are_the_same_everywhere_are_unexplained() -> None:
-    wider = missed(STATED + 0.3**2).widening()
+    wider = missed(STATED + 0.3**2).parted()
     assert wider.factor < 1.8  # a wide share of the places states nearly as much
     assert wider.unexplained_mm == pytest.approx(0.3, rel=0.35)
 
 
 def test_a_model_that_states_enough_is_not_narrowed() -> None:
-    wider = missed(0.3 * STATED).widening()
+    wider = missed(0.3 * STATED).parted()
     assert wider.factor == 1.0 and wider.unexplained_mm == 0.0
 
 
 def test_one_place_far_off_does_not_decide() -> None:
     sound = missed(STATED)
-    squares = sound.missed.copy()
+    squares = sound.missed_mm2.copy()
     squares[7] = 400 * STATED[7]
-    assert _Missed(squares, NOISE, STATED, sound.weight).ratio < 2 * max(sound.ratio, 1.0)
+    assert _Neighbourhoods(squares, NOISE, STATED, sound.weight).ratio < 2 * max(sound.ratio, 1.0)
 
 
 def test_the_reach_of_what_was_judged_is_that_of_the_farthest_placement() -> None:
@@ -69,14 +69,14 @@ def test_the_reach_of_what_was_judged_is_that_of_the_farthest_placement() -> Non
 
 def left_out(missed_by: np.ndarray, group: np.ndarray) -> LeftOut:
     ones = np.ones(len(missed_by))
-    return LeftOut(np.arange(len(ones)), group, missed_by, missed_by**2, ones, ones, ones)
+    return LeftOut(group, missed_by**2, ones, ones, ones, np.arange(len(ones)), missed_by)
 
 
 def test_what_stays_is_held_against_places_that_had_no_part() -> None:
     group = np.repeat(np.arange(20), 15)
     columns = RNG.normal(size=(300, 12))
     noise = RNG.normal(size=300)
-    share_of = remains._share_left_out  # private: the page shows it of real cells alone
+    share_of = misses._share_left_out  # private: the page shows it of real cells alone
     assert share_of(columns, noise, left_out(noise, group)) < 0.02
     with_some = noise + columns[:, :2] @ [1.0, 1.0]
     assert share_of(columns, with_some, left_out(with_some, group)) == pytest.approx(2 / 3, abs=0.1)
