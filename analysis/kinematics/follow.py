@@ -36,11 +36,7 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
     start = solution[0] if good[0] else _nearest_branch(arm, poses[:1], posture)
     if start is None:
         raise _out_of_reach(poses, 0, where)
-    # Knots are where the tool turned or moved by a few degrees (of arm length) since the knot before.
-    steps = [pose_error(poses[:-1][block], poses[1:][block]) for block in blocks(len(poses) - 1)]
-    motion = np.abs(np.concatenate([np.zeros((1, 6)), *steps]) / ([LENGTH_MM] * 3 + [1.0] * 3)).sum(axis=1)
-    counts = np.floor(np.cumsum(motion) / _KNOT_TURN)
-    knots = np.unique([0, *(np.flatnonzero(np.diff(counts) > 0) + 1), len(poses) - 1]).astype(np.intp)
+    knots = _knots(poses)
     path = _on_one_branch(arm, poses, knots, start)
     if path is None:
         path = _walked(arm, poses, knots, start, where)
@@ -55,6 +51,15 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
                 "limits",
             )
     return path
+
+
+def _knots(poses: Array) -> Indices:
+    """Indices at which the tool turned or moved by a few degrees (of arm length) since the knot before. What it takes
+    to find them, twice as much as the poses (n, 4, 4), goes before the path is made."""
+    steps = [pose_error(poses[:-1][block], poses[1:][block]) for block in blocks(len(poses) - 1)]
+    motion = np.abs(np.concatenate([np.zeros((1, 6)), *steps]) / ([LENGTH_MM] * 3 + [1.0] * 3)).sum(axis=1)
+    counts = np.floor(np.cumsum(motion) / _KNOT_TURN)
+    return np.unique([0, *(np.flatnonzero(np.diff(counts) > 0) + 1), len(poses) - 1]).astype(np.intp)
 
 
 def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Array | None:
