@@ -200,7 +200,7 @@ class Background:
         return np.asarray(self.variance * np.einsum("kj,kj->j", inverse, inverse), dtype=float)
 
     def covariance_times(self, vector: Array) -> Array:
-        """Return the product (p,) of the covariance of the coefficients, in healthy sizes, with a vector (p,), without it."""
+        """Return the product (p,) of the covariance of the coefficients, in healthy sizes, with a vector (p,)."""
         none = np.empty((0, 1))
         return self.taken(self._absorbing(none, none, vector[None]))[:, 0]
 
