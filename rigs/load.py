@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from rigs.calibration import MOST_CALIBRATION_BYTES, TIMES, CalibratedModel, CalibrationFile
+from rigs.calibration import MOST_CALIBRATION_BYTES, TIMES, CalibratedModel, CalibrationFile, Parameter
 from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
 from rigs.files import of_newer_rig, read_bytes, read_text
@@ -64,14 +64,17 @@ def _reasons(calibrated: CalibratedModel, rig: Rig) -> Iterator[str]:
             yield f"term {number} has {name} {value:g} in all, and an arm at most {bound:g}"
     spread = np.sqrt((calibrated.root**2).sum(axis=1))
     for parameter, sd in zip(calibrated.parameters, spread.tolist(), strict=True):
-        effect = calibrated.terms[parameter.term].effect
-        if parameter.field == TIMES:
-            size = abs(float(getattr(effect, size_field(effect))))
-            widest = _bound(effect, size_field(effect)) / size if size else np.inf
-        else:
-            widest = _bound(effect, parameter.field)
-        if not 0 < sd <= widest:
+        if not 0 < sd <= _widest(calibrated, parameter):
             yield f"the uncertainty of {parameter.field} of term {parameter.term} is {sd:.3g}, which no readings give"
+
+
+def _widest(calibrated: CalibratedModel, parameter: Parameter) -> float:
+    effect = calibrated.terms[parameter.term].effect
+    if parameter.field != TIMES:
+        return _bound(effect, parameter.field)
+    name = size_field(effect)
+    size = abs(float(getattr(effect, name)))
+    return _bound(effect, name) / size if size else np.inf
 
 
 def _bound(effect: Any, field: str) -> float:
@@ -161,8 +164,15 @@ def calibrated_beside(rig: Rig, directory: Path) -> Rig:
 
 def _calibration(path: Path, named: CalibrationFile) -> CalibratedModel:
     """The content of a calibration file that a rig file names. Raises FileError."""
-    if named.sha256 in _calibrations and path.is_file():
-        return _calibrations[named.sha256]
+    if named.sha256 not in _calibrations or not path.is_file():
+        content = _read_calibration(path, named.sha256)
+        while len(_calibrations) >= _MOST_KEPT:
+            del _calibrations[next(iter(_calibrations))]
+        _calibrations[named.sha256] = content
+    return _calibrations[named.sha256]
+
+
+def _read_calibration(path: Path, digest: str) -> CalibratedModel:
     try:
         data = read_bytes(path, MOST_CALIBRATION_BYTES)
     except OSError as error:
@@ -170,21 +180,17 @@ def _calibration(path: Path, named: CalibrationFile) -> CalibratedModel:
         raise FileError(
             str(path), problem, "copy it there too, or remove the key calibration from the rig file"
         ) from None
-    if hashlib.sha256(data).hexdigest() != named.sha256:
+    if hashlib.sha256(data).hexdigest() != digest:
         problem = "is not the file that the rig file names: its SHA-256 differs, so it was changed or replaced"
         raise FileError(str(path), problem, "restore both files of one diagnosis, or diagnose again")
     try:
-        content = CalibratedModel.read(data)
+        return CalibratedModel.read(data)
     except ValidationError as error:
         if newer := of_newer_rig(str(path), error, "format"):
             raise newer from None
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, first["loc"])) or "the file"
         raise FileError(str(path), f"is no calibration: {place}: {first['msg']}", "diagnose again") from None
-    while len(_calibrations) >= _MOST_KEPT:
-        del _calibrations[next(iter(_calibrations))]
-    _calibrations[named.sha256] = content
-    return content
 
 
 _calibrations: dict[str, CalibratedModel] = {}
@@ -220,16 +226,20 @@ def parse(text: str, where: str) -> Rig:
     if text not in _good:
         while len(_good) >= _MOST_KEPT:
             del _good[next(iter(_good))]
-        root, data = read_yaml(text, where)
-        try:
-            _good[text] = Rig.model_validate(data)
-        except ValidationError as error:
-            raise RigFileError(where, problems_of(error, data, root)) from None
+        _good[text] = _parsed(text, where)
     return _good[text]
 
 
 _good: dict[str, Rig] = {}
 _MOST_KEPT = 16
+
+
+def _parsed(text: str, where: str) -> Rig:
+    root, data = read_yaml(text, where)
+    try:
+        return Rig.model_validate(data)
+    except ValidationError as error:
+        raise RigFileError(where, problems_of(error, data, root)) from None
 
 
 def load_hidden(name: str | Path) -> Hidden:

@@ -217,7 +217,7 @@ def _try(robot: Feedback) -> _Tried:
     tried = robot.model_copy(update=limits)
     sends: Sends = "nothing" if robot.listens else "all"
     stream = replace(robot_stream(tried), host=lambda: Probing(feedback.host(tried), sends, _SILENCES))
-    return _Tried(robot, try_line(stream, NO_LINE, _PATIENCE_S, _CONFIRM_S))
+    return _Tried(robot, try_line(stream, stream.line, _PATIENCE_S, _CONFIRM_S))
 
 
 def _own_report(trial: Trial) -> str:

@@ -76,21 +76,23 @@ def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Fin
         ports = ", ".join(f"{name} on {port}" for name, port in served.items())
         yield wrong("rigd", f"reads {ports}: not what the rig file says", "start rigd again, or give its own file")
     for name, stream in status["streams"].items():
-        last_fault = stream["last_fault"]
-        ages_s = {column: age_s for column, age_s in stream["age_s"].items() if column not in CONDITION}
-        silent = [column for column, age_s in ages_s.items() if age_s > _FRESH_S]
-        faults = {kind: count for kind, count in stream["counters"].items() if kind != "samples"}
-        good = stream["counters"].get("samples", 0)
-        observation = f"{stream['rate_hz']:.1f} readings a second, {good} so far"
-        if not stream["connected"]:
-            yield wrong(name, "its port is not open", last_fault or "see rig logs")
-        elif silent or not ages_s:
-            yield wrong(name, f"no reading of {', '.join(silent) or name}", last_fault or "see rig logs")
-        elif sum(faults.values()) * 100 > good:
-            counts = ", ".join(f"{count} {kind}" for kind, count in faults.items())
-            yield doubtful(name, f"{observation}; {counts}", last_fault)
-        else:
-            yield ok(name, observation)
+        yield _stream(name, stream)
         if stream["connected"]:
             now = {column: stream["last"][column] for column, age_s in stream["age_s"].items() if age_s <= _FRESH_S}
             yield from of_condition(name, now)
+
+
+def _stream(name: str, stream: dict[str, Any]) -> Finding:
+    if not stream["connected"]:
+        return wrong(name, "its port is not open", stream["last_fault"] or "see rig logs")
+    ages_s = {column: age_s for column, age_s in stream["age_s"].items() if column not in CONDITION}
+    silent = [column for column, age_s in ages_s.items() if age_s > _FRESH_S]
+    if silent or not ages_s:
+        return wrong(name, f"no reading of {', '.join(silent) or name}", stream["last_fault"] or "see rig logs")
+    faults = {kind: count for kind, count in stream["counters"].items() if kind != "samples"}
+    good = stream["counters"].get("samples", 0)
+    observation = f"{stream['rate_hz']:.1f} readings a second, {good} so far"
+    if sum(faults.values()) * 100 > good:
+        counts = ", ".join(f"{count} {kind}" for kind, count in faults.items())
+        return doubtful(name, f"{observation}; {counts}", stream["last_fault"])
+    return ok(name, observation)

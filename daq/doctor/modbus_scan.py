@@ -85,35 +85,38 @@ class Way:
 
 def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[Way]:
     """Return the ways in which registers of the pieces seen are a reading that moves; the likeliest first."""
-    orders, moving = list(product(get_args(Order), repeat=2)), dict[str, Way]()
-    for ((unit, function), _), contents in seen.items():
-        for address, kind, (word_order, byte_order) in product(contents, get_args(Number), orders):
-            register = Register(address=address, type=kind)
-            addresses = range(address, address + register.count)
-            if register.count == 1 and word_order != gauge.word_order:
-                continue
-            if not all(place in contents for place in addresses):
-                continue
-            settings = {
-                "unit": (unit, gauge.unit),
-                "function": (function, gauge.function),
-                "value.address": (address, gauge.value.address),
-                "value.type": (kind, gauge.value.type),
-                "word_order": (word_order, gauge.word_order),
-                "byte_order": (byte_order, gauge.byte_order),
-            }
-            layout = gauge.model_copy(update={"address": address, "word_order": word_order, "byte_order": byte_order})
-            passes = zip(*(contents[place] for place in addresses), strict=True)
-            raw = np.array([unpack(words, register, layout) for words in passes], dtype=float)
-            with np.errstate(over="ignore", invalid="ignore"):  # in a wrong order a number may be infinite, or none
-                readings_mm = (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
-            if is_motion(readings_mm, gauge):
-                changed = {key: read for key, (read, written) in settings.items() if read != written}
-                changing = frozenset((unit, function, place) for place in addresses if len(set(contents[place])) > 1)
-                way = Way(changed, readings_mm, changing)
-                moving[str(way)] = way
-    whole = [way for way in moving.values() if not any(way.is_part_of(wider) for wider in moving.values())]
+    of_pieces = [way for (place, _), registers in seen.items() for way in _of_piece(gauge, *place, registers)]
+    moving = {str(way): way for way in of_pieces}.values()
+    whole = [way for way in moving if not any(way.is_part_of(wider) for wider in moving)]
     return sorted(whole, key=lambda way: way.effort)
+
+
+def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterator[Way]:
+    """The ways in one piece of a unit."""
+    orders = product(get_args(Order), repeat=2)
+    for address, kind, (word_order, byte_order) in product(seen, get_args(Number), list(orders)):
+        register = Register(address=address, type=kind)
+        if register.count == 1 and word_order != gauge.word_order:
+            continue
+        if not all(address + k in seen for k in range(register.count)):
+            continue
+        settings = {
+            "unit": (unit, gauge.unit),
+            "function": (function, gauge.function),
+            "value.address": (address, gauge.value.address),
+            "value.type": (kind, gauge.value.type),
+            "word_order": (word_order, gauge.word_order),
+            "byte_order": (byte_order, gauge.byte_order),
+        }
+        layout = gauge.model_copy(update={"address": address, "word_order": word_order, "byte_order": byte_order})
+        passes = zip(*(seen[address + k] for k in range(register.count)), strict=True)
+        raw = np.array([unpack(words, register, layout) for words in passes], dtype=float)
+        with np.errstate(over="ignore", invalid="ignore"):  # in a wrong order a number may be infinite, or none
+            readings_mm = (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
+        if is_motion(readings_mm, gauge):
+            changed = {key: read for key, (read, written) in settings.items() if read != written}
+            moving = [address + k for k in range(register.count) if len(set(seen[address + k])) > 1]
+            yield Way(changed, readings_mm, frozenset((unit, function, place) for place in moving))
 
 
 def is_motion(readings_mm: NDArray[np.float64], gauge: ModbusMap) -> bool:

@@ -58,23 +58,7 @@ def dialect(gauge: ModbusMap, wire: Wire) -> RegisterDialect:
 
 def held(gauge: ModbusMap, read: Read, place: int = 0) -> Held:
     """Return what the instrument's block holds, as a function of time. place: of its reading among those read."""
-
-    def registers_at(now_ns: int) -> list[int] | None:
-        """All registers; None where there is not a reading and no status register to say so."""
-        raw = (read(now_ns)[place] / MM_PER_UNIT[gauge.units] - gauge.value.offset) / gauge.value.scale
-        good = fits(raw, gauge.value)
-        if not good and gauge.status is None:
-            return None
-        registers = [0] * gauge.count
-        pack(registers, gauge.value, gauge, raw if good else 0)
-        pack_verdict(registers, gauge.status, gauge, good=good)
-        seconds, rest_ns = divmod(now_ns, 1_000_000_000)
-        for register, value in ((gauge.clock_s, seconds), (gauge.clock_us, rest_ns // 1000)):
-            if register is not None:
-                pack(registers, register, gauge, value)
-        return registers
-
-    return registers_at
+    return lambda now_ns: _registers(gauge, read(now_ns)[place], now_ns)
 
 
 class _Readings:
@@ -108,9 +92,7 @@ class _Readings:
             return Fault(FaultKind.GARBLED, at_ns, detail)
         if refused:
             return Fault(refused[0], at_ns, refused[1])
-        parts = [(gauge.clock_s, 1.0), (gauge.clock_us, 1e-6)]
-        times_s = [unpack(registers, part, gauge) * scale for part, scale in parts if part is not None]
-        clock_s = sum(times_s) if times_s and math.isfinite(sum(times_s)) else math.nan
+        clock_s = _clock_s(gauge, registers)
         return Sample((value_mm,), requested_ns, message.first_byte_ns, at_ns, message.size, clock_s, code)
 
     def _refusal(self, value_mm: float, registers: Registers) -> tuple[FaultKind, str] | None:
@@ -125,17 +107,7 @@ class _Readings:
             return refused
         if not refused and not (fine_before and self._fine):
             return None
-        orders = list[str]()  # in which the value would be a length
-        for word_order, byte_order in product(get_args(Order), repeat=2):
-            pair: dict[str, Order] = {"word_order": word_order, "byte_order": byte_order}
-            changed = {key: order for key, order in pair.items() if order != getattr(self._gauge, key)}
-            if not changed or (self._gauge.value.count == 1 and "word_order" in changed):
-                continue
-            raw = unpack(registers, self._gauge.value, self._gauge.model_copy(update=changed))
-            length_mm = _mm(raw, self._gauge)
-            if abs(length_mm) > _FINE_MM and refusal(length_mm, self._gauge) is None:
-                words = ", ".join(f"{key}: {order}" for key, order in changed.items())
-                orders.append(f"{length_mm:.4g} mm with {words}")
+        orders = _in_other_orders(registers, self._gauge)
         if not refused and not orders:
             return None
         problem = refused[1] if refused else f"{value_mm:.3g} mm, time after time, is no reading; check `units`"
@@ -145,3 +117,41 @@ class _Readings:
 
 def _mm(raw: float, gauge: ModbusMap) -> float:
     return (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
+
+
+def _in_other_orders(registers: Registers, gauge: ModbusMap) -> list[str]:
+    """Return what the value would be in the other orders, where that is a length."""
+    readings = []
+    for word_order, byte_order in product(get_args(Order), repeat=2):
+        orders: dict[str, Order] = {"word_order": word_order, "byte_order": byte_order}
+        changed = {key: order for key, order in orders.items() if order != getattr(gauge, key)}
+        if not changed or (gauge.value.count == 1 and "word_order" in changed):
+            continue
+        value_mm = _mm(unpack(registers, gauge.value, gauge.model_copy(update=changed)), gauge)
+        if abs(value_mm) > _FINE_MM and refusal(value_mm, gauge) is None:
+            readings.append(f"{value_mm:.4g} mm with {', '.join(f'{key}: {order}' for key, order in changed.items())}")
+    return readings
+
+
+def _clock_s(gauge: ModbusMap, registers: Registers) -> float:
+    if gauge.clock_s is None and gauge.clock_us is None:
+        return math.nan
+    parts = [(gauge.clock_s, 1.0), (gauge.clock_us, 1e-6)]
+    clock_s = sum(unpack(registers, part, gauge) * scale for part, scale in parts if part is not None)
+    return clock_s if math.isfinite(clock_s) else math.nan
+
+
+def _registers(gauge: ModbusMap, reading_mm: float, now_ns: int) -> list[int] | None:
+    """All registers; None where there is not a reading and no status register to say so."""
+    raw = (reading_mm / MM_PER_UNIT[gauge.units] - gauge.value.offset) / gauge.value.scale
+    good = fits(raw, gauge.value)
+    if not good and gauge.status is None:
+        return None
+    registers = [0] * gauge.count
+    pack(registers, gauge.value, gauge, raw if good else 0)
+    pack_verdict(registers, gauge.status, gauge, good=good)
+    seconds, rest_ns = divmod(now_ns, 1_000_000_000)
+    for register, value in ((gauge.clock_s, seconds), (gauge.clock_us, rest_ns // 1000)):
+        if register is not None:
+            pack(registers, register, gauge, value)
+    return registers

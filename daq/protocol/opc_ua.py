@@ -259,12 +259,12 @@ class Channel:
         head = _u32(self.number) + security
         room = self._longest - _HEADER.size - len(head) - _NUMBERS.size
         parts = [body[begin : begin + room] for begin in range(0, len(body), room)]
-        whole = b""
+        chunks = []
         for part, final in zip(parts, [_INTERMEDIATE] * (len(parts) - 1) + [_FINAL], strict=True):
             self._sent = self._sent % (2**32 - 1) + 1
             size = _HEADER.size + len(head) + _NUMBERS.size + len(part)
-            whole += _HEADER.pack(kind, final, size) + head + _NUMBERS.pack(self._sent, request) + part
-        return whole
+            chunks.append(_HEADER.pack(kind, final, size) + head + _NUMBERS.pack(self._sent, request) + part)
+        return b"".join(chunks)
 
     def read(self, chunk: bytes) -> Received | None:
         """Return the message that a chunk completes; None where more has to come. Raises Unreadable."""

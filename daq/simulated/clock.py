@@ -169,14 +169,7 @@ class SimulatedClock:
 
     def _hand_over(self, me: _Task | None) -> None:
         """Let the next thread go on, and come back when it is this one's turn; None for one that is at its end."""
-        tasks = list(self._tasks.values())
-        able = [task for task in tasks if task.killed or task.ready()]
-        if not able and (timed_ns := [task.due_ns for task in tasks if task.due_ns is not None]):
-            self._ns = max(self._ns, min(timed_ns))
-            able = [task for task in tasks if task.due_ns is not None and task.due_ns <= self._ns]
-        elif not able:
-            self._stuck, able = True, tasks[:1]
-        chosen = able[0] if len(able) == 1 else self._dice.choice(able)
+        chosen = self._next()
         self._ns += self._dice.randrange(*_STEP_NS)
         self._turns += 1
         self._running = chosen
@@ -188,6 +181,17 @@ class SimulatedClock:
             if self._turns == turn:
                 raise Deadlock(f"{chosen.thread.name} comes to no wait")
             turn = self._turns
+
+    def _next(self) -> _Task:
+        tasks = list(self._tasks.values())
+        if not (able := [task for task in tasks if task.killed or task.ready()]):
+            timed = [task.due_ns for task in tasks if task.due_ns is not None]
+            if not timed:
+                self._stuck = True
+                return tasks[0]
+            self._ns = max(self._ns, min(timed))
+            able = [task for task in tasks if task.due_ns is not None and task.due_ns <= self._ns]
+        return able[0] if len(able) == 1 else self._dice.choice(able)
 
 
 def close_files_in(folder: Path) -> None:
