@@ -36,7 +36,7 @@ from analysis.inference.verdict import (
     accuracy_of,
     ambiguous_names,
     condition_of,
-    doubt_of_phases,
+    doubts_of_phases,
     judged_of,
     named_effects,
     named_vibration,
@@ -51,6 +51,7 @@ from analysis.kinematics.arm import Array, rail_mm
 from analysis.traces.loading import Measured
 from analysis.traces.table_layout import COMMANDED
 from rigs.effects import Effect
+from rigs.effects import swing as vibration_at
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import label_of, name_of, size_field
@@ -254,9 +255,10 @@ def _named_in(
     named = named_effects(result, fitted, held_out_gains(result, judges), changes)
     named = without_useless(named, train)
     doubts = doubts_of_limits(named)
-    swing = find_vibration(with_effects(used, result.effects), result.linear.setups)
+    may_swing = not given or any(isinstance(name.effect, type(vibration_at(1.0, 0.0))) for name in named)
+    swing = find_vibration(with_effects(used, result.effects), result.linear.setups) if may_swing else None
     if swing is not None and given:
-        doubts += tuple(doubt for name in named if (doubt := doubt_of_phases(name, swing)))
+        doubts += doubts_of_phases(named, swing)
     elif swing is not None:  # it stands if its worth exceeds the scatter of a circle without it
         circles = [block.sampling is not None for block in result.linear.blocks]
         limits = limits_um(result.linear, swing.scatter_um)

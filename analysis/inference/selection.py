@@ -89,9 +89,9 @@ _TRIED, _CLOSE = 3, 0.5
 """Largest number of names that are fitted before one is added, and the share of the largest gain that the others must
 have. Chosen: each fit costs a fraction of a round."""
 _BENT, _PLAIN_TO_SEE = -5.0, 10.0
-"""Log evidence of a form from which its name is fitted once where no name gains, and sigmas of the readings in which it
-must be seen: none of its stretched shapes may be near enough. The spike of an axis that fades in 0.93 s, 21 sigma, lost
-2.5 by that of 1 s, gained 420 when it was fitted, and left out made 33 ms of a lag of 0.6."""
+"""Log evidence of a form from which its name is fitted too where no name gains much, and sigmas of the readings in
+which it must be seen: none of its stretched shapes may be near enough. The spike of an axis that fades in 0.93 s, 21
+sigma, lost 2.5 by that of 1 s and gained 420 when it was fitted; left out, it made 33 ms of a lag of 0.6."""
 _OF_SET_UP = 0.01
 """Share of a column that is left where a set-up may do as it likes, below which it is one of its terms. Chosen: beside
 a soft joint the last length, on which the torque depends, leaves 0.002, and was named as 24 mm for 36 µm; what is no
@@ -500,7 +500,7 @@ class Selection:
             if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best_of) == _TRIED:
                 break
             best_of.setdefault(forms[k].name, k)
-        if gain.max() < _MUCH and len(state.effects) < _DEPTH:
+        if gain.max(initial=-np.inf) < _MUCH and len(state.effects) < _DEPTH:
             shown = posterior.gains(forms, state.level)
             plain = np.flatnonzero((gain > _BENT) & (shown.size * shown.sigma > _PLAIN_TO_SEE)).tolist()
             bent = [k for k in plain if forms[k].effect.STRETCHED and not is_wave(forms[k].effect)]

@@ -290,18 +290,18 @@ def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list
     return [Named(swing.effect, swing.sd, odds, (), gap_um, swing.effect.remedy(), moves.whole_um, None)]
 
 
-def doubt_of_phases(fitted: Named, swing: FoundVibration) -> str:
-    """Return a doubt about a vibration that was fitted with one phase in all runs, in which it has one of each run's
-    own; empty where the runs show none beyond it, as about any other effect."""
-    if type(fitted.effect) is not type(swing.effect) or swing.gain < np.log(ODDS):
-        return ""
-    size = size_field(swing.effect)
-    beyond, sd = swing.amplitude_mm - getattr(fitted.effect, size), float(np.hypot(swing.sd[size], fitted.sd[size]))
-    if beyond < CERTAIN_SIGMA * sd:
-        return ""
-    return (
-        f"the runs show a {swing.effect.plain('')} of {swing.amplitude_mm:.4f} ± {swing.sd[size]:.4f} mm whose phase "
-        "differs from run to run: a fit with one phase for all of them does not see it; rig diagnose states its size"
+def doubts_of_phases(named: Sequence[Named], left: FoundVibration) -> tuple[str, ...]:
+    """Return a doubt about each vibration among names that was fitted with one phase and frequency in all runs, where
+    what is `left` of the runs once it is taken off swings by more than the fit is unsure of."""
+    size = size_field(left.effect)
+    return tuple(
+        f"once the fitted vibration is taken off, the runs still show a {left.effect.plain('')} of "
+        f"{left.amplitude_mm:.4f} ± {left.sd[size]:.4f} mm: a fit with one phase and one frequency for all runs does "
+        "not see what differs from run to run"
+        for name in named
+        if isinstance(name.effect, type(left.effect))
+        and left.gain >= np.log(ODDS)
+        and left.amplitude_mm > CERTAIN_SIGMA * name.sd[size]
     )
 
 
