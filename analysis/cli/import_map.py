@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.cli.console import progress_of, say
 from analysis.files.imports import is_plain, propose_map, read_mapped
-from analysis.files.map_proposal import Proposal, Reading
+from analysis.files.map_proposal import Proposal, Question, Reading
 from analysis.files.table_map import MAPPED, TableMap, load_map, map_text, value_text
 from analysis.files.write import holding, write_new
 from analysis.setup.dialogue import Dialogue, has_keyboard
@@ -73,13 +73,6 @@ def mapped_run(
 def _proposed(files: Sequence[Path], rig_file: str, join: str, run: Path, *, topic: str, yes: bool) -> TableMap:
     with progress_of(f"reading {files[0]}"):
         proposal = propose_map(files, rig_file, join, topic)
-
-    def read(text: str) -> Reading:
-        question = proposal.questions[0]
-        if not text.isdigit() or not 1 <= int(text) <= len(question.readings):
-            raise UseError(question.key, f"{text!r} is no number of the list", f"give 1 to {len(question.readings)}")
-        return question.readings[int(text) - 1]
-
     for line in proposal.checked:
         say(line, err=True)
     if proposal.questions and not yes:
@@ -91,12 +84,22 @@ def _proposed(files: Sequence[Path], rig_file: str, join: str, run: Path, *, top
             lines = [f"{question.key}: {question.asks}"]
             lines += [f"  {number}  {reading.line()}" for number, reading in enumerate(question.readings, start=1)]
             lines += [f"number, 1 to {len(question.readings)}"]
-            proposal = proposal.answered(question, dialogue.ask("\n".join(lines), "--map", read))
+            chosen = dialogue.ask("\n".join(lines), "--map", _answer_of(question))
+            proposal = proposal.answered(question, chosen)
     proposal = proposal.assumed()
     say("read by this map, which the run keeps:", err=True)
     for line in map_text(proposal.table_map).splitlines():
         say(f"  {line}", err=True)
     return proposal.table_map
+
+
+def _answer_of(question: Question) -> Callable[[str], Reading]:
+    def read(text: str) -> Reading:
+        if not text.isdigit() or not 1 <= int(text) <= len(question.readings):
+            raise UseError(question.key, f"{text!r} is no number of the list", f"give 1 to {len(question.readings)}")
+        return question.readings[int(text) - 1]
+
+    return read
 
 
 def _refuse(proposal: Proposal, run: Path, files: Sequence[Path]) -> None:

@@ -274,25 +274,29 @@ def sign_findings(runs: Sequence[Measured]) -> Iterator[Finding]:
         else:
             group_of_run.append(run)
     for group in groups:
-        by_effects = list[Finding]()  # of runs that the effects of their rig file explain only with the gauges negated
-        for run in group:
-            model, table = model_of(run.rig), run.table
-            if not model.effects or table.kind.cannot_tell(table, run.rig):
-                continue
-            as_labelled, as_meant = _left_mm(model, table, 1.0), _left_mm(model, table, -1.0)
-            if as_labelled < _KNOWN_MM or as_labelled < _KNOWN * as_meant:
-                continue
-            values = 3 * len(table.q) ** 0.5
-            misfit = Misfit(as_labelled, as_meant, values * float(np.log(as_labelled / max(as_meant, 1e-6))))
-            gauges, names = tuple(f"{gauge}_mm" for gauge in table.kind.gauges), (run.run.manifest.name,)
-            fact = (
-                f"the effects of the rig file explain its readings only with the gauges counting the other way: "
-                f"{1e3 * as_meant:.0f} instead of {1e3 * as_labelled:.0f} µm are left"
-            )
-            by_effects.append(Finding(SIGN, "decisive", gauges, "gauges negated", fact, _REMEDY, misfit, names))
+        by_effects = [finding for run in group for finding in _known_effects(run)]
         yield from by_effects
         if not by_effects:
             yield from _leading_play(group)
+
+
+def _known_effects(run: Measured) -> Iterator[Finding]:
+    """A run that the effects of its rig file explain only with the gauges negated."""
+    model = model_of(run.rig)
+    table = run.table
+    if not model.effects or not table.kind.gauges or table.kind.cannot_tell(table, run.rig):
+        return
+    as_labelled, as_meant = _left_mm(model, table, 1.0), _left_mm(model, table, -1.0)
+    if as_labelled < _KNOWN_MM or as_labelled < _KNOWN * as_meant:
+        return
+    values = 3 * len(table.q) ** 0.5
+    misfit = Misfit(as_labelled, as_meant, values * float(np.log(as_labelled / max(as_meant, 1e-6))))
+    name, gauges = run.run.manifest.name, tuple(f"{gauge}_mm" for gauge in table.kind.gauges)
+    fact = (
+        f"the effects of the rig file explain its readings only with the gauges counting the other way: "
+        f"{1e3 * as_meant:.0f} instead of {1e3 * as_labelled:.0f} µm are left"
+    )
+    yield Finding(SIGN, "decisive", gauges, "gauges negated", fact, _REMEDY, misfit, (name,))
 
 
 _COLUMNS = ("g1_mm", "g2_mm")
@@ -343,7 +347,8 @@ def _leading_play(runs: Sequence[Measured]) -> Iterator[Finding]:
     if {run.run.manifest.direction for run in runs} < {"acw", "cw"}:
         return
     energies, values = np.zeros(len(_MEANT)), 0.0
-    for rig, test, acw, cw in _pairs(runs):
+    for rig, test, both in _pairs(runs):
+        acw, cw = (_mean(both[way]) for way in ("acw", "cw"))
         slopes = _slopes(rig, test, acw, cw)
         energies += [_left_of_plays(slopes, _as(acw, meant), _as(cw, meant)) for meant in _MEANT]
         values += 2 * GRID / _ALIKE
@@ -401,9 +406,9 @@ def _as(way: _Way, meant: _Meant) -> _Way:
     return replace(way, g_mm=way.g_mm[:, columns] * signs, stuck=way.stuck[:, columns] * signs)
 
 
-def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, _Way, _Way]]:
-    """The mean circles acw and cw of each test and placement that were driven both ways, with their rig, on the grid.
-    Those that hold no lap are reported where they are analysed."""
+def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, dict[str, list[_Way]]]]:
+    """The circles of each test and placement that were driven both ways, with their rig, on the grid. Those that hold
+    no lap are reported where they are analysed."""
     pairs: dict[tuple[object, ...], tuple[Rig, TestName, dict[str, list[_Way]]]] = {}
     for run in runs:
         table = run.table
@@ -422,11 +427,11 @@ def _pairs(runs: Sequence[Measured]) -> Iterator[tuple[Rig, TestName, _Way, _Way
             key = (table.test, run.run.manifest.placement, repr(run.rig.tests.circle))
             ways = pairs.setdefault(key, (run.rig, table.test, {}))[2]
             ways.setdefault(table.direction, []).append(way)
-    for rig, test, ways in pairs.values():
-        if len(ways) == 2:
-            both = (zip(*(vars(way).values() for way in ways[each]), strict=True) for each in ("acw", "cw"))
-            acw, cw = (_Way(*(np.mean(column, axis=0) for column in parts)) for parts in both)
-            yield rig, test, acw, cw
+    yield from (pair for pair in pairs.values() if len(pair[2]) == 2)
+
+
+def _mean(ways: Sequence[_Way]) -> _Way:
+    return _Way(*(np.mean([getattr(way, name) for way in ways], axis=0) for name in vars(ways[0])))
 
 
 def _left_of_plays(slopes: Array, acw: _Way, cw: _Way) -> float:

@@ -14,7 +14,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -59,19 +59,8 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
     if fitted.spare < SPARE or fitted.rms_mm < _LEAST_MM:
         return ""
     T = forward(fitted.arm, q)
-    # Rows that may have a placing of their own: those from the row on at which least remains, of a few tried and then
-    # of those beside it, and every other row where there are enough.
-    place, last = np.arange(len(rows)), len(rows) - _FEWEST_ROWS
-    tried = np.unique(np.linspace(_FEWEST_ROWS, last, _SPLITS).astype(int)).tolist()
-    near, step = min(tried, key=lambda first: _left_mm(fitted, T, place >= first)), last // _SPLITS
-    firsts = range(max(_FEWEST_ROWS, near - step), min(last, near + step) + 1)
-    first = min(firsts, key=lambda first: _left_mm(fitted, T, place >= first))
-    parts = [(place >= first, f"rows from about {rows[first]} on")]
-    second = rows % 2 == 0
-    if min(second.sum(), (~second).sum()) >= _FEWEST_ROWS:
-        parts.append((second, "every other row"))
     best, words, many = np.inf, "", _MANY_ROWS if fitted.spare >= _MANY_SPARE else count
-    for part, called in parts:
+    for part, called in _parts(rows, lambda part: _left_mm(fitted, T, part)):
         after, few = _left_mm(fitted, T, part), min(part.sum(), (~part).sum())
         if after < min(best, (_SHARE if few >= many else _SHARE_OF_FEW) * fitted.rms_mm):
             best, words = after, called
@@ -81,6 +70,19 @@ def two_placings(table: PoseTable, bare: Arm) -> str:
         f"{words} were measured with the target or the instrument elsewhere than the others: with a placing of their "
         f"own {best:.2g} mm are left of {fitted.rms_mm:.2g} mm"
     )
+
+
+def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask, str]]:
+    """Rows that may have a placing of their own, with how they are called: those from the row on at which least
+    remains, of a few tried and then of those beside it, and every other row where there are enough."""
+    place, last = np.arange(len(rows)), len(rows) - _FEWEST_ROWS
+    tried = np.unique(np.linspace(_FEWEST_ROWS, last, _SPLITS).astype(int)).tolist()
+    near, step = min(tried, key=lambda first: left_mm(place >= first)), last // _SPLITS
+    first = min(range(max(_FEWEST_ROWS, near - step), min(last, near + step) + 1), key=lambda k: left_mm(place >= k))
+    yield place >= first, f"rows from about {rows[first]} on"
+    second = rows % 2 == 0
+    if min(second.sum(), (~second).sum()) >= _FEWEST_ROWS:
+        yield second, "every other row"
 
 
 def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:

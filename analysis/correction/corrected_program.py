@@ -123,12 +123,14 @@ def correct_program(
     reasons |= _implausible(arm, targets, q, done, moved_mm)
     because = _off_by_offset(arm, targets, located, done, reasons)
     kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
-    values = {
-        k: done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
-        for k in kept
-        if not np.array_equal(done.q[k], q[k])  # what needs no correction keeps its bytes
-    }
-    new, after = _rewritten(reader, texts, parsed, values, scale)
+    changes: list[list[tuple[Number, str]]] = [[] for _ in range(texts.own)]
+    for k in kept:
+        if not np.array_equal(done.q[k], q[k]):  # what needs no correction keeps its bytes
+            value = done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
+            file = targets[k].file
+            changes[file] += _changes(reader, texts.texts[file], targets[k], value, scale)
+    new = tuple(map(replaced, texts.texts[: texts.own], changes))
+    after = _read_back(reader, parsed, replace(texts, texts=(*new, *texts.texts[texts.own :])))
     left = [
         *parsed.left,
         *(
@@ -170,19 +172,13 @@ def _joints_at(
     targets, reasons = parsed.targets, dict[int, Reason]()
     poses, angles = np.full((len(targets), 4, 4), np.nan), np.full((len(targets), 6), np.nan)
     for k, target in enumerate(targets):
-        values = [number.value for number in target.numbers]
-        if target.form == "pulses" and scale is None:
-            reasons[k] = "no_scale"
-        elif not target.joints and not is_frame(target.form, values):
-            reasons[k] = "unreachable"
-        elif not np.isfinite(values).all():
-            reasons[k] = "beyond_limits"
+        place = _given(target, located[k], scale)
+        if isinstance(place, str):
+            reasons[k] = place
         elif target.joints:
-            angles[k] = joints_of(target, scale)
-        elif reason := located[k].reason:
-            reasons[k] = reason
+            angles[k] = place
         else:
-            poses[k] = _in_world(arm, located[k], _with_offset(target, frame_of(target.form, values)))
+            poses[k] = _in_world(arm, located[k], place)
     low, high = arm.limits.T
     if start is not None and ((start < low) | (start > high)).any():
         raise UseError("--start-joints", "is beyond the limits of the arm's joints", "give angles that it can stand at")
@@ -270,6 +266,20 @@ def _known(place: Array | str, named: Mapping[str, Array], null: tuple[str, ...]
     return np.eye(4) if stated is None and place in null else stated
 
 
+def _given(target: Target, located: _Located, scale: Sequence[float] | None) -> Array | Reason:
+    """Return the joint angles (6,) rad or the frame (4, 4) of a target's numbers, or why there are none."""
+    if target.form == "pulses" and scale is None:
+        return "no_scale"
+    values = [number.value for number in target.numbers]
+    if not target.joints and not is_frame(target.form, values):
+        return "unreachable"
+    if not np.isfinite(values).all():
+        return "beyond_limits"
+    if target.joints:
+        return joints_of(target, scale)
+    return located.reason or _with_offset(target, frame_of(target.form, values))
+
+
 def _in_world(arm: Arm, located: _Located, X: Array) -> Array:
     """Return the pose (4, 4) of the rig's own tool in the world where the program's tool is at X (4, 4) in its
     frame."""
@@ -304,30 +314,29 @@ def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected,
     return reasons
 
 
-def _rewritten(
-    reader: ProgramReader, texts: Texts, before: Parsed, values: Mapping[int, Array], scale: Sequence[float] | None
-) -> tuple[tuple[str, ...], Parsed]:
-    """Return the own texts of a program in which some targets have other angles (6,) rad, or another frame (4, 4), and
-    what they read back as: the same program, or it is not handed out."""
-    changes: list[list[tuple[Number, str]]] = [[] for _ in range(texts.own)]
-    for k, value in values.items():
-        target = before.targets[k]
-        if target.joints:
-            numbers, decimals = joint_numbers(target.form, value, scale), [reader.decimals.turn] * 6
-        else:
-            numbers = frame_numbers(target.form, value, np.array([number.value for number in target.numbers]))
-            decimals = [reader.decimals.place] * 3 + [reader.decimals.turn] * (len(numbers) - 3)
-        for number, size, places in zip(target.numbers, numbers.tolist(), decimals, strict=True):
-            changes[target.file].append((number, written(number, texts.texts[target.file], size, target.form, places)))
-    new = tuple(map(replaced, texts.texts[: texts.own], changes))
-    after = reader.parse(replace(texts, texts=(*new, *texts.texts[texts.own :])))
+def _changes(
+    reader: ProgramReader, text: str, target: Target, new: Array, scale: Sequence[float] | None
+) -> list[tuple[Number, str]]:
+    """Return the numbers of a target in a text with their new text; `new` are angles (6,) rad, or a frame (4, 4)."""
+    if target.joints:
+        values, decimals = joint_numbers(target.form, new, scale), [reader.decimals.turn] * 6
+    else:
+        values = frame_numbers(target.form, new, np.array([number.value for number in target.numbers]))
+        decimals = [reader.decimals.place] * 3 + [reader.decimals.turn] * (len(values) - 3)
+    three = zip(target.numbers, values.tolist(), decimals, strict=True)
+    return [(number, written(number, text, value, target.form, places)) for number, value, places in three]
+
+
+def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
+    """Return the targets of the new texts: the same ones, or the program is not handed out."""
+    after = reader.parse(texts)
 
     def others(parsed: Parsed) -> tuple[object, ...]:
         return [(target.name, target.file, target.line) for target in parsed.targets], parsed.steps, parsed.left
 
     if others(after) != others(before):
         raise FileError("the corrected program", "does not read back as the same program", "report this program's form")
-    return new, after
+    return after
 
 
 def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, meant: Array) -> float:

@@ -12,6 +12,8 @@ import numpy as np
 
 from analysis.geometry.iso_cube import (
     STAND_S,
+    CommandPath,
+    Cube,
     Polygon,
     cube_of,
     cycle_stops,
@@ -19,7 +21,7 @@ from analysis.geometry.iso_cube import (
     iso9283_of,
     joints_along,
 )
-from analysis.kinematics.arm import Array, arm_of, transform
+from analysis.kinematics.arm import Arm, Array, arm_of, transform
 from analysis.measures.simulated_touches import STOPS_MM
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, model_of, moved, stops
@@ -57,18 +59,7 @@ def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
     parts = list[Array]()
     for path in in_order(cube, test.path_cycles):
         if path.name == "way" or path.name not in legs:
-            # The joints along the path from rest to rest, and in the stand after it.
-            s = np.linspace(0.0, path.length_mm, _STEPS)
-            s = np.unique(np.concatenate([s, path.along])) if isinstance(path, Polygon) else s
-            ramp_s = float(np.sqrt(path.length_mm / _ACCELERATION_MM_S2))
-            ramp_s = min(test.path_speed_mm_s / _ACCELERATION_MM_S2, ramp_s)
-            whole_s = path.length_mm / (_ACCELERATION_MM_S2 * ramp_s) + ramp_s
-            t = np.arange(0.0, whole_s + STAND_S, 1 / _RATE_HZ)
-            speed = _ACCELERATION_MM_S2 * np.clip(np.minimum(t, whole_s - t), 0.0, ramp_s)
-            driven = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2) / _RATE_HZ])
-            driven = np.clip(driven * path.length_mm / driven[-1], 0.0, path.length_mm)
-            columns = joints_along(arm, cube, path, s, where).T
-            legs[path.name] = np.stack([np.interp(driven, s, column) for column in columns], axis=1)
+            legs[path.name] = _leg(arm, cube, path, test.path_speed_mm_s, where)
         parts.append(legs[path.name])
     parts.insert(0, np.tile(parts[0][:1], (int(STAND_S * _RATE_HZ), 1)))
     q = np.concatenate(parts)
@@ -81,6 +72,20 @@ def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None 
         places = places + STOPS_MM * rng.standard_normal((len(parts), 3))[leg]
         places = places + TRACKER_MM * rng.standard_normal((len(q), 3))
     return t_s, seen_by_tracker(rig, places, rng)
+
+
+def _leg(arm: Arm, cube: Cube, path: CommandPath, speed_mm_s: float, where: str) -> Array:
+    """The joints (n, 6) rad along a path from rest to rest, and the stand after it."""
+    s = np.linspace(0.0, path.length_mm, _STEPS)
+    s = np.unique(np.concatenate([s, path.along])) if isinstance(path, Polygon) else s
+    q = joints_along(arm, cube, path, s, where)
+    ramp_s = min(speed_mm_s / _ACCELERATION_MM_S2, float(np.sqrt(path.length_mm / _ACCELERATION_MM_S2)))
+    whole_s = path.length_mm / (_ACCELERATION_MM_S2 * ramp_s) + ramp_s
+    t = np.arange(0.0, whole_s + STAND_S, 1 / _RATE_HZ)
+    speed = _ACCELERATION_MM_S2 * np.clip(np.minimum(t, whole_s - t), 0.0, ramp_s)
+    driven = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2) / _RATE_HZ])
+    driven = np.clip(driven * path.length_mm / driven[-1], 0.0, path.length_mm)
+    return np.stack([np.interp(driven, s, column) for column in q.T], axis=1)
 
 
 def tool_places(model: Model, q: Array) -> Array:

@@ -205,19 +205,12 @@ class _Sampler:
         shared = shared_rounding(self.step_mm, np.maximum(self.variance - self.step_mm**2 / 12, 0.0))[..., None]
         best, cell = level(self.rng, total / (1 + total * shared), mean)
         # Tail, shares, variances, s0 and d0 are drawn in this order, from errors (m, t, k, n).
-        read = cell  # on average, with a draw of the cells' shared rounding error
-        if self.step_mm != 0:
-            prior = shared / (1 + shared * total)
-            read = cell + prior * total * (mean - cell) + np.sqrt(prior) * self.rng.standard_normal(cell.shape)
-        error = np.where(self.there, y - read[..., None], 0.0)
+        error = np.where(self.there, y - self._read(cell, shared, total, mean)[..., None], 0.0)
         squares = error**2 / self.variance[:, :, None, None]
-        fit = []  # the log-likelihood (m,) of Student's t with each of these degrees of freedom
-        for nu in _TAILS:
-            each = math.lgamma((nu + 1) / 2) - math.lgamma(nu / 2) - 0.5 * math.log(nu)
-            fit.append(float(self.counts.sum()) * each - (nu + 1) / 2 * np.log1p(squares / nu).sum(axis=(1, 2, 3)))
+        fit = [self._tail_fit(squares, nu) for nu in _TAILS]
         self.tail = self._chosen(_TAILS, np.stack(fit, axis=1))
-        tail = self.tail[:, None, None, None]
-        self.share = self.rng.standard_gamma(np.broadcast_to((tail + 1) / 2, squares.shape)) * 2 / (tail + squares)
+        nu = self.tail[:, None, None, None]
+        self.share = self.rng.standard_gamma(np.broadcast_to((nu + 1) / 2, squares.shape)) * 2 / (nu + squares)
         self.share *= self.there
         spread = (self.share * error**2).sum(axis=(2, 3))
         chi2 = self.rng.chisquare(self.d0[:, None] + self.counts)
@@ -225,6 +218,15 @@ class _Sampler:
         self.variance = np.maximum(self.variance, self.least_mm**2)
         self._common()
         return best, cell
+
+    def _read(self, cell: Array, shared: Array, total: Array, mean: Array) -> Array:
+        """Return the average readings of the gauge at the cells (m, t, k), with a draw of their shared
+        rounding error."""
+        if self.step_mm == 0:
+            return cell
+        prior = shared / (1 + shared * total)
+        drawn: Array = cell + prior * total * (mean - cell) + np.sqrt(prior) * self.rng.standard_normal(cell.shape)
+        return drawn
 
     def _without_drift(self, weight: Array, total: Array) -> Array:
         """Return the readings minus a drift drawn from the differences of repeats of the same cell, never from their
@@ -244,6 +246,12 @@ class _Sampler:
         kick = self.rng.standard_normal((self.chains, d, 1))
         self.drift = (np.linalg.solve(normal, right[..., None]) + root @ kick)[..., 0]
         return np.asarray(self.y - (self.drift @ flat.T).reshape(weight.shape))
+
+    def _tail_fit(self, squares: Array, nu: float) -> Array:
+        """Return the log-likelihood (m,) of Student's t with nu degrees of freedom."""
+        each = math.lgamma((nu + 1) / 2) - math.lgamma(nu / 2) - 0.5 * math.log(nu)
+        logs: Array = np.log1p(squares / nu).sum(axis=(1, 2, 3))
+        return float(self.counts.sum()) * each - (nu + 1) / 2 * logs
 
     def _common(self) -> None:
         """Draw s0², with a log-uniform prior, and d0, from the variances."""

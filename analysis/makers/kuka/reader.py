@@ -53,10 +53,21 @@ def parse(texts: Texts) -> Parsed:
     """Return the targets of a .src and, if it is given as the second text, of its .dat."""
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
     reader = Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
-    for file in reversed(range(texts.own)):
+    own_files = range(texts.own)
+    stated: dict[str, Value] = {}
+    for file in reversed(own_files):
         for begin, line in lines_in(blank[file]):
             _declare(reader, file, begin, line)
-    stated = _stated(reader)
+    for file, name in enumerate(texts.names):
+        for begin, line in lines_in(blank[file]):
+            if routine := _ROUTINE.match(line):
+                reader.define(file, routine[2].upper(), everywhere=bool(routine[1]))
+            elif name.lower() == _CONFIG:
+                if data := _DATA.fullmatch(line):
+                    _configured(reader, file, begin, data, stated)
+            elif hides := _OWN_LIST.match(line):
+                why = reader.why(file, begin, f"{hides[1]} is declared here, beside the controller's own")
+                reader.beside.append(Call("\0", why))
     _watch_fdat(reader)
     for file, name in enumerate(texts.names):
         if name.lower().endswith(".src"):
@@ -99,24 +110,14 @@ def _watch_points(reader: Reader) -> None:
                 reader.points.change(alias[1].upper(), file, reader.lines[file].at(alias.start()))
 
 
-def _stated(reader: Reader) -> dict[str, Value]:
-    """Take the routines of all files, and return the tools and bases to which $config.dat gives numbers."""
-    stated: dict[str, Value] = {}
-    for file, name in enumerate(reader.names):
-        is_config = name.lower() == _CONFIG
-        for begin, line in lines_in(reader.texts[file]):
-            data = _DATA.fullmatch(line) if is_config else None
-            frame = reader.frame(data[3]) if data else None
-            if routine := _ROUTINE.match(line):
-                reader.define(file, routine[2].upper(), everywhere=bool(routine[1]))
-            elif data and frame is not None:
-                kind, at = data[1].upper(), reader.lines[file].at(begin)
-                stated[f"{kind}[{data[2]}]"] = value = as_value(frame)
-                reader.points.state(Named(data[2], "tool" if kind == "TOOL_DATA" else "frame", file, at, value))
-            elif not is_config and (hides := _OWN_LIST.match(line)):
-                why = reader.why(file, begin, f"{hides[1]} is declared here, beside the controller's own")
-                reader.beside.append(Call("\0", why))
-    return stated
+def _configured(reader: Reader, file: int, begin: int, data: re.Match[str], stated: dict[str, Value]) -> None:
+    """Take the numbers that $config.dat has for a tool or base."""
+    frame = reader.frame(data[3])
+    if frame is not None:
+        value, kind = as_value(frame), data[1].upper()
+        stated[f"{kind}[{data[2]}]"] = value
+        line = reader.lines[file].at(begin)
+        reader.points.state(Named(data[2], "tool" if kind == "TOOL_DATA" else "frame", file, line, value))
 
 
 def _declare(reader: Reader, file: int, begin: int, line: str) -> None:
