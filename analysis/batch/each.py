@@ -22,7 +22,7 @@ from analysis.batch.fetched import fetching_into, place_of_copies
 from analysis.batch.outcomes import Item, Outcome, Value, attempt, outcome_of
 from analysis.batch.remote_path import RemotePath
 from rigs.distribution import NAME, to_install
-from rigs.errors import CellError, FileError, RigError
+from rigs.errors import CellError, FileError
 
 
 def each(
@@ -75,22 +75,12 @@ def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: st
     """
     client = _connected(address)
     try:
-        from distributed import KilledWorker  # noqa: PLC0415
-
         _require_same_versions(client, address)
         todo = iter(items)
         waiting = deque((item, client.submit(attempt, work, item, pure=False)) for item in islice(todo, _AHEAD))
         while waiting:
             item, future = waiting.popleft()
-            result: Value | RigError
-            try:
-                result = future.result()
-            except KilledWorker:
-                remedy = "it may need more memory than a worker has: give the workers more, or work on it here"
-                result = CellError(str(item), "the workers that worked on it died, one after another", remedy)
-            except (CancelledError, OSError) as error:
-                problem = f"the Dask scheduler is gone: {type(error).__name__}"
-                raise CellError(address, problem, "start it and this command again") from None
+            result = _result(future, item, address)
             future.release()
             waiting.extend(
                 (following, client.submit(attempt, work, following, pure=False)) for following in islice(todo, 1)
@@ -101,29 +91,31 @@ def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: st
 
 
 def _connected(address: str) -> Any:
-    """A client of the scheduler that answers at an address."""
     try:
-        from distributed import Client, Security  # noqa: PLC0415 - an extra
-        from distributed.core import rpc  # noqa: PLC0415
+        from distributed import Client  # noqa: PLC0415 - an extra
     except ModuleNotFoundError:
         problem = "needs dask.distributed, which is not installed"
         raise FileError("--scheduler", problem, to_install("distributed")) from None
     # What it logs of a lost connection would stand among the results; what matters of it is raised here.
     for logger in ("distributed", "distributed.client"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)
-
-    async def identify() -> None:
-        async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
-            await scheduler.identity()
-
     try:
         # A client that is made where no scheduler is waits long for its own end, after Ctrl-C as well.
-        asyncio.run(asyncio.wait_for(identify(), _CONNECTED_S))
+        asyncio.run(asyncio.wait_for(_asked(address), _CONNECTED_S))
         return Client(address, timeout=_CONNECTED_S, set_as_default=False)
     except (MemoryError, OSError, TypeError, ValueError) as error:  # of memory: what is no scheduler names any size
         problem = f"no Dask scheduler answers: {str(error) or f'nothing came within {_CONNECTED_S} s'}"
         remedy = "give the address that it printed, as tcp://10.0.0.5:8786"
         raise CellError(f"--scheduler {address}", problem, remedy) from None
+
+
+async def _asked(address: str) -> None:
+    """Ask a scheduler who it is. Raises what distributed raises where none answers."""
+    from distributed import Security  # noqa: PLC0415
+    from distributed.core import rpc  # noqa: PLC0415
+
+    async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
+        await scheduler.identity()
 
 
 def _require_same_versions(client: Any, address: str) -> None:
@@ -137,3 +129,18 @@ def _require_same_versions(client: Any, address: str) -> None:
             if version != ours:
                 has = f"has {package} {version}" if isinstance(version, str) else f"lacks {package}"
                 raise CellError(str(worker), f"{has}, and this computer {ours}", "install the same version on both")
+
+
+def _result(future: Any, item: object, address: str) -> Any:
+    """What `attempt` returned on a worker, or the error of an item over which workers died."""
+    from distributed import KilledWorker  # noqa: PLC0415
+
+    try:
+        return future.result()
+    except KilledWorker:
+        remedy = "it may need more memory than a worker has: give the workers more, or work on it here"
+        return CellError(str(item), "the workers that worked on it died, one after another", remedy)
+    except (CancelledError, OSError) as error:
+        raise CellError(
+            address, f"the Dask scheduler is gone: {type(error).__name__}", "start it and this command again"
+        ) from None

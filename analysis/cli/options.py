@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
@@ -78,36 +79,41 @@ Scheduler = Annotated[
 ]
 
 
+def _direction(text: str) -> Direction:
+    """A direction as people write it. Raises typer.BadParameter."""
+    direction = direction_of(text)
+    if direction is None:
+        raise typer.BadParameter(f"{text!r} is no direction; give acw (ccw) or cw")
+    return direction
+
+
 def direction_option(meaning: str) -> Any:
-    """The option --direction, as people write it, with what it means for a command."""
-
-    def read(text: str) -> Direction:
-        direction = direction_of(text)
-        if direction is None:
-            raise typer.BadParameter(f"{text!r} is no direction; give acw (ccw) or cw")
-        return direction
-
+    """The option --direction, with what it means for a command."""
     return typer.Option(
         "--direction",
         metavar="<acw|cw>",
-        parser=read,
+        parser=_direction,
         autocompletion=lambda: ["acw", "cw"],
         help=f"{meaning}; ccw is acw.",
     )
 
 
+def _maker(text: str) -> MakerName:
+    """A maker as people write it. Raises typer.BadParameter."""
+    maker = maker_named(text)
+    if maker is None:
+        raise typer.BadParameter(f"{text!r} is no maker whose controllers are known; give {_one_of(MAKERS)}")
+    return maker
+
+
+def _one_of(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} or {names[-1]}"
+
+
 def maker_option(meaning: str, default: str = "") -> Any:
     """The option --for, with what it means for a command, and what stands for it where it is not given."""
-    any_maker = f"{', '.join(MAKERS[:-1])} or {MAKERS[-1]}"
-
-    def read(text: str) -> MakerName:
-        maker = maker_named(text)
-        if maker is None:
-            raise typer.BadParameter(f"{text!r} is no maker whose controllers are known; give {any_maker}")
-        return maker
-
-    help_text = f"{meaning}: {any_maker}" + (f"; default: {default}." if default else ".")
-    return typer.Option("--for", metavar="MAKER", parser=read, autocompletion=lambda: list(MAKERS), help=help_text)
+    help_text = f"{meaning}: {_one_of(MAKERS)}" + (f"; default: {default}." if default else ".")
+    return typer.Option("--for", metavar="MAKER", parser=_maker, autocompletion=lambda: list(MAKERS), help=help_text)
 
 
 RigArgument = Annotated[

@@ -84,32 +84,32 @@ def keep(
 @command(app, "rig recover runs/lap-acw")
 def recover(paths: Runs) -> None:
     """Recover runs that were cut off: keep every verified batch, and report what is lost."""
+    for_each(paths, _recover)
+
+
+def _recover(path: Path) -> None:
     from analysis.cli.console import progress_of
     from daq.store import judge
     from daq.store import recover as recover_run
     from rigs.errors import FileError
     from rigs.text import as_argument
 
-    def mend(path: Path) -> None:
-        with progress_of(f"recovering {path}"):
-            done = recover_run(path)
-            verdict = judge(path)
-        for stream, rows in done.rows.items():
-            say(f"{stream}: {rows} rows recovered")
-        for note in done.notes:
-            say(note)
-        for file, loss in done.losses.items():
-            say(f"lost: {file}: {loss}")
-        if not (verdict.end_known or done.nothing_to_do):
-            say("its end was never sealed: rows after the last one may be missing")
-        if verdict.problems:
-            for line in verdict.problems:
-                say(line, err=True)
-            raise FileError(str(path), "is still not whole, and no more can be recovered", "see the lines above")
-        outcome = "nothing to do" if done.nothing_to_do else f"recovered; next: rig verify {as_argument(path)}"
-        say(f"{path}: {outcome}")
-
-    for_each(paths, mend)
+    with progress_of(f"recovering {path}"):
+        done = recover_run(path)
+        verdict = judge(path)
+    for stream, rows in done.rows.items():
+        say(f"{stream}: {rows} rows recovered")
+    for note in done.notes:
+        say(note)
+    for file, loss in done.losses.items():
+        say(f"lost: {file}: {loss}")
+    if not (verdict.end_known or done.nothing_to_do):
+        say("its end was never sealed: rows after the last one may be missing")
+    if verdict.problems:
+        for line in verdict.problems:
+            say(line, err=True)
+        raise FileError(str(path), "is still not whole, and no more can be recovered", "see the lines above")
+    say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {as_argument(path)}")
 
 
 @command(app, "rig verify runs --jobs auto")

@@ -85,30 +85,11 @@ class Keyboard:
     def read(self, *, has_person: bool) -> None:
         """Begin to take the lines of standard input. has_person: whether the cell ends where they end; else it serves
         until a signal comes."""
-
-        def take_lines() -> None:
-            for line in filter(None, map(str.strip, sys.stdin or ())):  # none where standard input is closed
-                self.take(line)
-            if has_person:
-                self.take("quit")
-
-        threading.Thread(target=take_lines, daemon=True).start()
+        threading.Thread(target=self._read, args=(has_person,), daemon=True).start()
 
     def start(self) -> None:
         """Begin to do what waits for its turn."""
-
-        def begin_in_turn() -> None:
-            while True:
-                while not self._waiting:
-                    self._some_wait.wait()
-                    self._some_wait.clear()
-                line = self._waiting.popleft()
-                if line == "quit":
-                    break
-                self._try(self._begin, line)
-            self._end(0)
-
-        clock.Thread(target=begin_in_turn, name="keyboard", daemon=True).start()
+        clock.Thread(target=self._begin_in_turn, name="keyboard", daemon=True).start()
 
     def take(self, line: str) -> None:
         """Take a line: what acts at once is done."""
@@ -118,6 +99,23 @@ class Keyboard:
         else:
             self._waiting.append(line)
             self._some_wait.set()
+
+    def _read(self, has_person: bool) -> None:
+        for line in filter(None, map(str.strip, sys.stdin or ())):  # none where standard input is closed
+            self.take(line)
+        if has_person:
+            self.take("quit")
+
+    def _begin_in_turn(self) -> None:
+        while (line := self._next()) != "quit":
+            self._try(self._begin, line)
+        self._end(0)
+
+    def _next(self) -> str:
+        while not self._waiting:
+            self._some_wait.wait()
+            self._some_wait.clear()
+        return self._waiting.popleft()
 
     def _at_once(self, line: str) -> None:
         word, _, argument = line.partition(" ")

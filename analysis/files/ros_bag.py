@@ -142,14 +142,8 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
         remedy = "describe it in the rig file: feedback: {interface: ros2_joint_states, joints: [six names]}"
         raise FileError(where, "is a bag, and the rig file does not say which joints to take", remedy)
     names = rig.feedback.joints
-
-    def angles_deg(data: bytes) -> Message | None:
-        stamp_ns, placed = joint_state(data)
-        if not set(names) <= placed.keys():
-            return None
-        return stamp_ns, [float(np.degrees(placed[name])) for name in names]
-
-    tracks = {"/" + rig.feedback.topic.lstrip("/"): _Track(JOINT_STATE, _JOINT_COLUMNS, angles_deg)}
+    topic = "/" + rig.feedback.topic.lstrip("/")
+    tracks = {topic: _Track(JOINT_STATE, _JOINT_COLUMNS, lambda message: _angles_deg(message, names))}
     tracks |= {
         f"/{name}": _Track(NUMBER, (f"{name}_mm",), lambda message: (NO_STAMP, [number(message)]))
         for name, _ in rig.gauges
@@ -170,3 +164,11 @@ def _read(bag: Bag, rig: Rig) -> Mapping[str, _Track]:
             remedy = "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
             raise FileError(where, problem, remedy)
     return tracks
+
+
+def _angles_deg(data: bytes, names: tuple[str, ...]) -> Message | None:
+    """The stamp and the six angles of a JointState; None where it lacks one."""
+    stamp_ns, placed = joint_state(data)
+    if not set(names) <= placed.keys():
+        return None
+    return stamp_ns, [float(np.degrees(placed[name])) for name in names]

@@ -255,10 +255,12 @@ def _named_in(
     named = named_effects(result, fitted, held_out_gains(result, judges), changes)
     named = without_useless(named, train)
     doubts = doubts_of_limits(named)
-    may_swing = not given or any(isinstance(name.effect, type(vibration_at(1.0, 0.0))) for name in named)
-    swing = find_vibration(with_effects(used, result.effects), result.linear.setups) if may_swing else None
+    vibrations = [name for name in named if given and isinstance(name.effect, type(vibration_at(1.0, 0.0)))]
+    swing = None
+    if vibrations or not given:
+        swing = find_vibration(with_effects(used, result.effects), result.linear.setups)
     if swing is not None and given:
-        doubts += doubts_of_phases(named, swing)
+        doubts += doubts_of_phases(vibrations, swing)
     elif swing is not None:  # it stands if its worth exceeds the scatter of a circle without it
         circles = [block.sampling is not None for block in result.linear.blocks]
         limits = limits_um(result.linear, swing.scatter_um)

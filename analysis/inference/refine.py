@@ -124,12 +124,14 @@ def refine(
 
     `fitted` is an earlier fit of the first of these effects. They move with the others along their earlier tangents,
     which costs a fraction of a full fit and has an error that grows with their movement; a final fit of all effects
-    together removes it. A new effect that others resemble is first fitted without them. `free` (N, f) has the columns
+    together removes it. A new effect begins within the limits of its size, which what stands beside it needs, too, and
+    one that others resemble is first fitted without them. `free` (N, f) has the columns
     of free forms, one standard deviation each, and `rounds` is the largest number of Gauss-Newton rounds of a fit. One
     that only `begins` ends before it is beside what resembles the new effect.
     """
     before = fitted or no_effects(linear)
     old = len(before.effects)
+    effects = [*effects[:old], *map(_within_limits, effects[old:])]
     unknowns = (*before.unknowns, *_unknowns(linear, effects, old))
     free_terms = before.free if free is None else Response(free)
 
@@ -336,6 +338,11 @@ def size_limits(effect: Effect) -> tuple[float, float]:
     """Return the smallest and the largest size that a fit may give an effect, in the unit of its size."""
     (low, high), most = bounds(effect, size_field(effect)), effect.MOST * healthy_size(effect)
     return max(low, -most), min(high, most)
+
+
+def _within_limits(effect: Effect) -> Effect:
+    size = float(getattr(effect, size_field(effect)))
+    return effect.model_copy(update={size_field(effect): float(np.clip(size, *size_limits(effect)))})
 
 
 def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]:

@@ -20,7 +20,7 @@ from analysis.inference.responses import Linearisation
 from analysis.kinematics.arm import Array, Mask
 from rigs.calibration import Term, effects_of, is_nothing
 from rigs.effects import Effect, healthy_size, size_field
-from rigs.schema.effect import PHASE, bounds, healthy, identity, is_play, is_wave, name_of, scaled, size_of
+from rigs.schema.effect import PHASE, healthy, identity, is_play, is_wave, name_of, scaled, size_of
 from rigs.schema.vocabulary import Build
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -80,18 +80,13 @@ class SelectionState:
 
 
 def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:
-    """Return the effect that the columns of `effects` form with coefficients size (q,) in healthy sizes, no larger than
-    a rig file may state it."""
+    """Return the effect that the columns of `effects` form with coefficients size (q,) in healthy sizes."""
     effect = effects[0]
-    largest = bounds(effect, size_field(effect))
+    field_name, healthy = size_field(effect), healthy_size(effect)
     if len(size) == 2:
-        amplitude, phase = (
-            float(np.hypot(*size)) * healthy_size(effect),
-            float(np.degrees(np.arctan2(size[1], size[0]))),
-        )
-        return effect.model_copy(update={size_field(effect): float(np.clip(amplitude, *largest)), PHASE: phase})
-    whole = float(size[0]) * healthy_size(effect)
-    return effect.model_copy(update={size_field(effect): float(np.clip(whole, *largest))})
+        phase = float(np.degrees(np.arctan2(size[1], size[0])))
+        return effect.model_copy(update={field_name: float(np.hypot(*size)) * healthy, PHASE: phase})
+    return effect.model_copy(update={field_name: float(size[0]) * healthy})
 
 
 def is_alike(effect: Effect, other_effect: Effect) -> bool:

@@ -290,18 +290,16 @@ def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list
     return [Named(swing.effect, swing.sd, odds, (), gap_um, swing.effect.remedy(), moves.whole_um, None)]
 
 
-def doubts_of_phases(named: Sequence[Named], left: FoundVibration) -> tuple[str, ...]:
-    """Return a doubt about each vibration among names that was fitted with one phase and frequency in all runs, where
-    what is `left` of the runs once it is taken off swings by more than the fit is unsure of."""
+def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple[str, ...]:
+    """Return a doubt about each vibration that was fitted with one phase and frequency in all runs, where what is
+    `left` of the runs once it is taken off swings by more than the fit is unsure of."""
     size = size_field(left.effect)
     return tuple(
         f"once the fitted vibration is taken off, the runs still show a {left.effect.plain('')} of "
         f"{left.amplitude_mm:.4f} ± {left.sd[size]:.4f} mm: a fit with one phase and one frequency for all runs does "
         "not see what differs from run to run"
-        for name in named
-        if isinstance(name.effect, type(left.effect))
-        and left.gain >= np.log(ODDS)
-        and left.amplitude_mm > CERTAIN_SIGMA * name.sd[size]
+        for vibration in vibrations
+        if left.gain >= np.log(ODDS) and left.amplitude_mm > CERTAIN_SIGMA * vibration.sd[size]
     )
 
 

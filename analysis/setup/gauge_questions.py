@@ -40,15 +40,8 @@ def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answer
         or options.places
         or not all(has_keys(Gauge, gauge, options.keys[name]) for name, gauge in zip(_NAMES, gauges, strict=False))
     ):
-        gauges = ()
-        for name, answering in zip(_NAMES, _chosen(_found(options, dialogue), options, dialogue), strict=False):
-            keys = dict(options.keys[name])
-            for key in answering.lacks:  # only its owner knows them
-                if key in keys:
-                    continue
-                question = f"{key} of {name} ({answering.gauge.origin.instruments})"
-                keys[key] = dialogue.ask(question, f"--key {name}.{key}", partial(_key, name, key, answering.gauge))
-            gauges = (*gauges, with_keys(Gauge, answering.gauge, keys, name))
+        chosen = _chosen(_found(options, dialogue), options, dialogue)
+        gauges = tuple(_completed(gauge, name, options, dialogue) for name, gauge in zip(_NAMES, chosen, strict=False))
     for name, gauge in zip(_NAMES, gauges, strict=False):
         dialogue.say(described(name, gauge))
     return answers.model_copy(update={"gauges": gauges})
@@ -64,19 +57,9 @@ def described(name: str, gauge: Gauge) -> str:
 
 def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     """Ask how far apart two gauges are."""
-
-    def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not 0 < value <= _FURTHEST_MM:  # nor nan
-            raise FileError(repr(text), "is not a distance in mm", f"type a number from {_NEAREST_MM:g}, as 50")
-        return hold_baseline_mm(value, repr(text))
-
     baseline_mm = options.baseline_mm or answers.baseline_mm
     if baseline_mm is None and len(answers.gauges or ()) > 1:
-        baseline_mm = dialogue.ask("Distance between the two gauges, in mm", "--baseline-mm", read, "50")
+        baseline_mm = dialogue.ask("Distance between the two gauges, in mm", "--baseline-mm", _length_mm, "50")
     return answers.model_copy(update={"baseline_mm": baseline_mm}) if baseline_mm is not None else answers
 
 
@@ -96,6 +79,16 @@ def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], No
 def ports_of(options: Options) -> list[str]:
     """Return the ports that the options name, each once."""
     return list(dict.fromkeys([*options.ports, *(place.partition("#")[0] for place in options.places)]))
+
+
+def _ports(options: Options, dialogue: Dialogue) -> list[str]:
+    """The ports that a person has agreed to: at anything but a gauge a request may be taken for a command."""
+    ports = ports_here()
+    if (named := ports_of(options)) or (dialogue.terminal and not ports):
+        return named
+    for number, (port, description) in enumerate(ports.items(), 1):
+        dialogue.say(f"  {number} {port}{f' ({description})' if description else ''}")
+    return dialogue.ask(_WHICH_PORTS, "--port", partial(_selected, list(ports)))
 
 
 def _selected(ports: Sequence[str], typed: str) -> list[str]:
@@ -125,12 +118,7 @@ def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
 def _found(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
     """The gauges that answer; at a terminal the search is repeated until there is one."""
     while True:
-        ports, plugged_in = ports_of(options), ports_here()
-        if not ports and (plugged_in or not dialogue.terminal):
-            # A person agrees to each port: at anything but a gauge a request may be taken for a command.
-            for number, (port, description) in enumerate(plugged_in.items(), 1):
-                dialogue.say(f"  {number} {port}{f' ({description})' if description else ''}")
-            ports = dialogue.ask(_WHICH_PORTS, "--port", partial(_selected, list(plugged_in)))
+        ports = _ports(options, dialogue)
         with dialogue.busy("looking at the ports") as doing:
             reports = reports_of(ports, options, doing)
         gauges = [gauge for report in reports for gauge in report.gauges]
@@ -154,16 +142,7 @@ def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) 
     """Gauge 1, and gauge 2 where there are two, each with how it counts where it was pushed."""
     by_place = {gauge.place: gauge for gauge in gauges}
     if options.places:
-        at_places = []
-        for place in options.places:
-            matching = [gauge for name, gauge in by_place.items() if place in (name, gauge.gauge.port)]
-            if not matching:
-                raise CellError(place, "no gauge answers there", f"give one that answers: {', '.join(by_place)}")
-            if len(matching) > 1:
-                channels = ", ".join(gauge.place for gauge in matching)
-                raise FileError(place, f"has {len(matching)} gauges", f"add the channel: {channels}")
-            at_places += matching
-        return at_places
+        return [_at(place, by_place) for place in options.places]
     if not dialogue.terminal and len(gauges) == 1:
         return list(gauges)
     if not dialogue.terminal:
@@ -179,24 +158,27 @@ def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) 
         return [first, _pushed("g2", remaining, watch, dialogue)]
 
 
+def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
+    matching = [gauge for name, gauge in by_place.items() if place in (name, gauge.gauge.port)]
+    if len(matching) == 1:
+        return matching[0]
+    if not matching:
+        raise CellError(place, "no gauge answers there", f"give one that answers: {', '.join(by_place)}")
+    channels = ", ".join(gauge.place for gauge in matching)
+    raise FileError(place, f"has {len(matching)} gauges", f"add the channel: {channels}")
+
+
 def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue: Dialogue) -> FoundGauge:
     """Take the gauge that is pushed, or whose number is typed, from those left, by their numbers in the list.
 
     A push says how it counts as well: a plunger goes in as the tool comes towards the ball.
     """
     numbers = {gauge.place: number for number, gauge in remaining.items()}
-
-    def prompt() -> str:
-        """The present readings in one line, as many as it holds, and room to type."""
-        now_mm = watch.readings_mm()
-        shown = [f"{number} {now_mm[place]:+.4f}" for place, number in numbers.items() if place in now_mm]
-        return f"  {'   '.join(shown[:_MOST_SHOWN])}: "
-
     while True:
         watch.rest()
         otherwise = "press Enter" if len(remaining) == 1 else "type its number"
         dialogue.say(f"Push gauge {name[1]} in, on the {_SIDES[name]} side of the baseline, or {otherwise}:")
-        answer = dialogue.line_or(prompt, partial(watch.pushed, [*numbers]))
+        answer = dialogue.line_or(partial(_readings, watch, numbers), partial(watch.pushed, [*numbers]))
         number = numbers.get(answer, answer) or (next(iter(remaining)) if len(remaining) == 1 else "")
         if answer in numbers:
             counts: Counts = "towards" if watch.grows(answer) else "away"
@@ -210,10 +192,40 @@ def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue:
         dialogue.say(f"error: {answer!r}: is not a gauge that is left; type one of {', '.join(remaining)}, or push it")
 
 
+def _readings(watch: Watch, numbers: dict[str, str]) -> str:
+    """The present readings in one line, as many as it holds, and room to type. numbers: of the gauges, by place."""
+    now_mm = watch.readings_mm()
+    shown = [f"{number} {now_mm[place]:+.4f}" for place, number in numbers.items() if place in now_mm]
+    return f"  {'   '.join(shown[:_MOST_SHOWN])}: "
+
+
+def _completed(answering: FoundGauge, name: str, options: Options, dialogue: Dialogue) -> Gauge:
+    """The gauge with the keys that only its owner knows, and those of --key."""
+    keys = dict(options.keys[name])
+    for key in answering.lacks:
+        if key not in keys:
+            read = partial(_key, name, key, answering.gauge)
+            keys[key] = dialogue.ask(
+                f"{key} of {name} ({answering.gauge.origin.instruments})", f"--key {name}.{key}", read
+            )
+    gauge: Gauge = with_keys(Gauge, answering.gauge, keys, name)
+    return gauge
+
+
 def _key(name: str, key: str, gauge: Part, typed: str) -> Any:
     value = written(typed, f"{name}.{key}")
     checked(type(gauge), {**gauge.model_dump(mode="json", exclude_unset=True), key: value}, name)
     return value
+
+
+def _length_mm(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value <= _FURTHEST_MM:  # nor nan
+        raise FileError(repr(text), "is not a distance in mm", f"type a number from {_NEAREST_MM:g}, as 50")
+    return hold_baseline_mm(value, repr(text))
 
 
 def hold_baseline_mm(value: float, where: str) -> float:

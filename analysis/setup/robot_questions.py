@@ -64,14 +64,7 @@ def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers
         and has_keys(Feedback, answers.feedback, options.keys["feedback"])
     ):
         return answers
-
-    def read(address: str) -> RobotReport:
-        with dialogue.busy(f"looking for a robot at {address}"):
-            reported = robot_at(address, options.keys["feedback"])
-        if reported.feedback is None:
-            raise CellError(f"robot {address}", reported.problem, reported.remedy)
-        return reported
-
+    read = partial(_reported, options, dialogue)
     report = read(options.robot) if options.robot is not None else dialogue.ask(f"{ADDRESSES}\nRobot", "--robot", read)
     for line in describe_robot(report):
         dialogue.say(line)
@@ -126,6 +119,14 @@ def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
     return replace(report, feedback=with_keys(Feedback, report.feedback, keys, "feedback"))
 
 
+def _reported(options: Options, dialogue: Dialogue, address: str) -> RobotReport:
+    with dialogue.busy(f"looking for a robot at {address}"):
+        report = robot_at(address, options.keys["feedback"])
+    if report.feedback is None:
+        raise CellError(f"robot {address}", report.problem, report.remedy)
+    return report
+
+
 def _in_unit(feedback: Feedback, unit: str) -> Feedback:
     if unit not in ("deg", "rad"):
         raise FileError(repr(unit), "is not a unit", "type deg or rad")
@@ -140,14 +141,19 @@ def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
         chosen_arm(name, options.measured_by)
         return name
 
-    # Those of the maker whose interface the robot speaks, or all
-    maker = maker_of(answers.feedback.interface) if answers.feedback else None
-    likely = [name for name in arm_names() if maker and name.startswith(maker)] or arm_names()
-    arms = fill(", ".join(likely), _COLUMNS, break_on_hyphens=False, initial_indent="  ", subsequent_indent="  ")
+    arms = fill(
+        ", ".join(_likely_arms(answers)), _COLUMNS, break_on_hyphens=False, initial_indent="  ", subsequent_indent="  "
+    )
     question = f"Arm: its name in the library, or a file with a section robot\n{arms}\nArm"
     arm_given = options.arm or answers.arm
     name = read(arm_given) if arm_given else dialogue.ask(question, "--arm", read)
     return answers.model_copy(update={"arm": name})
+
+
+def _likely_arms(answers: Answers) -> Sequence[str]:
+    """The arms of the maker whose interface the robot speaks, or all."""
+    maker = maker_of(answers.feedback.interface) if answers.feedback else None
+    return [name for name in arm_names() if maker and name.startswith(maker)] or arm_names()
 
 
 def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
@@ -165,16 +171,6 @@ def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
 
 def ask_tolerance(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     """Ask what error the work allows, from which the limits follow; the arm's repeatability gives what is offered."""
-
-    def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not 0 <= value <= _MOST_TOLERANCE_MM:
-            raise FileError(repr(text), "is not an error in mm", "type it as 0.25, or 0 for no limits")
-        return value
-
     tolerance_mm = options.tolerance_mm if options.tolerance_mm is not None else answers.tolerance_mm
     if tolerance_mm is None:
         rp_mm = chosen_arm(answers.arm or "").repeatability_mm
@@ -186,7 +182,7 @@ def ask_tolerance(answers: Answers, options: Options, dialogue: Dialogue) -> Ans
             "Allowed error in mm, 0 for no limits"
         )
         offered = f"{offered_tolerance_mm(rp_mm):g}"
-        tolerance_mm = dialogue.ask(question, "--tolerance-mm", read, offered)
+        tolerance_mm = dialogue.ask(question, "--tolerance-mm", _tolerance_mm, offered)
     return answers.model_copy(update={"tolerance_mm": tolerance_mm})
 
 
@@ -195,6 +191,16 @@ def take_options(answers: Answers, options: Options, _: Dialogue) -> Answers:
     tool = _pose(options.tool) if options.tool else answers.tool
     tolerance_mm = answers.tolerance_mm if options.tolerance_mm is None else options.tolerance_mm
     return answers.model_copy(update={"tool": tool, "tolerance_mm": tolerance_mm})
+
+
+def _tolerance_mm(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= _MOST_TOLERANCE_MM:
+        raise FileError(repr(text), "is not an error in mm", "type it as 0.25, or 0 for no limits")
+    return value
 
 
 def _pose(text: str) -> Pose:

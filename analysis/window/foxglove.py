@@ -80,17 +80,16 @@ class Door:
 
     def close(self) -> None:
         """End it, with all connections."""
-
-        def end() -> None:
-            self._server.close()
-            tasks = asyncio.all_tasks(self._loop)
-            for task in tasks:
-                task.cancel()
-            asyncio.gather(*tasks, return_exceptions=True).add_done_callback(lambda _: self._loop.stop())
-
-        self._loop.call_soon_threadsafe(end)
+        self._loop.call_soon_threadsafe(self._end)
         self._thread.join()
         self._loop.close()
+
+    def _end(self) -> None:
+        self._server.close()
+        tasks = asyncio.all_tasks(self._loop)
+        for task in tasks:
+            task.cancel()
+        asyncio.gather(*tasks, return_exceptions=True).add_done_callback(lambda _: self._loop.stop())
 
     async def _come(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._open += 1

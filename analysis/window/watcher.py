@@ -79,20 +79,9 @@ class Follow:
         """Send the stream. What holds the connection drops a reader that takes nothing (`analysis.window.run`)."""
         headers = {"content-type": "text/event-stream", "cache-control": "no-store", "x-accel-buffering": "no"}
         head = [(name.encode(), value.encode()) for name, value in {**headers, **self._headers}.items()]
-
-        async def until_gone() -> None:
-            while (await receive())["type"] != "http.disconnect":
-                pass
-
-        async def send_news() -> None:
-            await send({"type": "http.response.start", "status": 200, "headers": head})
-            await send({"type": "http.response.body", "body": b"retry: 1000\n\n", "more_body": True})
-            async with aclosing(self._board.follow()) as news:
-                async for data in news:
-                    await send({"type": "http.response.body", "body": data, "more_body": True})
-
         self._board.viewers += 1
-        gone, sends = asyncio.create_task(until_gone()), asyncio.create_task(send_news())
+        gone = asyncio.create_task(_gone(receive))
+        sends = asyncio.create_task(self._send(send, head))
         try:
             await asyncio.wait((gone, sends), return_when=asyncio.FIRST_COMPLETED)
         finally:
@@ -101,6 +90,18 @@ class Follow:
                 task.cancel()
             with suppress(asyncio.CancelledError, OSError):
                 await sends
+
+    async def _send(self, send: Send, head: list[tuple[bytes, bytes]]) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": head})
+        await send({"type": "http.response.body", "body": b"retry: 1000\n\n", "more_body": True})
+        async with aclosing(self._board.follow()) as news:
+            async for data in news:
+                await send({"type": "http.response.body", "body": data, "more_body": True})
+
+
+async def _gone(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass
 
 
 _TICK_S = 0.1

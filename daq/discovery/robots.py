@@ -22,7 +22,7 @@ from pydantic import ValidationError
 
 from daq import clock, feedback
 from daq.acquisition.stream_buffer import faults_of
-from daq.acquisition.streams import NO_LINE, ROBOT, robot_stream
+from daq.acquisition.streams import ROBOT, robot_stream
 from daq.discovery.attempts import OF_THE_INSTRUMENT, Probing, RobotReport, Sends, evidence_of
 from daq.doctor.finding import condition_in, stopped_by
 from daq.doctor.trial import Trial, try_line
@@ -189,7 +189,7 @@ def _line_feed(address: str) -> _Tried:
     """A line feed: listened to once, since some programs end with their connection, and read as its lines look."""
     plain = LineFeed(interface="line_feed", port=address)
     try:
-        link = open_link(ROBOT, address, NO_LINE)
+        link = open_link(ROBOT, address, plain.line)
     except CellError as error:
         return _Tried(plain, Trial(error=error))
     try:

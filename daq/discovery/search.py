@@ -115,22 +115,10 @@ def search_port(port: str, description: str, options: Wanted, progress: Progress
                 return _failed(report, finding.what.removeprefix(f"{port}: "), finding.remedy)
     tried = options.named.get(port) or attempts(port, options.modbus_units)
     stalls = StallWatch(_STOOD_STILL_NS)
-
-    def trial_of(attempt: Attempt) -> Trial:
-        """Make an attempt, and again where no reading came while the computer stood still."""
-        host = partial(host_of, attempt.gauges, attempt.sends, options.listen_s)
-        stream = Stream(port, (), port, attempt.line, host, modem=attempt.gauges[0].modem)
-        stalls.take()
-        for _ in range(1 + _MOST_REPEATS):
-            trial = try_line(stream, attempt.line, _PATIENCE_S + options.listen_s, _CONFIRM_S)
-            if trial.samples or trial.error or not stalls.take():
-                break
-        return trial
-
     stalls.start()
     try:
         with _as_it_was(port):
-            return _tried(report, tried, trial_of, progress, stop)
+            return _tried(report, tried, partial(_trial, port, stalls, options.listen_s), progress, stop)
     except (OSError, termios.error) as error:
         return _failed(report, f"is not a serial port ({error.args[-1]})", "give the path of a serial port")
     finally:
@@ -197,6 +185,18 @@ def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
     takes a line feed after it too, and so fits an instrument of another one that always sends both."""
     enough, understood, readings = evidence_of(candidate[1].items).rank
     return enough, understood, candidate[0].interface not in _FORGIVING, readings
+
+
+def _trial(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> Trial:
+    """Make an attempt, and again where no reading came while the computer stood still."""
+    host = partial(host_of, attempt.gauges, attempt.sends, listen_s)
+    stream = Stream(port, (), port, attempt.line, host, modem=attempt.gauges[0].modem)
+    stalls.take()
+    for _ in range(1 + _MOST_REPEATS):
+        trial = try_line(stream, attempt.line, _PATIENCE_S + listen_s, _CONFIRM_S)
+        if trial.samples or trial.error or not stalls.take():
+            break
+    return trial
 
 
 def _with_gauges(report: PortReport, attempt: Attempt, trial: Trial, also: tuple[str, ...]) -> PortReport:

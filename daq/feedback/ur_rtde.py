@@ -98,12 +98,12 @@ def packet(kind: bytes, payload: bytes = b"") -> bytes:
 
 def packets() -> Sized:
     """Return what cuts the stream of either side into packets, header included."""
+    return Sized(_HEADER.size, _length)
 
-    def length(head: bytes) -> int | None:
-        size, kind = _HEADER.unpack(head)
-        return size if _HEADER.size <= size <= _LONGEST and bytes([kind]).isalpha() else None
 
-    return Sized(_HEADER.size, length)
+def _length(head: bytes) -> int | None:
+    size, kind = _HEADER.unpack(head)
+    return size if _HEADER.size <= size <= _LONGEST and bytes([kind]).isalpha() else None
 
 
 @dataclass(frozen=True)
@@ -203,6 +203,13 @@ def _signal_field(place: RTDESignal) -> str:
     return "actual_digital_output_bits" if place.outputs else f"output_int_register_{place.int_register}"
 
 
+def _signal(place: RTDESignal, raw: int) -> float:
+    """The number that a field's value stands for."""
+    if place.int_register is not None:
+        return float(raw)
+    return float(sum((raw >> output & 1) << bit for bit, output in enumerate(place.outputs)))
+
+
 class _RTDEClient:
     """The handshake, then the data."""
 
@@ -282,11 +289,7 @@ class _RTDEClient:
             return _out_of_step(message)
         fields = self._recipe.read(payload)
         (clock_s,), angles_rad = fields["timestamp"], fields["actual_q"]
-        signal: tuple[float, ...] = ()
-        if self._place:
-            raw = int(fields[_signal_field(self._place)][0])
-            by_outputs = sum((raw >> output & 1) << bit for bit, output in enumerate(self._place.outputs))
-            signal = (float(by_outputs if self._place.int_register is None else raw),)
+        signal = (_signal(self._place, int(fields[_signal_field(self._place)][0])),) if self._place else ()
         condition = condition_of(fields) if self._condition else ()
         currents = currents_of(fields) if self._currents else ()
         angles_deg = tuple(map(math.degrees, angles_rad))
@@ -365,15 +368,7 @@ class _RTDEController(SteadyDevice):
         if kind == b"v":
             return packet(kind, struct.pack(">4I", *self.SOFTWARE))
         if kind == b"O":
-            # SDU's ur_rtde ends its list with a comma, and real controllers serve it.
-            names = payload[8:].decode("ascii", "replace").removesuffix(",").split(",")
-            (rate_hz,) = struct.unpack(">d", payload[:8]) if len(payload) >= 8 else (math.nan,)
-            types = [self._known.get(name, "NOT_FOUND") for name in names]
-            good = "NOT_FOUND" not in types and self.MIN_RATE_HZ <= rate_hz <= self.MAX_RATE_HZ
-            recipe = Recipe(dict(zip(names, types, strict=True)))
-            self._recipe, self._rate_hz = (recipe, rate_hz) if good else (Recipe({}), 0.0)
-            self._pace = None
-            return packet(kind, bytes([good]) + ",".join(types).encode())  # the recipe's number is 0 for none
+            return packet(kind, self._set_up(payload))
         if kind == b"S":
             self._pace = Pace(self._rate_hz, now_ns) if self._recipe.types else None
             return packet(kind, bytes([bool(self._recipe.types)]))
@@ -381,6 +376,18 @@ class _RTDEController(SteadyDevice):
             self._pace = None
             return packet(kind, b"\1")
         return b""
+
+    def _set_up(self, payload: bytes) -> bytes:
+        """The answer to a recipe: its number, 0 for none, and the types of its fields."""
+        # SDU's ur_rtde ends its list with a comma, and real controllers serve it.
+        names = payload[8:].decode("ascii", "replace").removesuffix(",").split(",")
+        (rate_hz,) = struct.unpack(">d", payload[:8]) if len(payload) >= 8 else (math.nan,)
+        types = [self._known.get(name, "NOT_FOUND") for name in names]
+        good = "NOT_FOUND" not in types and self.MIN_RATE_HZ <= rate_hz <= self.MAX_RATE_HZ
+        recipe = Recipe(dict(zip(names, types, strict=True)))
+        self._recipe, self._rate_hz = (recipe, rate_hz) if good else (Recipe({}), 0.0)
+        self._pace = None
+        return bytes([good]) + ",".join(types).encode()
 
     def _message(self, instant_ns: int) -> bytes:
         clock_s = self.CLOCK_START_S + (instant_ns - self._connected_ns) * 1e-9

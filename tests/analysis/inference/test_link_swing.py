@@ -15,7 +15,6 @@ from analysis.inference.setups import fit_run_setups
 from analysis.inference.verdict import doubts_of_phases, named_vibration
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable
-from rigs.effects import Backlash
 from rigs.effects import swing as vibration_at
 from tests.support.diagnosis_cells import circles, measured, response, seen, table_of
 from tests.support.nightly import cases
@@ -124,9 +123,8 @@ def test_a_fitted_vibration_is_doubted_by_what_swings_on_once_it_is_taken_off(
 ) -> None:
     """Of 0.0277 mm with a phase of each run's own a fit with one phase left all, and stated 0.0000 ± 0.0007 mm."""
     fitted = Named(vibration_at(6.92, 0.0), {"amplitude_mm": 0.0007}, 1.0, (), 0.0, "", 0.0, None)
-    other = replace(fitted, effect=Backlash(axis=1), sd={"width_deg": 0.001})
     sd = {"amplitude_mm": 0.0003, "frequency_hz": 0.01}
-    doubts = doubts_of_phases([other, fitted], FoundVibration(vibration_at(6.92, left_mm), left_mm, sd, gain, {}))
+    doubts = doubts_of_phases([fitted], FoundVibration(vibration_at(6.92, left_mm), left_mm, sd, gain, {}))
     assert len(doubts) == is_doubted
     if doubts:
         assert "0.0275 ± 0.0003 mm" in doubts[0] and "6.92 Hz" in doubts[0]

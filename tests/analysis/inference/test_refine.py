@@ -21,6 +21,7 @@ from rigs.effects import (
     LinkGeometry,
     ReversalSpike,
     ServoLag,
+    ThermalGrowth,
     TimeLag,
     TransmissionError,
     bounds,
@@ -55,6 +56,14 @@ def test_size_and_shape_are_found_from_afar(case: str) -> None:
         assert abs(getattr(effect, field) - getattr(truth, field)) < 4 * u + 1e-9, (field, effect, sd)
     # What is left is noise again.
     assert np.mean(linear.without_set_up(found.residual) ** 2) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("ppm", [2100.0, -2100.0])
+def test_a_fit_begins_within_what_a_rig_file_may_state(ppm: float) -> None:
+    """What stands beside an effect is made of it, and refuses a size beyond the limit: 2048 ppm ended a diagnosis."""
+    begin = ThermalGrowth().model_copy(update={"ppm": ppm})
+    (growth,) = refine(holding(healthy(), white(healthy(), 1)), no_background(healthy()), [begin]).effects
+    assert abs(getattr(growth, "ppm")) < 2000.0  # noqa: B009
 
 
 def test_two_at_once_do_not_disturb_each_other() -> None:

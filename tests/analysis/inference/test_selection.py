@@ -16,7 +16,7 @@ from analysis.inference.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.inference.selection import Selection
 from analysis.inference.setups import fit_run_setups
 from analysis.inference.state import SelectionState, combined_effect, is_alike, is_one, is_twice
-from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, ThermalGrowth, TransmissionError
+from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError
 from rigs.schema.effect import name_of, size_of
 from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, poses, seen, shown_by, white
 
@@ -152,16 +152,6 @@ def test_two_coefficients_of_a_wave_are_its_size_and_phase() -> None:
     found = combined_effect((wave, wave), np.array([3.0, 4.0]))
     assert size_of(found) == pytest.approx(5.0)
     assert getattr(found, "phase_deg", 0.0) == pytest.approx(np.degrees(np.arctan2(4.0, 3.0)))
-
-
-@pytest.mark.parametrize("size", [150.0, -150.0])
-def test_no_fit_begins_with_an_effect_larger_than_a_rig_file_may_state(size: float) -> None:
-    """What stands beside an effect is made of it, and refuses a size beyond the limit: 2048 ppm ended a diagnosis."""
-    growth = combined_effect((ThermalGrowth(),), np.array([size]))
-    assert size_of(growth) == pytest.approx(np.sign(size) * 100.0)  # 2000 of 20 ppm
-    assert growth.departures().beside
-    wave = TransmissionError(axis=1, order=20.0)
-    assert size_of(combined_effect((wave, wave), np.array([300.0, 400.0]))) == pytest.approx(400.0)  # 2 of 0.005°
 
 
 def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(monkeypatch: pytest.MonkeyPatch) -> None:
