@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.measures.link_angle import GAUGE_RATE_HZ
-from analysis.simulation.simulate import simulate
+from analysis.procedures.circle.evaluate import GAUGE_RATE_HZ
+from analysis.procedures.simulate import simulate
 from rigs.effects import VOCABULARY, Effect
 from rigs.load import load
 from rigs.rig import Rig

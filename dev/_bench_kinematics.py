@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from _bench_peers import eaik_branches, opw_along, opw_branches, opw_forward, pinocchio_along, toolbox_one
 
-from analysis.kinematics.arm import Array, forward
-from analysis.kinematics.follow import follow
-from analysis.kinematics.inverse import inverse
+from analysis.robot.kinematics.arm import Array, forward
+from analysis.robot.kinematics.follow import follow
+from analysis.robot.kinematics.inverse import inverse
 from tests.support.benchmarks import Line, Peer, beside
 from tests.support.five_arms import ARMS, calibrated
 from tests.support.postures import random_angles

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from analysis.kinematics.arm import Arm, Array, forward, link_frames
+from analysis.robot.kinematics.arm import Arm, Array, forward, link_frames
 from tests.support.benchmarks import Peer
 from tests.support.five_arms import OPW, PeerArm
 

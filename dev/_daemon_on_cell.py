@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from daq.emulators import Cell
+from daq.apps.emulate.emulated_cell import Cell
 from daq.service.client import Client
 
 

@@ -19,8 +19,8 @@ import yaml
 
 from analysis import Diagnosis, Measured, RigError, calibrate, diagnose, read_table
 from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm, where_known
-from analysis.model.predict import SetUp, model_of, path_of, predict
-from analysis.traces.tables import PoseTable
+from analysis.robot.model.predict import SetUp, model_of, path_of, predict
+from analysis.runs.tables import PoseTable
 from dev.trials.ground.plain_arm import Array, PlainArm, Poses, joints, read_arm, read_columns, read_poses, write_rows
 from dev.trials.ground.tasks import Task, read_tasks
 from rigs.load import load

@@ -14,8 +14,8 @@ import numpy as np
 import pyarrow as pa
 import yaml
 
-from analysis.simulation.simulate import simulate
-from analysis.traces.tables import CircleTable
+from analysis.procedures.simulate import simulate
+from analysis.runs.tables import CircleTable
 from daq.protocol.conversation import NO_TIME
 from daq.store import RunWriter
 from daq.store.chunk import Salvage, schema_of

@@ -15,14 +15,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from analysis.session.cell import EmulatedHands
-from analysis.session.correct import CORRECTIONS, entries_file
-from analysis.session.plan import Program
-from analysis.session.run import Asked, Means, run_session
-from analysis.session.simulated import SimulatedCells, SimulatedInference
-from analysis.session.state import Emulated, Place
+from analysis.apps.session.correction_step import CORRECTIONS, entries_file
+from analysis.apps.session.daemon_cell import EmulatedHands
+from analysis.apps.session.run_session import Asked, Means, run_session
+from analysis.apps.session.session_plan import Program
+from analysis.apps.session.session_state import Emulated, Place
+from analysis.apps.session.simulated import SimulatedCells, SimulatedInference
 from daq import clock
-from daq.simulated.clock import SimulatedClock
+from daq.apps.emulate.simulated_clock import SimulatedClock
 from rigs.errors import RigError
 from rigs.load import load
 

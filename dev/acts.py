@@ -21,17 +21,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.inference.acts import Act
-from analysis.inference.diagnose import diagnose
-from analysis.inference.observation import ObservedRun, by_socket, observe_run
-from analysis.inference.result import Diagnosis, Named
-from analysis.inference.setups import FittedRuns
-from analysis.inference.validation import residual_um
-from analysis.kinematics.arm import Array
-from analysis.model.predict import model_of
-from analysis.reporting.answer_words import AnswerWords, large_parts, sure_parts
-from analysis.traces.loading import Measured, load_measured
-from analysis.traces.tables import CircleTable, PoseTable, TouchTable
+from analysis.diagnosis.diagnose import diagnose
+from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe_run
+from analysis.diagnosis.evidence.setups import FittedRuns
+from analysis.diagnosis.judge.acts import Act
+from analysis.diagnosis.judge.result import Diagnosis, Named
+from analysis.diagnosis.judge.validation import residual_um
+from analysis.report.answer_words import AnswerWords, large_parts, sure_parts
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.predict import model_of
+from analysis.runs.loading import Measured, load_measured
+from analysis.runs.tables import CircleTable, PoseTable, TouchTable
 from dev.trials.blind import scoring
 from dev.trials.blind.trial import Job, make_case, runs_of
 from dev.trials.stranger import cases

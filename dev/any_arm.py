@@ -16,16 +16,16 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.inference.diagnose import diagnose
-from analysis.inference.observation import residual_of
-from analysis.inference.prepared_runs import prepare_runs
-from analysis.inference.result import Diagnosis
-from analysis.inference.setups import fit_run_setups, with_effects
-from analysis.kinematics.arm import Array
-from analysis.measures.evaluate import evaluate
-from analysis.measures.results import result_of
-from analysis.traces.loading import Measured
-from analysis.traces.tables import PoseTable, TouchTable
+from analysis.diagnosis.diagnose import diagnose
+from analysis.diagnosis.evidence.observation import residual_of
+from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.procedures.results import result_of
+from analysis.procedures.shared.evaluate import evaluate
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.loading import Measured
+from analysis.runs.tables import PoseTable, TouchTable
 from rigs.arms import load_arm
 from rigs.effects import Effect
 from rigs.load import parse

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.setting_up.driven_circle import driven_circle
-from analysis.traces.loading import RobotMotion
+from analysis.apps.commission.driven_circle import driven_circle
+from analysis.runs.loading import RobotMotion
 from rigs.errors import FileError
 from rigs.load import parse
 from tests.support.driven_motions import Kind, Motion, drawn

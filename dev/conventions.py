@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.conventions.check import findings_of
-from analysis.traces.loading import Measured
-from analysis.traces.tables import PoseTable
+from analysis.procedures.checks.check_runs import findings_of
+from analysis.runs.loading import Measured
+from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm
 from rigs.load import load, parse
 from rigs.rig import Rig

@@ -18,12 +18,12 @@ import numpy as np
 
 from analysis import calibrate
 from analysis.correction.pose_uncertainty import CalibratedUncertainty, covered, frame_u_mm
-from analysis.inference.diagnose import diagnose
-from analysis.inference.observation import residual_of
-from analysis.inference.prepared_runs import prepare_runs
-from analysis.inference.setups import fit_run_setups, with_effects
-from analysis.kinematics.arm import Array, Mask
-from analysis.noise.readings import rms
+from analysis.diagnosis.diagnose import diagnose
+from analysis.diagnosis.evidence.observation import residual_of
+from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
+from analysis.robot.kinematics.arm import Array, Mask
+from analysis.runs.noise.readings import rms
 from dev import _ground_rig
 from dev.any_arm import ARMS, touches
 from dev.trials.blind.scoring import wilson

@@ -15,8 +15,8 @@ from functools import cache
 import numpy as np
 import yaml
 
-from analysis.conventions.gauge_sign import order_findings
-from analysis.traces.tables import CircleTable
+from analysis.procedures.checks.gauge_sign import order_findings
+from analysis.runs.tables import CircleTable
 from dev.trials.stranger.cell import ROBOTS
 from dev.trials.stranger.draw import candidate
 from dev.trials.stranger.faults import Fault

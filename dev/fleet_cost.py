@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from analysis import save_run, simulate
-from analysis.fleet.seen import examine
+from analysis.apps.plant.seen import examine
 from dev.plant import DAYS, TESTS, runs_of_robot
 from tests.support.plant_runs import CELL, robot_of, write_visits
 

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.history.changes import FALSE_ALARMS, Change
-from analysis.history.collect import collect
-from analysis.history.history import Series, history_of
+from analysis.apps.plant.changes import FALSE_ALARMS, Change
+from analysis.apps.plant.collect import collect
+from analysis.apps.plant.history import Series, history_of
 from tests.support.figure_histories import CIRCLES, GROWING, Growth, collected, drawn_history
 from tests.support.recorded_histories import recorded_history
 

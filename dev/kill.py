@@ -26,7 +26,7 @@ import numpy as np
 import typer
 import yaml
 
-from daq.emulators import emulated
+from daq.apps.emulate.instruments import emulated
 from daq.service.client import Client
 from daq.store import load_manifest, read_run, verify
 from rigs.errors import RigError

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.inference.diagnose import diagnose
-from analysis.kinematics.arm import arm_of
-from analysis.measures.pose import evaluate
-from analysis.traces.tables import PoseTable
+from analysis.diagnosis.diagnose import diagnose
+from analysis.procedures.pose.evaluate import evaluate
+from analysis.robot.kinematics.arm import arm_of
+from analysis.runs.tables import PoseTable
 from rigs.effects import Backlash
 from rigs.schema.effect import name_of
 from rigs.schema.robot import Robot

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from analysis.kinematics.arm import Arm, forward, forward_and_jacobian
-from analysis.kinematics.inverse import inverse
+from analysis.robot.kinematics.arm import Arm, forward, forward_and_jacobian
+from analysis.robot.kinematics.inverse import inverse
 from tests.support.five_arms import ARMS, OPW, Array, PeerArm, apart, calibrated, pose_apart
 
 POSES = 10_000

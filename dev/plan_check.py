@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.inference.expected import ExpectedPosterior, expected_posterior, planned_blocks
-from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
+from analysis.diagnosis.plan.expected import ExpectedPosterior, expected_posterior, planned_blocks
+from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from dev.trials.blind.trial import diagnose_case, import_case, runs_of
 from dev.trials.stranger.faults import SIZE, Fault, healthy_of
 from dev.trials.stranger.real.known import Noise, generate_known

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from analysis import FileError, calibrate
-from analysis.files.imports import propose_map
-from analysis.files.mapped import poses_of
-from analysis.files.raw_table import read_files
-from analysis.inference.pose_plan import pool_of
-from analysis.kinematics.arm import Array
-from analysis.traces.tables import PoseTable
+from analysis.diagnosis.plan.pose_plan import pool_of
+from analysis.intake.imports import propose_map
+from analysis.intake.mapped import poses_of
+from analysis.intake.raw_table import read_files
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.tables import PoseTable
 from rigs.load import load
 from tests.support.foreign_tables import DATA, UR5
 from tests.support.pose_runs import pose_run

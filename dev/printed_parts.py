@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.parts.sizes import Bought, PrintedPart, parts_of
+from analysis.apps.parts.sizes import Bought, PrintedPart, parts_of
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Touch

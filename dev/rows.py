@@ -22,7 +22,7 @@ SIZES = (10_000, 100_000, 1_000_000, 10_000_000)
 _KEEPING = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 """A user's environment, where Python keeps what it has compiled. Without this every turn would compile rig again, a
 fifth of a small run, and nothing of pandas, which pip compiled as it installed it."""
-READ = "import sys, pathlib, analysis.traces.loading as it; it.load_measured(pathlib.Path(sys.argv[1]))"
+READ = "import sys, pathlib, analysis.runs.loading as it; it.load_measured(pathlib.Path(sys.argv[1]))"
 PANDAS = """
 import sys, pathlib
 import numpy as np, pandas as pd

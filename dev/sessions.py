@@ -22,7 +22,7 @@ from typing import Annotated, Any
 import typer
 import yaml
 
-from analysis.session.state import Aim, Place, Session
+from analysis.apps.session.session_state import Aim, Place, Session
 from rigs.load import find, load
 from rigs.schema.vocabulary import MAKERS
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.geometry.pose_setup import fit_setup, position_error
-from analysis.inference.diagnose import diagnose
-from analysis.inference.result import Diagnosis
-from analysis.kinematics.arm import Array
-from analysis.model.predict import Model, model_of, moved, path_of
-from analysis.traces.loading import Measured
-from analysis.traces.tables import PoseTable, TouchTable
+from analysis.diagnosis.diagnose import diagnose
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.robot.geometry.pose_setup import fit_setup, position_error
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.predict import Model, model_of, moved, path_of
+from analysis.runs.loading import Measured
+from analysis.runs.tables import PoseTable, TouchTable
 from rigs.arms import load_arm
 from rigs.effects import Effect, changed, turned
 from rigs.load import parse

@@ -16,9 +16,10 @@ import typer
 import yaml
 from _daemon_on_cell import daemon_on
 
-from analysis.traces.clocks import gauge_instants, robot_instants
-from daq.emulators import Adversity, emulated
-from daq.emulators.timed import STEADY
+from analysis.runs.clocks import gauge_instants, robot_instants
+from daq.apps.emulate.emulated_cell import Adversity
+from daq.apps.emulate.instruments import emulated
+from daq.apps.emulate.timed import STEADY
 from daq.store import read_run
 from rigs.load import find, parse
 from rigs.schema.gauges import Gauge

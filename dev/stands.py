@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.geometry.pose_setup import fit_setup, position_error
-from analysis.inference.diagnose import diagnose
-from analysis.inference.result import Diagnosis, Named
-from analysis.model.predict import model_of, moved, path_of
+from analysis.diagnosis.diagnose import diagnose
+from analysis.diagnosis.judge.result import Diagnosis, Named
+from analysis.robot.geometry.pose_setup import fit_setup, position_error
+from analysis.robot.model.predict import model_of, moved, path_of
 from rigs.arms import load_arm
 from rigs.load import parse
 from rigs.rig import Rig

@@ -18,15 +18,15 @@ from pathlib import Path
 import numpy as np
 from ur10 import DATA, read
 
-from analysis.inference.budget import effect_changes
-from analysis.inference.observation import ObservedRun, observe_run
-from analysis.inference.responses import worth
-from analysis.inference.search import SearchResult, search
-from analysis.inference.setups import FittedRuns, without_a_fold
-from analysis.inference.validation import gap, stages_of
-from analysis.inference.verdict import named_effects
-from analysis.model.predict import model_of
-from analysis.traces.tables import PoseTable
+from analysis.diagnosis.evidence.observation import ObservedRun, observe_run
+from analysis.diagnosis.evidence.setups import FittedRuns, without_a_fold
+from analysis.diagnosis.fit.responses import worth
+from analysis.diagnosis.fit.search import SearchResult, search
+from analysis.diagnosis.judge.budget import effect_changes
+from analysis.diagnosis.judge.validation import gap, stages_of
+from analysis.diagnosis.judge.verdict import named_effects
+from analysis.robot.model.predict import model_of
+from analysis.runs.tables import PoseTable
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.effect import label_of

@@ -13,9 +13,9 @@ import numpy as np
 import typer
 from scipy.spatial.transform import Rotation
 
-from analysis.files.write import write_csv, write_new
-from analysis.traces.csv_tables import columns_of
-from analysis.traces.tables import PoseTable
+from analysis.runs.csv_tables import columns_of
+from analysis.runs.tables import PoseTable
+from analysis.runs.written_files import write_csv, write_new
 
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 DATA = Path(__file__).parents[2] / "shared" / "data" / "ipa-ur10"

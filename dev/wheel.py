@@ -32,7 +32,7 @@ assert all((files(package) / "py.typed").is_file() for package in ("rigs", "daq"
 """
 PARTS = """
 import distributed, foxglove, s3fs, sshfs
-import analysis.window.run, daq.feedback.opc_ua_robotics
+import analysis.apps.window.serve, daq.apps.opc_ua.robotics
 """
 """What needs the extras that no command without a network uses: cluster, foxglove, remote, web, opcua."""
 

@@ -31,7 +31,7 @@ PATIENCE_S = 20.0
 ENOUGH = 200
 _NO_TESTS = 5
 """The exit code of pytest where a whole file is skipped."""
-OPC_UA_TESTS = "tests/daq/protocol/test_opc_ua.py"
+OPC_UA_TESTS = "tests/daq/apps/opc_ua/test_opc_ua.py"
 
 
 class Disagrees(Exception):
@@ -102,7 +102,7 @@ client.disconnect()
 def ur_rtde() -> str:
     """SDU Robotics' client, in C++, reads our emulated controller."""
     from daq import feedback  # noqa: PLC0415
-    from daq.emulators.network_ports import TcpPort  # noqa: PLC0415
+    from daq.apps.emulate.network_ports import TcpPort  # noqa: PLC0415
     from tests.support.drivers import rtde  # noqa: PLC0415
 
     if find_spec("rtde_receive") is None:
@@ -125,7 +125,7 @@ def abb_egm() -> str:
     from abb_robot_client.egm import EGM, egm_pb2  # noqa: PLC0415
 
     from daq import feedback  # noqa: PLC0415
-    from daq.emulators.network_ports import UdpPort  # noqa: PLC0415
+    from daq.apps.emulate.network_ports import UdpPort  # noqa: PLC0415
     from daq.protocol.conversation import Sample  # noqa: PLC0415
     from rigs.schema.condition import ProgramState  # noqa: PLC0415
     from tests.support.drivers import egm  # noqa: PLC0415
@@ -161,7 +161,7 @@ def roslibpy() -> str:
     import roslibpy  # noqa: PLC0415
 
     from daq import feedback  # noqa: PLC0415
-    from daq.emulators.network_ports import TcpPort  # noqa: PLC0415
+    from daq.apps.emulate.network_ports import TcpPort  # noqa: PLC0415
     from tests.support.drivers import PANDA, joint_states  # noqa: PLC0415
 
     heard: list[dict[str, Any]] = []
@@ -187,8 +187,8 @@ def minimalmodbus() -> str:
     import minimalmodbus  # noqa: PLC0415
 
     from daq import gauges  # noqa: PLC0415
-    from daq.emulators.pty_line import PtyLine  # noqa: PLC0415
-    from daq.wire.session import run_conversation  # noqa: PLC0415
+    from daq.apps.emulate.pty_line import PtyLine  # noqa: PLC0415
+    from daq.wire.conversation_loop import run_conversation  # noqa: PLC0415
     from tests.support.drivers import PLAIN, modbus  # noqa: PLC0415
 
     gauge = modbus(**PLAIN, line="57600 8E1", word_order="big")
@@ -212,8 +212,8 @@ def node_opcua() -> str:
     from daq import feedback  # noqa: PLC0415
     from daq.acquisition.streams import NO_LINE  # noqa: PLC0415
     from daq.protocol.conversation import Fault, Item, Sample  # noqa: PLC0415
+    from daq.wire.conversation_loop import run_conversation  # noqa: PLC0415
     from daq.wire.links import open_link  # noqa: PLC0415
-    from daq.wire.session import run_conversation  # noqa: PLC0415
     from tests.support.drivers import opc_ua  # noqa: PLC0415
 
     if find_spec("asyncua") is None:
@@ -259,7 +259,12 @@ PEERS = (
     Peer("abb_robot_client with egm.proto", ("abb_egm",), "host and emulator", abb_egm),
     Peer("roslibpy", ("ros2_joint_states",), "the emulator", roslibpy),
     Peer("websockets", ("ros2_joint_states",), "the host", _tested("tests/daq/protocol/test_joint_states.py")),
-    Peer("rosbags", ("ros2_joint_states",), "the import of a bag", _tested("tests/analysis/files/test_ros_bag.py")),
+    Peer(
+        "rosbags",
+        ("ros2_joint_states",),
+        "the import of a bag",
+        _tested("tests/analysis/apps/interchange/test_ros_bag.py"),
+    ),
     Peer("node-opcua, OPC 40010's nodeset", ("opc_ua_robotics",), "the host", node_opcua),
     Peer("asyncua's server", ("opc_ua_robotics",), "the host, with the same codec", _tested(OPC_UA_TESTS)),
     Peer("pymodbus", ("modbus_map",), "host and emulator", _tested("tests/daq/protocol/test_modbus_interop.py")),

@@ -14,9 +14,9 @@ from pydantic import TypeAdapter
 
 from analysis.correction.pose_uncertainty import CalibratedUncertainty
 from analysis.correction.work import tool_poses
-from analysis.kinematics.arm import Array
-from analysis.model.predict import model_of
-from analysis.reporting.diagnosis_report import write_extended
+from analysis.report.diagnosis_report import write_extended
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.predict import model_of
 from rigs.calibration import CalibratedModel, Parameter, Term, packed_factor
 from rigs.effects import AnyEffect, Effect
 from rigs.load import load

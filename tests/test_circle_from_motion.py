@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from analysis.simulation.emulated_robot import EmulatedRobot
-from daq.emulators import emulated
+from analysis.apps.emulate.robot import EmulatedRobot
+from daq.apps.emulate.instruments import emulated
 from rigs.load import load, parse
 from tests.support.bench import Bench, rig_text
 

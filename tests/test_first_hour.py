@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from analysis.simulation.emulated_robot import EmulatedRobot
+from analysis.apps.emulate.robot import EmulatedRobot
 from daq.acquisition.streams import ROBOT, streams_of
-from daq.emulators import Cell, emulated
-from daq.emulators.instruments import instruments_of
+from daq.apps.emulate.emulated_cell import Cell
+from daq.apps.emulate.instruments import emulated, instruments_of
 from daq.protocol.conversation import Device
 from rigs.load import load, parse
 from rigs.rig import Rig

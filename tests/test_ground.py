@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.traces.tables import TouchTable
+from analysis.runs.tables import TouchTable
 from dev.trials.ground.arms import BALL_MM, effects_of, write_seen
 from dev.trials.ground.plain_arm import read_columns, read_poses, write_rows
 from dev.trials.ground.score import scored

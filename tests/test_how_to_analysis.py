@@ -64,7 +64,7 @@ def test_a_new_effect_goes_through_every_command_of_the_page(with_effect: tuple[
 def test_a_new_measurement_passes_the_checks_and_its_tests(with_measurement: tuple[Path, list[str]]) -> None:
     tree, files = with_measurement
     checked(tree, files)
-    assert "4 passed" in output(tree, *PYTEST, "tests/analysis/measures/test_second_order.py")
+    assert "4 passed" in output(tree, *PYTEST, "tests/analysis/procedures/circle/test_second_order.py")
 
 
 @pytest.mark.nightly  # a figure of a test with stops goes through fewer commands in each commit
@@ -94,7 +94,7 @@ def test_a_new_figure_of_a_test_with_stops_has_its_label_and_its_uncertainty(
 def test_a_new_maker_passes_the_checks_and_drives_corrects_and_enters(tmp_path: Path) -> None:
     files = followed(MAKER, tmp_path)
     checked(tmp_path, files)
-    tests = ("tests/analysis/makers/test_acme.py", "tests/analysis/robot_programs/test_paths.py")
+    tests = ("tests/analysis/apps/makers/test_acme.py", "tests/analysis/apps/makers/programs/test_paths.py")
     assert "26 passed" in output(tmp_path, *PYTEST, "-m", "nightly or not nightly", "-k", "acme", *tests)
     output(tmp_path, "lint-imports", "--no-cache", "--contract", "makers")
     said = output(tmp_path, "bash", "-ec", commands(MAKER, "rig correct"))
@@ -104,7 +104,7 @@ def test_a_new_maker_passes_the_checks_and_drives_corrects_and_enters(tmp_path: 
 def test_a_new_test_kind_passes_the_checks_and_its_commands(tmp_path: Path) -> None:
     files = followed(TEST_KIND, tmp_path)
     checked(tmp_path, files)
-    assert "3 passed" in output(tmp_path, *PYTEST, "tests/analysis/measures/test_height.py")
+    assert "3 passed" in output(tmp_path, *PYTEST, "tests/analysis/procedures/test_height.py")
     said = output(tmp_path, "bash", "-ec", commands(TEST_KIND, "rig import"))
     assert "height_rms_mm" in said and '"height_band_mm": {' in said
     output(tmp_path, "rig", "report", "heights/monday", "-o", "page.html")

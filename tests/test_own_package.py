@@ -109,7 +109,7 @@ def test_a_test_kind_of_another_package_is_imported_and_evaluated(site: Path) ->
 OF_A_MAKER = """
 import sys
 from analysis.cli import main
-from analysis.makers import maker_by, maker_of_file
+from analysis.apps.makers import maker_by, maker_of_file
 from rigs.errors import UseError
 from rigs.schema.vocabulary import maker_named, makers
 print(makers()[5:], maker_named("ACME 6"), maker_named("Half Made"))
@@ -128,7 +128,7 @@ def test_a_maker_of_another_package_has_programs_written(site: Path, tmp_path: P
     done = run(site, sys.executable, "-c", OF_A_MAKER, str(tmp_path / "made"))
     assert done.returncode == 0, done.stderr
     names, places, broken, bare, *_ = done.stdout.splitlines()
-    assert names == "('acme', 'bare', 'half_made') acme half_made" and places == "analysis.makers.kuka acme"
+    assert names == "('acme', 'bare', 'half_made') acme half_made" and places == "analysis.apps.makers.kuka acme"
     assert broken.startswith("half_made: nowhere.at_all.writer cannot be used: No module named 'nowhere'; ")
     assert bare == (
         "bare: no programs are written for it; give another maker, or add cell_bow.writer.WRITER to its package"

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.geometry.circle import frame_of, link_readings
-from analysis.geometry.programs import circle_of
+from analysis.robot.geometry.circle import frame_of, link_readings
+from analysis.robot.geometry.driven_programs import circle_of
 from dev.alignment import table
 from rigs.load import load
 

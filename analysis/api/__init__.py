@@ -14,23 +14,23 @@ from pathlib import Path
 from analysis.correction.calibrated_arm import ArmAngles as ArmAngles
 from analysis.correction.calibrated_arm import ArmPoses as ArmPoses
 from analysis.correction.calibrated_arm import CalibratedArm as CalibratedArm
-from analysis.inference.compare import Compared as Compared
-from analysis.inference.compare import Comparison as Comparison
-from analysis.inference.result import Diagnosis as Diagnosis
-from analysis.inference.result import Gap as Gap
-from analysis.inference.result import Named as Named
-from analysis.measures import results
-from analysis.measures.quantity import Quantity as Quantity
-from analysis.measures.result_curves import CircleCurve as CircleCurve
-from analysis.measures.result_curves import JointReversal as JointReversal
-from analysis.measures.result_curves import PathCurve as PathCurve
-from analysis.measures.result_curves import PoseCurve as PoseCurve
-from analysis.measures.result_curves import RadialCurve as RadialCurve
-from analysis.measures.result_curves import RepeatabilityCurve as RepeatabilityCurve
-from analysis.measures.results import Result as Result
-from analysis.traces.loading import Measured as Measured
-from analysis.traces.loading import load_measured
-from analysis.traces.table_layout import JointSource
+from analysis.diagnosis.judge.compare_runs import Compared as Compared
+from analysis.diagnosis.judge.compare_runs import Comparison as Comparison
+from analysis.diagnosis.judge.result import Diagnosis as Diagnosis
+from analysis.diagnosis.judge.result import Gap as Gap
+from analysis.diagnosis.judge.result import Named as Named
+from analysis.procedures import results
+from analysis.procedures.results import Result as Result
+from analysis.procedures.shared.quantity import Quantity as Quantity
+from analysis.procedures.shared.result_curves import CircleCurve as CircleCurve
+from analysis.procedures.shared.result_curves import JointReversal as JointReversal
+from analysis.procedures.shared.result_curves import PathCurve as PathCurve
+from analysis.procedures.shared.result_curves import PoseCurve as PoseCurve
+from analysis.procedures.shared.result_curves import RadialCurve as RadialCurve
+from analysis.procedures.shared.result_curves import RepeatabilityCurve as RepeatabilityCurve
+from analysis.runs.loading import Measured as Measured
+from analysis.runs.loading import load_measured
+from analysis.runs.table_layout import JointSource
 from rigs.effects import Effect
 from rigs.errors import CellError as CellError
 from rigs.errors import FileError as FileError
@@ -84,7 +84,7 @@ def read_table(
 
     Source: docs/tables.md.
     """
-    from analysis.files.imports import read_table as read  # noqa: PLC0415 - what it needs is slow to import
+    from analysis.intake.imports import read_table as read  # noqa: PLC0415 - what it needs is slow to import
 
     source = Path(path)
     return read(
@@ -137,7 +137,7 @@ def simulate(
 
     Source: docs/simulation.md.
     """
-    from analysis.simulation.simulate import simulated_run  # noqa: PLC0415
+    from analysis.procedures.simulate import simulated_run  # noqa: PLC0415
 
     model, text = load(rig)
     if effects is not None:
@@ -192,8 +192,8 @@ def compare(runs: Sequence[Measured], rig: RigFile | Rig | None = None, *, unsee
 
     Source: docs/simulation.md.
     """
-    from analysis.inference.compare import compare as compare_with  # noqa: PLC0415
-    from analysis.inference.disagreement import located  # noqa: PLC0415
+    from analysis.diagnosis.judge.compare_runs import compare as compare_with  # noqa: PLC0415
+    from analysis.diagnosis.judge.disagreement import located  # noqa: PLC0415
 
     model = _model(rig, runs)
     return located(compare_with(runs, model, unseen), model, runs, unseen)
@@ -226,7 +226,7 @@ def calibrate(
 
     Source: docs/calibration.md.
     """
-    from analysis.inference.given import given_effects  # noqa: PLC0415
+    from analysis.diagnosis.evidence.given import given_effects  # noqa: PLC0415
 
     effects_given = None if effects is None else given_effects(effects, len(_model(rig, runs).robot.axes))
     return _diagnosed(runs, rig, hold_out, unseen, progress, None, effects_given)
@@ -286,8 +286,8 @@ def _diagnosed(
     tolerance_um: float | None,
     given: Sequence[Effect] | None,
 ) -> Diagnosis:
-    from analysis.inference.diagnose import diagnose as diagnose_with  # noqa: PLC0415
-    from analysis.traces.loading import refuse_copies  # noqa: PLC0415
+    from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
+    from analysis.runs.loading import refuse_copies  # noqa: PLC0415
 
     model = _model(rig, runs)
     refuse_copies((run.path, run.run.readings_sha256) for run in (*runs, *hold_out, *unseen))

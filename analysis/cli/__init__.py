@@ -13,9 +13,9 @@ from typing import NoReturn
 import typer
 from typer.exceptions import TyperException
 
-from analysis.batch.outcomes import is_numerical
 from analysis.cli.commands import app
 from analysis.cli.console import say_error
+from analysis.runs.batch.outcomes import is_numerical
 from rigs.errors import CellError, FileError, RigError, wrong_use
 from rigs.signals import ignore_interrupts
 from rigs.text import forget_width_of_0

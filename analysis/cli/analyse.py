@@ -55,24 +55,24 @@ def analyse(
         return
     truths = []
     if truth:
-        from analysis.reporting.run_object import compare
+        from analysis.report.run_object import compare
 
         truths = compare(results, truth)
     if plot:
         from analysis.cli.console import progress_of
-        from analysis.reporting.run_pictures import save_all_pictures
+        from analysis.report.run_pictures import save_all_pictures
 
         with progress_of("drawing the pictures"):
             pictures = list(save_all_pictures(results, plot))
         for picture in pictures:
             say(f"wrote {picture}", err=True)
     if as_json:
-        from analysis.reporting.run_object import as_object
+        from analysis.report.run_object import as_object
 
         say_json(as_object(results, truths))
     else:
-        from analysis.reporting.plain_console import PlainConsole
-        from analysis.reporting.run_report import as_tables
+        from analysis.report.plain_console import PlainConsole
+        from analysis.report.run_report import as_tables
 
         PlainConsole().print(as_tables(results, truths, each=each))
     end_with(worst(errors))
@@ -80,6 +80,6 @@ def analyse(
 
 def _as_line(run: Path) -> str:
     """A run and its figures as one line of JSON, plain ASCII."""
-    from analysis.measures.results import figures_alone
+    from analysis.procedures.results import figures_alone
 
     return json.dumps(figures_alone(run).to_dict())

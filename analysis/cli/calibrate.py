@@ -48,9 +48,9 @@ def calibrate(
     from analysis.cli.console import progress_of
     from analysis.cli.diagnose import by_use, say_correct, with_commands_here
     from analysis.cli.several import end_with, load_runs, worst
-    from analysis.reporting.diagnosis_report import hold_new, write_model
-    from analysis.reporting.diagnosis_screen import as_screen
-    from analysis.reporting.plain_console import PlainConsole
+    from analysis.report.diagnosis_report import hold_new, write_model
+    from analysis.report.diagnosis_screen import as_screen
+    from analysis.report.plain_console import PlainConsole
     from rigs.load import load
 
     if output:
@@ -85,10 +85,10 @@ def versions(
     as_json: AsJson = False,
 ) -> None:
     """List the calibrations of a robot, the newest first, or go back to one; rig compare shows how two differ."""
-    from analysis.files.versions import roll_back
-    from analysis.files.versions import versions as versions_in
-    from analysis.reporting.listings import version_object, versions_table
-    from analysis.reporting.plain_console import PlainConsole
+    from analysis.correction.versions import roll_back
+    from analysis.correction.versions import versions as versions_in
+    from analysis.report.listings import version_object, versions_table
+    from analysis.report.plain_console import PlainConsole
 
     if back_to is not None:
         done = roll_back(rig_file, back_to, dt.datetime.now(dt.UTC))

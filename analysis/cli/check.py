@@ -18,7 +18,7 @@ from analysis.cli.options import AsJson
 from rigs.errors import FileError, UseError
 
 if TYPE_CHECKING:
-    from analysis.traces.loading import Measured
+    from analysis.runs.loading import Measured
 
 
 @command(app, "rig check cell.yaml")
@@ -50,8 +50,8 @@ def check(
 def _check_runs(paths: Sequence[Path], *, as_json: bool) -> None:
     """Hold runs of one robot against every convention. Ends with exit code 3 where one is contradicted."""
     from analysis.cli.several import end_with, over_runs, runs_below, worst
-    from analysis.conventions.check import check_runs
-    from analysis.traces.loading import load_measured
+    from analysis.procedures.checks.check_runs import check_runs
+    from analysis.runs.loading import load_measured
 
     runs: list[Measured] = []
     errors = over_runs(load_measured, runs_below(paths), runs.append, doing="reading")
@@ -78,9 +78,9 @@ def _check_rig(rig_file: str) -> None:
     import datetime as dt
 
     from analysis.cli.several import end_with, worst
-    from analysis.geometry.programs import feasible_tests
-    from analysis.noise.certificate import doubts_of
-    from analysis.reporting.origins import begins_with, in_calibration
+    from analysis.report.origins import begins_with, in_calibration
+    from analysis.robot.geometry.driven_programs import feasible_tests
+    from analysis.runs.noise.certificate import doubts_of
     from rigs.load import find, load
     from rigs.schema.feedback import NoFeedback
 
@@ -112,7 +112,7 @@ def example(
     ],
 ) -> None:
     """Write the shipped rig files, and what their emulated cells hide, into a directory: copies to start from."""
-    from analysis.files.write import holding, write_all_new
+    from analysis.runs.written_files import holding, write_all_new
     from rigs.load import shipped, shipped_effects
 
     sources = [*shipped().values(), *shipped_effects().values()]
@@ -127,8 +127,8 @@ def interfaces(
     """List the gauge and robot interfaces: instruments, line settings, source of the protocol, and what is in doubt."""
     from dataclasses import asdict
 
-    from analysis.reporting.listings import interfaces_table
-    from analysis.reporting.plain_console import PlainConsole
+    from analysis.report.listings import interfaces_table
+    from analysis.report.plain_console import PlainConsole
     from rigs.interfaces import known
 
     drivers = known()

@@ -110,6 +110,15 @@ _FILES = {
 }
 """The file of a command that is not called like it."""
 
+_APPS = {
+    **dict.fromkeys(("arms", "export"), "interchange"),
+    **dict.fromkeys(("circle", "doctor", "init"), "commission"),
+    **dict.fromkeys(("compare", "fleet", "history"), "plant"),
+    **dict.fromkeys(("correct", "plan", "program"), "makers"),
+    **{name: name for name in ("emulate", "live", "paper", "parts", "session")},
+}
+"""The app that has a file of commands, as cli_FILE; the others are beside this file."""
+
 _HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 """The names of the help of every command."""
 _OF_TYPER = ("help", "install_completion", "show_completion")
@@ -226,9 +235,14 @@ def _options(
     """Robot metrology with a ball link and two digital probes: record, analyse, compare."""
 
 
+def _file_of(name: str) -> str:
+    file = _FILES.get(name, name.replace("-", "_"))
+    return f"analysis.apps.{_APPS[file]}.cli_{file}" if file in _APPS else f"analysis.cli.{file}"
+
+
 def imported(name: str) -> TyperCommand | TyperGroup:
     """Return a command of `rig`, or a group of them, as its file declares it. name: one that is listed above."""
-    import_module(f"analysis.cli.{_FILES.get(name, name.replace('-', '_'))}")
+    import_module(_file_of(name))
     narrow = typer.Typer(cls=Group, context_settings=_HELP)
     narrow.registered_commands = [
         info

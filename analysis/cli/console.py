@@ -58,7 +58,7 @@ def progress_of(doing: str = "reading the runs", *, is_still: bool = False) -> I
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from analysis.reporting.plain_console import PlainConsole
+    from analysis.report.plain_console import PlainConsole
 
     words = TextColumn("{task.description}", markup=False)
     # Redirected, what is printed to a file within would land on the terminal.

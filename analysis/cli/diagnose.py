@@ -63,8 +63,8 @@ def diagnose(
     from rigs.load import load
 
     if output:  # before anything is computed; what writes pictures is imported for it alone, as it takes half a second
-        from analysis.reporting.diagnosis_report import hold_empty
-        from analysis.reporting.html_page import is_page
+        from analysis.report.diagnosis_report import hold_empty
+        from analysis.report.html_page import is_page
 
         if not is_page(output):
             hold_empty(output)
@@ -84,8 +84,8 @@ def diagnose(
         diagnosis = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )
-    from analysis.reporting.diagnosis_screen import as_screen
-    from analysis.reporting.plain_console import PlainConsole
+    from analysis.report.diagnosis_screen import as_screen
+    from analysis.report.plain_console import PlainConsole
 
     if as_json:
         say_json(diagnosis.to_dict())
@@ -112,7 +112,7 @@ def with_commands_here(
 ) -> Diagnosis:
     """Return a diagnosis whose acts name the model where it is: the file, or in the directory, asked for, or else in
     the one into which it is written by the words `again`, or those of this command, as `to` or the next such name."""
-    from analysis.inference.acts import acts_with
+    from analysis.diagnosis.judge.acts import acts_with
 
     model = ""
     if output and output.suffix != ".html":
@@ -131,10 +131,10 @@ def _write(
     used, those held out, and those unseen."""
     from analysis import evaluate_runs
     from analysis.cli.console import progress_of
-    from analysis.reporting.diagnosis_report import write
-    from analysis.reporting.html_page import is_page
-    from analysis.reporting.page.report import gather
-    from analysis.reporting.page.write_page import write_page
+    from analysis.report.diagnosis_report import write
+    from analysis.report.html_page import is_page
+    from analysis.report.page.page_content import gather
+    from analysis.report.page.write_page import write_page
 
     if is_page(output):
         with progress_of() as progress:

@@ -12,7 +12,7 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import direction_option, operator_or_user
 from analysis.cli.several import for_each
-from analysis.traces.table_layout import JointSource
+from analysis.runs.table_layout import JointSource
 from rigs.errors import UseError
 from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
@@ -75,11 +75,11 @@ def import_(
     complete, and nothing is imported.
     """
     from analysis import read_table, save_run
+    from analysis.apps.interchange.bags import file_of
     from analysis.cli.console import progress_of
     from analysis.cli.import_map import mapped_run, needs_map
-    from analysis.files.bags import file_of
-    from analysis.files.table_map import MAPPED
-    from analysis.files.write import refuse_existing
+    from analysis.intake.table_map import MAPPED
+    from analysis.runs.written_files import refuse_existing
 
     if direction and test not in CIRCLES:
         raise UseError("--direction", f"a {test} test has no direction", "leave it out")

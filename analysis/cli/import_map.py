@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.cli.console import progress_of, say
-from analysis.files.imports import is_plain, propose_map, read_mapped
-from analysis.files.map_proposal import Proposal, Question, Reading
-from analysis.files.table_map import MAPPED, TableMap, load_map, map_text, value_text
-from analysis.files.write import holding, write_new
-from analysis.setup.dialogue import Dialogue, has_keyboard
-from analysis.traces.table_layout import JointSource
+from analysis.cli.dialogue import Dialogue, has_keyboard
+from analysis.intake.imports import is_plain, propose_map, read_mapped
+from analysis.intake.map_proposal import Proposal, Question, Reading
+from analysis.intake.table_map import MAPPED, TableMap, load_map, map_text, value_text
+from analysis.runs.table_layout import JointSource
+from analysis.runs.written_files import holding, write_new
 from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import Direction, TestName
 
 if TYPE_CHECKING:
-    from analysis.traces.loading import Measured
+    from analysis.runs.loading import Measured
 
 
 def has_person() -> bool:

@@ -16,7 +16,7 @@ from rigs.schema.vocabulary import MAKERS, Direction, MakerName, direction_of, m
 def location(text: str | Path) -> Path:
     """What a person named, or a default: a path of this computer, or a URL. Raises FileError for a URL that cannot be
     taken."""
-    from analysis.batch import remote_path
+    from analysis.runs.batch import remote_path
 
     return remote_path.location(str(text))
 

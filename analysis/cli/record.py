@@ -75,7 +75,7 @@ def stop(rig: RigName = None) -> None:
 
     Standard error has its faults, its seal, whether the robot was still driving, and why rig analyse would refuse it.
     """
-    from analysis.measures.results import fitness
+    from analysis.procedures.results import fitness
     from daq.service.client import Client, find_socket
 
     with Client(find_socket(rig)) as client:
@@ -123,7 +123,7 @@ def touch(
 
     The robot is guided by hand or by its program. Ctrl-C ends early and keeps what was touched.
     """
-    from analysis.session.touch import record_touches
+    from analysis.apps.commission.record_touches import record_touches
     from daq.service.client import Client, find_socket
 
     with Client(find_socket(rig)) as client:
@@ -146,8 +146,8 @@ def status(
         say_json(state)
         return
 
-    from analysis.reporting.daemon_screen import screen
-    from analysis.reporting.plain_console import PlainConsole
+    from analysis.report.daemon_screen import screen
+    from analysis.report.plain_console import PlainConsole
 
     PlainConsole().print(screen(state))
 
@@ -175,7 +175,7 @@ def automatic(
     import yaml
     from pydantic import ValidationError
 
-    from analysis.traces.recording_rule import rule_of
+    from analysis.runs.recording_rule import rule_of
     from daq.store import read_run
     from rigs.errors import FileError
     from rigs.schema.declared_tests import Automatic

@@ -46,9 +46,9 @@ def report(
     from analysis.cli.console import progress_of
     from analysis.cli.diagnose import with_commands_here
     from analysis.cli.several import end_with, evaluated, runs_below, say_doubts, worst
-    from analysis.reporting.html_page import hold_page, hold_pdf, is_pdf
-    from analysis.reporting.page.report import gather
-    from analysis.reporting.page.write_page import Heading, write_page
+    from analysis.report.html_page import hold_page, hold_pdf, is_pdf
+    from analysis.report.page.page_content import gather
+    from analysis.report.page.write_page import Heading, write_page
     from rigs.load import load
 
     heading = Heading(serial, customer, order)

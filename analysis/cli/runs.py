@@ -29,7 +29,7 @@ def runs(
     import time
 
     from analysis.cli.console import progress_of
-    from analysis.reporting.listings import run_row, runs_table
+    from analysis.report.listings import run_row, runs_table
     from daq.store import survey
 
     denied: list[Path] = []
@@ -46,7 +46,7 @@ def runs(
         return
     if not rows:
         return
-    from analysis.reporting.plain_console import PlainConsole
+    from analysis.report.plain_console import PlainConsole
 
     table = runs_table(rows)
     whole = PlainConsole(width=10_000).measure(table).maximum
@@ -145,7 +145,7 @@ def judged(path: Path) -> Verdict:
     """Whether a run is whole, wherever it lies. Raises RigError for one elsewhere that cannot be fetched."""
     from dataclasses import replace
 
-    from analysis.batch.fetched import fetched, named
+    from analysis.runs.batch.fetched import fetched, named
     from daq.store import judge
 
     with fetched(path) as directory:

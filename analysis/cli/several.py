@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from analysis.batch.outcomes import Failed, Item, Value
 from analysis.cli.console import say, say_error
+from analysis.runs.batch.outcomes import Failed, Item, Value
 from rigs.errors import RigError
 
 if TYPE_CHECKING:
@@ -61,9 +61,9 @@ def over_runs(
     doing: in words, for a terminal. An error is reported as it comes, and the rest goes on. Returns the errors. Raises
     StoreLost where a store does not answer any more, since the rest would fail as well.
     """
-    from analysis.batch.each import each
-    from analysis.batch.remote_store import StoreLost
     from analysis.cli.console import progress_of
+    from analysis.runs.batch.each import each
+    from analysis.runs.batch.remote_store import StoreLost
 
     errors: list[RigError] = []
     done = 0
@@ -97,7 +97,7 @@ def evaluated(
     """The results of the runs that can be evaluated, as `evaluate_runs` gives them, and the errors of the others.
 
     with_rows: keep the rows of each run; figures and doubts alone take some 0.2 MB a run."""
-    from analysis.measures.results import (
+    from analysis.procedures.results import (
         borrowers,
         evaluated_again,
         figures_again,
@@ -130,8 +130,8 @@ def distinct(paths: Iterable[Path]) -> dict[Path, None]:
 
 def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path]:
     """The runs that the paths stand for; absolute for a cluster, whose workers have directories of their own."""
-    from analysis.batch.run_directories import run_directories
     from analysis.cli.console import progress_of
+    from analysis.runs.batch.run_directories import run_directories
 
     with progress_of("listing the runs", is_still=True):
         return [run if scheduler is None else run.absolute() for run in run_directories(paths)]
@@ -141,7 +141,7 @@ def load_runs(
     paths: Iterable[Path], *, jobs: int = 1, scheduler: str | None = None
 ) -> tuple[list[Measured], list[RigError]]:
     """The runs that can be read, their doubts written to standard error, and the errors of the others."""
-    from analysis.traces.loading import load_measured
+    from analysis.runs.loading import load_measured
 
     runs: list[Measured] = []
     errors = over_runs(load_measured, list(paths), runs.append, doing="reading", jobs=jobs, scheduler=scheduler)
@@ -151,7 +151,7 @@ def load_runs(
 
 def say_doubts(runs: Iterable[Measured]) -> None:
     """Print what a person should know of each run before it is used, on standard error."""
-    from analysis.conventions.check import doubts_of
+    from analysis.procedures.checks.check_runs import doubts_of
 
     for run in runs:
         for doubt in doubts_of(run):

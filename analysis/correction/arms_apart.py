@@ -14,9 +14,9 @@ import numpy as np
 from analysis.correction.calibrated_arm import CalibratedArm
 from analysis.correction.exported_arm import joint_traits
 from analysis.correction.work import rest_mm
-from analysis.kinematics.arm import Array, pose_error
-from analysis.model.predict import geometric_arm, model_of
-from analysis.noise.readings import rms
+from analysis.robot.kinematics.arm import Array, pose_error
+from analysis.robot.model.predict import geometric_arm, model_of
+from analysis.runs.noise.readings import rms
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.robot import Pose

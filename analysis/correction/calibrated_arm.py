@@ -21,11 +21,11 @@ from analysis.correction.pose_uncertainty import (
 )
 from analysis.correction.support import supports
 from analysis.correction.work import left_out_mm, tool_poses
-from analysis.kinematics.arm import Array, Mask, arm_of
-from analysis.kinematics.inverse import inverse
-from analysis.kinematics.limits import within_limits
-from analysis.kinematics.newton import newton, newton_in_part, turned_rad
-from analysis.model.predict import Model, model_of
+from analysis.robot.kinematics.arm import Array, Mask, arm_of
+from analysis.robot.kinematics.inverse import inverse
+from analysis.robot.kinematics.joint_limits import within_limits
+from analysis.robot.kinematics.newton import newton, newton_in_part, turned_rad
+from analysis.robot.model.predict import Model, model_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DRIVEN_AXES

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.apps.makers.target import Reason
 from analysis.correction.pose_uncertainty import (
     PoseUncertainty,
     covered,
@@ -32,13 +33,12 @@ from analysis.correction.work import (
     used_effects,
     work_or_spread,
 )
-from analysis.inference.observation import BEYOND_MM, outside_coverage
-from analysis.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of, forward, pose_error, rail_mm
-from analysis.kinematics.inverse import inverse
-from analysis.kinematics.limits import within_limits
-from analysis.kinematics.newton import newton, newton_in_part, turned_rad
-from analysis.makers.target import Reason
-from analysis.model.predict import Model, model_of
+from analysis.diagnosis.evidence.observation import BEYOND_MM, outside_coverage
+from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, Mask, arm_of, forward, pose_error, rail_mm
+from analysis.robot.kinematics.inverse import inverse
+from analysis.robot.kinematics.joint_limits import within_limits
+from analysis.robot.kinematics.newton import newton, newton_in_part, turned_rad
+from analysis.robot.model.predict import Model, model_of
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 from rigs.schema.vocabulary import DRIVEN_AXES

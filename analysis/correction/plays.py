@@ -12,12 +12,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from analysis.apps.makers.programs.compensated import reached, targets_of
+from analysis.apps.makers.programs.motion_plan import Plan
 from analysis.correction.support import CERTAIN_U, supports, supports_beside
-from analysis.kinematics.arm import Array, Integers
-from analysis.model.hysteresis import Motion
-from analysis.model.predict import Path, driven, model_of
-from analysis.robot_programs.compensated import reached, targets_of
-from analysis.robot_programs.plan import Plan
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.model.motion import Motion
+from analysis.robot.model.predict import Path, driven, model_of
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import is_play

@@ -18,12 +18,12 @@ import numpy as np
 
 from analysis.correction.support import Support
 from analysis.correction.work import TaughtFrame, tool_poses, used_effects
-from analysis.inference.observation import BEYOND_DEG
-from analysis.kinematics.arm import RAIL_MM, Array, Mask, pose_error
-from analysis.measures.quantity import parameter_label
-from analysis.model.hysteresis import Motion
-from analysis.model.predict import Model, Path, driven, model_of
-from analysis.model.scene import apply
+from analysis.diagnosis.evidence.observation import BEYOND_DEG
+from analysis.procedures.shared.quantity import parameter_label
+from analysis.robot.kinematics.arm import RAIL_MM, Array, Mask, pose_error
+from analysis.robot.model.motion import Motion
+from analysis.robot.model.predict import Model, Path, driven, model_of
+from analysis.robot.model.scene import apply
 from rigs.calibration import TIMES, CalibratedModel, verdict_of
 from rigs.effects import Effect, turned
 from rigs.rig import Rig

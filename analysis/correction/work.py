@@ -21,12 +21,12 @@ from functools import cached_property
 import numpy as np
 
 from analysis.correction.support import Support
-from analysis.geometry.circle import frame_of
-from analysis.geometry.pose_setup import best_rigid, in_frame
-from analysis.geometry.programs import drive, radial_program
-from analysis.kinematics.arm import RAIL_MM, Array, arm_of
-from analysis.model.hysteresis import Motion
-from analysis.model.predict import Model, Path, model_of, moved
+from analysis.robot.geometry.circle import frame_of
+from analysis.robot.geometry.driven_programs import drive, radial_program
+from analysis.robot.geometry.pose_setup import best_rigid, in_frame
+from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of
+from analysis.robot.model.motion import Motion
+from analysis.robot.model.predict import Model, Path, model_of, moved
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig

@@ -23,7 +23,7 @@ from daq import clock
 from daq.acquisition.streams import Stream
 from daq.protocol.conversation import Fault, FaultKind
 from daq.wire.capture import HEAD, MOST_BYTES, Mark, Piece
-from daq.wire.session import ByteLink
+from daq.wire.conversation_loop import ByteLink
 from rigs.errors import FileError
 from rigs.files import read_from
 

@@ -23,8 +23,8 @@ from daq.acquisition.streams import Stream
 from daq.protocol.conversation import Fault, FaultKind, Host, Item
 from daq.protocol.numerals import hand_on
 from daq.wire.capture import Mark
+from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import Link, LinkLost
-from daq.wire.session import run_conversation
 from rigs.errors import CellError
 
 _FIRST_PAUSE_S = 0.2

@@ -30,7 +30,7 @@ _RATE_OVER = 200
 _RECENT = 1000
 """Samples that a live view may still ask for after they were drained: a tenth of a second at 10 kHz."""
 STALL_NS = 500_000_000
-"""A reader goes round in 0.3 s at most (`daq.wire.session`); a busy computer adds some tenths."""
+"""A reader goes round in 0.3 s at most (`daq.wire.conversation_loop`); a busy computer adds some tenths."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ _NODE = re.compile(r"(ns=\d{1,5};)?(i=\d{1,10}|s=.+)")
 class OPCUARobotics(Part):
     """OPC UA for Robotics: a server with a MotionDeviceSystem in its DeviceSet, from which is only read."""
 
+    driver: ClassVar[str] = "daq.apps.opc_ua.robotics"
     listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
         instruments="robots of any maker with an OPC UA server of the Robotics companion specification",

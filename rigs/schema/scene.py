@@ -9,7 +9,7 @@ Effects replace parts of it, stage by stage; nothing is changed in place. The st
     setup   ball form and gauge places
     gauge   the readings `g_mm`
 
-The simulator's own scene, `analysis/model/scene.py`, does what stands here; a rig file is read without it.
+The simulator's own scene, `analysis/robot/model/scene.py`, does what stands here; a rig file is read without it.
 
 A play is what follows in a gap, as a link in its gear or a plunger that sticks; its operator stands here as well.
 """

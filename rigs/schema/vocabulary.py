@@ -12,7 +12,7 @@ TestName = Literal[
     "touch",
     "path",
 ]
-"""The kinds of test: each is the module of its name in `analysis.measures`, or a package offers it as `rig.tests`."""
+"""The kinds of test: each is the module of its name in `analysis.procedures`, or a package offers it as `rig.tests`."""
 OFFERED_TESTS = {kind.name: kind for kind in entry_points(group="rig.tests") if kind.name not in get_args(TestName)}
 """Kinds of test of other packages by name, none of which takes a name of rig's own."""
 if not TYPE_CHECKING and OFFERED_TESTS:
@@ -62,7 +62,7 @@ _ALSO_NAMED: dict[MakerName, tuple[str, ...]] = {
     "yaskawa": ("motoman",),
 }
 """The makers for whose controllers programs and corrections are written, and other names that their arms bear; a folder
-in analysis/makers has all else of each."""
+in analysis/apps/makers has all else of each."""
 MAKERS: tuple[MakerName, ...] = tuple(_ALSO_NAMED)
 
 

@@ -35,9 +35,9 @@ from analysis import (
     simulate,
 )
 from analysis.cli import app
-from analysis.inference.result import Diagnosis
-from analysis.measures.simulated_gauges import Noise
-from analysis.simulation.simulate import simulated_run
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.procedures.shared.simulated_gauges import Noise
+from analysis.procedures.simulate import simulated_run
 from rigs.effects.backlash import Backlash
 from rigs.load import load
 from tests.support.handmade_diagnosis import diagnosis

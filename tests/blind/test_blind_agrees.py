@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.model.predict import model_of, nominal_setup, path_of, predict
-from analysis.traces.tables import CircleTable, RadialTable, Table
+from analysis.robot.model.predict import model_of, nominal_setup, path_of, predict
+from analysis.runs.tables import CircleTable, RadialTable, Table
 from dev.trials.stranger.cell import ROBOTS, Cell, read_cell
 from dev.trials.stranger.faults import SIZE, Fault
 from dev.trials.stranger.gauges import Link

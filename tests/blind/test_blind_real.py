@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.traces.laps import laps_of
-from analysis.traces.loading import load_measured
+from analysis.runs.laps import laps_of
+from analysis.runs.loading import load_measured
 from dev.trials import stranger
 from dev.trials.blind import trial
 from dev.trials.stranger.faults import SIGNED, Fault

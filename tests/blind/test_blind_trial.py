@@ -70,6 +70,6 @@ def test_ctrl_c_ends_the_trial_and_not_one_diagnosis_alone(monkeypatch: pytest.M
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("analysis.traces.loading.load_measured", interrupted)
+    monkeypatch.setattr("analysis.runs.loading.load_measured", interrupted)
     with pytest.raises(KeyboardInterrupt):
         trial.diagnose_case([Path("a")], [], [])

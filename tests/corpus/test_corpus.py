@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from daq.emulators import Replay
+from daq.apps.emulate.replay import Replay
 from daq.wire.capture import Capture, read_capture
 from rigs.errors import FileError
 from rigs.load import parse

@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from daq import clock
+from daq.apps.emulate.simulated_cell import SimulatedCell
+from daq.apps.emulate.simulated_clock import Deadlock, SimulatedClock
 from daq.protocol.conversation import FaultKind
-from daq.simulated.cell import SimulatedCell
-from daq.simulated.clock import Deadlock, SimulatedClock
 from daq.store import read_run
 from tests.support.bench import ByHand, rig_text
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from analysis.simulation.emulated_robot import EmulatedRobot, truth
+from analysis.apps.emulate.robot import EmulatedRobot, truth
 from daq.store import read_run
 from rigs.load import load, load_hidden, parse
 from rigs.schema.vocabulary import Direction

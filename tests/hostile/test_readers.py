@@ -17,9 +17,9 @@ import pyarrow.parquet as pq
 import pytest
 import typer
 
-import analysis.files.read
+import analysis.intake.read
 from analysis import cli
-from analysis.files.read import read_file
+from analysis.intake.read import read_file
 from daq.store import RunWriter, chunk, read_run, recover, verify
 from daq.store.chunk import FAULTS, from_parquet, salvage, schema_of
 from rigs.errors import CellError, FileError
@@ -90,13 +90,13 @@ def test_a_table_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     table.write_text("\n".join([",".join(columns), *[",".join("1" * 9)] * 100]))
     paper, _ = load("paper-fanuc")
     # private: a table of that many cells would take minutes to write
-    monkeypatch.setattr(analysis.files.read, "_MOST_CELLS", 400)
+    monkeypatch.setattr(analysis.intake.read, "_MOST_CELLS", 400)
     with pytest.raises(FileError, match=r"has more than 400 cells.*; import it in several runs"):
         read_file(table, "pose", paper)
     table.write_text(",".join(f"c{number}" for number in range(5000)) + "\n")
     with pytest.raises(FileError, match="has 5000 columns, more than 1000"):
         read_file(table, "pose", paper)
-    monkeypatch.setattr(analysis.files.read, "MOST_BYTES", 1000)
+    monkeypatch.setattr(analysis.intake.read, "MOST_BYTES", 1000)
     with pytest.raises(FileError, match=r"is larger than 0\.001 MB"):
         read_file(table, "pose", paper)
 

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from analysis.kinematics.arm import Array
-from analysis.model.predict import driven, model_of, nominal_setup, path_of, predict
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.predict import driven, model_of, nominal_setup, path_of, predict
 from rigs import load as reading
 from rigs.calibration import (
     CalibratedModel,

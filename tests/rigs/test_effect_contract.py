@@ -10,7 +10,7 @@ from rigs.effects import VOCABULARY
 from tests.support.effect_contract import STEPS, calibrated, corrected, declared, diagnosed, in_a_rig_file
 
 OF_A_RAIL, ON_PAPER = ("rail_line",), (in_a_rig_file, declared, corrected)
-"""What circles do not show, since the arm stands, and the steps without circles; tests/analysis/inference/test_rail.py
+"""What circles do not show, since the arm stands, and the steps without circles; tests/analysis/diagnosis/test_rail.py
 has the others."""
 IN_EACH_COMMIT: dict[Callable[[str], None], tuple[str, ...]] = {
     calibrated: ("backlash", "transmission_error", "link_geometry", "vibration"),
@@ -18,7 +18,7 @@ IN_EACH_COMMIT: dict[Callable[[str], None], tuple[str, ...]] = {
 }
 """The effects that go through the long steps in each commit: a play, which is not proportional to its size, a wave, a
 constant of the arm, and what is looked for in the time of each run. A play with a wave, and a vibration, are diagnosed
-by tests/analysis/inference/test_verdicts.py. The others do in `scripts/dev nightly`."""
+by tests/analysis/diagnosis/judge/test_verdicts.py. The others do in `scripts/dev nightly`."""
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,8 @@ from typing import Any
 import yaml
 
 from daq import clock
-from daq.emulators import Cell, Motion, emulated
+from daq.apps.emulate.emulated_cell import Cell
+from daq.apps.emulate.instruments import Motion, emulated
 from daq.service.client import Client
 from rigs.load import SHIPPED, parse
 from tests.support.command_line import ran

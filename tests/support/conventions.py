@@ -16,10 +16,10 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from analysis.conventions.finding import Finding
-from analysis.traces.csv_tables import columns_of
-from analysis.traces.loading import Measured, measured_of
-from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.procedures.checks.finding import Finding
+from analysis.runs.csv_tables import columns_of
+from analysis.runs.loading import Measured, measured_of
+from analysis.runs.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from daq.store import table_run
 from dev.trials.stranger.faults import Fault
 from dev.trials.stranger.gauges import Link

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from analysis.simulation.emulated_robot import Trace, trace
+from analysis.apps.emulate.robot import Trace, trace
 from daq import feedback, gauges
 from daq.acquisition.streams import streams_of
-from daq.emulators.timed import Unsteady, timed_device, timed_read
+from daq.apps.emulate.timed import Unsteady, timed_device, timed_read
 from daq.protocol.conversation import Sample
 from daq.store import RunWriter
 from rigs.load import load, parse

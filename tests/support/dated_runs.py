@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from analysis import save_run
-from analysis.simulation.simulate import simulated_run
+from analysis.procedures.simulate import simulated_run
 from rigs.effects import Backlash
 from rigs.load import load
 from rigs.schema.vocabulary import Direction

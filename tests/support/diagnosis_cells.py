@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from analysis.inference.background import Background, background_of
-from analysis.inference.blocks import blocks_of
-from analysis.inference.candidates import Columns, Form, candidates_for, columns_for
-from analysis.inference.diagnose import diagnose
-from analysis.inference.observation import ObservedRun, observe_run
-from analysis.inference.plan import Plan, plan
-from analysis.inference.responses import Linearisation, linearise
-from analysis.inference.result import Diagnosis
-from analysis.inference.setups import fit_run_setups
-from analysis.kinematics.arm import arm_of, forward
-from analysis.model.predict import SetUp, model_of, moved, nominal_setup, path_of
-from analysis.simulation.simulate import simulate
-from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable, PoseTable, Table
+from analysis.diagnosis.diagnose import diagnose
+from analysis.diagnosis.evidence.blocks import blocks_of
+from analysis.diagnosis.evidence.observation import ObservedRun, observe_run
+from analysis.diagnosis.evidence.setups import fit_run_setups
+from analysis.diagnosis.fit.background import Background, background_of
+from analysis.diagnosis.fit.candidates import Columns, Form, candidates_for, columns_for
+from analysis.diagnosis.fit.responses import Linearisation, linearise
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.plan.detectability import Plan, plan
+from analysis.procedures.simulate import simulate
+from analysis.robot.kinematics.arm import arm_of, forward
+from analysis.robot.model.predict import SetUp, model_of, moved, nominal_setup, path_of
+from analysis.runs.loading import Measured
+from analysis.runs.tables import CircleTable, PoseTable, Table
 from daq.store import Run
 from daq.store.manifest import Manifest
 from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
@@ -127,7 +127,7 @@ def plan_of_circles() -> Plan:
 def plan_without_further_tests() -> Plan:
     """The same of a yaw circle, without a look at what other tests would tell, which is most of a plan's time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analysis.inference.plan.possible_tests", lambda *_, **__: ([], []))
+        patch.setattr("analysis.diagnosis.plan.detectability.possible_tests", lambda *_, **__: ([], []))
         return plan(RIG, ("yaw",))
 
 

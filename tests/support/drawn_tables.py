@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from analysis import load_run
-from analysis.traces.tables import PathTable, PoseTable
+from analysis.runs.tables import PathTable, PoseTable
 from rigs.arms import load_arm
 from tests.support.command_line import ran
 from tests.support.foreign_tables import Poses, rows, text

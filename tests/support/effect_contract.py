@@ -10,21 +10,21 @@ from typing import get_args
 import numpy as np
 
 from analysis.correction.support import joint_zeros, link_constants, supports
-from analysis.inference.background import background_of
-from analysis.inference.blocks import blocks_of
-from analysis.inference.candidates import candidates_for, columns_for
-from analysis.inference.given import given_effects, parse_effects
-from analysis.inference.observation import observe_run
-from analysis.inference.refine import refine
-from analysis.inference.responses import linearise
-from analysis.inference.result import Named
-from analysis.inference.search import fit_given
-from analysis.inference.setups import fit_run_setups
-from analysis.model.predict import model_of
-from analysis.reporting import plan_report
-from analysis.reporting.diagnosis_words import plain, size
-from analysis.simulation.simulate import simulate
-from analysis.traces.tables import CircleTable
+from analysis.diagnosis.evidence.blocks import blocks_of
+from analysis.diagnosis.evidence.given import given_effects, parse_effects
+from analysis.diagnosis.evidence.observation import observe_run
+from analysis.diagnosis.evidence.setups import fit_run_setups
+from analysis.diagnosis.fit.background import background_of
+from analysis.diagnosis.fit.candidates import candidates_for, columns_for
+from analysis.diagnosis.fit.refine import refine
+from analysis.diagnosis.fit.responses import linearise
+from analysis.diagnosis.fit.search import fit_given
+from analysis.diagnosis.judge.result import Named
+from analysis.procedures.simulate import simulate
+from analysis.report import plan_report
+from analysis.report.diagnosis_words import plain, size
+from analysis.robot.model.predict import model_of
+from analysis.runs.tables import CircleTable
 from rigs.edit import extended
 from rigs.effects import VOCABULARY, Effect, Found, bounds, size_field
 from rigs.load import parse

@@ -11,8 +11,8 @@ import datetime as dt
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.kinematics.arm import arm_of
-from analysis.kinematics.newton import newton
+from analysis.robot.kinematics.arm import arm_of
+from analysis.robot.kinematics.newton import newton
 from rigs.effects import Effect, Found, JointOffset, LinkGeometry, TransmissionError
 from rigs.rig import Rig
 from tests.support.independent_arm import Array, Constants, Wrong, flange

@@ -15,10 +15,10 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from analysis.history.collect import Collected
-from analysis.history.records import Record
-from analysis.kinematics.arm import Array
-from analysis.measures.quantity import Quantity
+from analysis.apps.plant.collect import Collected
+from analysis.apps.plant.records import Record
+from analysis.procedures.shared.quantity import Quantity
+from analysis.robot.kinematics.arm import Array
 from rigs.schema.limits import Limits
 
 CIRCLES = (("yaw", "acw"), ("yaw", "cw"), ("roll", "acw"), ("roll", "cw"))

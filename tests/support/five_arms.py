@@ -22,7 +22,7 @@ from py_opw_kinematics import KinematicModel
 from py_opw_kinematics import Robot as Peer
 from scipy.spatial.transform import RigidTransform
 
-from analysis.kinematics.arm import Arm, arm_of, transform
+from analysis.robot.kinematics.arm import Arm, arm_of, transform
 from rigs.load import load
 from rigs.schema.robot import Pose
 

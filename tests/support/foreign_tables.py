@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from analysis import load_run
-from analysis.traces.tables import PoseTable, Table
+from analysis.runs.tables import PoseTable, Table
 from tests.support.command_line import ran
 from tests.support.independent_arm import constants_of, flange, healthy, none, postures
 

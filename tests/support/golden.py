@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from analysis.simulation.simulate import simulated_run
+from analysis.procedures.simulate import simulated_run
 from dev.trials.blind.trial import Job, make_case, runs_of
 from rigs.effects import VOCABULARY
 from rigs.load import load

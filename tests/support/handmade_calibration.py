@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.reporting.diagnosis_report import write_extended
+from analysis.report.diagnosis_report import write_extended
 from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Parameter, PlacedSetUp, Term, packed_factor
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError
 from rigs.load import load

@@ -8,10 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from analysis.inference.acts import Act, Against, Cost, NamingTest
-from analysis.inference.residuals import Curve, Map, Place, ResidualBand
-from analysis.inference.result import Accuracy, BudgetPart, Condition, Diagnosis, Gap, Named, NextTest, Remainder, Rival
-from analysis.model.predict import SetUp
+from analysis.diagnosis.judge.acts import Act, Against, Cost, NamingTest
+from analysis.diagnosis.judge.residuals import Curve, Map, Place, ResidualBand
+from analysis.diagnosis.judge.result import (
+    Accuracy,
+    BudgetPart,
+    Condition,
+    Diagnosis,
+    Gap,
+    Named,
+    NextTest,
+    Remainder,
+    Rival,
+)
+from analysis.robot.model.predict import SetUp
 from rigs.effects import Backlash, JointOffset, LinkGeometry
 from rigs.load import load
 from rigs.schema.effect import name_of

@@ -17,10 +17,10 @@ import daq.gauges
 from daq.acquisition.reader import Reader
 from daq.acquisition.stream_buffer import StreamBuffer, faults_of, samples_of
 from daq.acquisition.streams import Stream
-from daq.emulators.pty_line import PtyLine
+from daq.apps.emulate.pty_line import PtyLine
 from daq.protocol.conversation import Device, Fault, FaultKind, Item, Sample, Step
 from daq.protocol.polled import Polled
-from daq.wire.session import run_conversation
+from daq.wire.conversation_loop import run_conversation
 from rigs.schema.gauges import Gauge
 from tests.support.drivers import GAUGES
 from tests.support.simulated_conversation import S, simulate

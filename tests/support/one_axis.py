@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.geometry.pose_pool import axes_in_turn
-from analysis.kinematics.arm import arm_of
-from analysis.measures.axis_curves import AxisCurve
-from analysis.traces.tables import PoseTable
+from analysis.procedures.shared.axis_curves import AxisCurve
+from analysis.robot.geometry.pose_pool import axes_in_turn
+from analysis.robot.kinematics.arm import arm_of
+from analysis.runs.tables import PoseTable
 from rigs.arms import load_arm
 from rigs.load import parse
 from rigs.rig import Rig

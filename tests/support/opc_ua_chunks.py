@@ -7,8 +7,8 @@ from typing import Any
 
 from asyncua import ua
 
+from daq.apps.opc_ua.channel import ACKNOWLEDGE, ERROR, MESSAGE, NO_STAMP, OPEN, Channel
 from daq.protocol.conversation import Fault, Sample
-from daq.protocol.opc_ua import ACKNOWLEDGE, ERROR, MESSAGE, NO_STAMP, OPEN, Channel
 
 _SERVER = Channel()
 

@@ -15,16 +15,16 @@ from functools import cached_property
 
 import numpy as np
 
-from analysis.inference.background import Posterior, background_of
-from analysis.inference.blocks import blocks_of
-from analysis.inference.candidates import Candidate, Columns, forms_of, healthy_shares
-from analysis.inference.observation import ObservedRun, observe_run
-from analysis.inference.refine import Refined, Unknown, refine, size_limits
-from analysis.inference.responses import Linearisation, linearise
-from analysis.inference.setups import fit_run_setups, moved_setup
-from analysis.kinematics.arm import Array
-from analysis.model.predict import SetUp, model_of, nominal_setup, path_of, predict
-from analysis.traces.tables import PoseTable
+from analysis.diagnosis.evidence.blocks import blocks_of
+from analysis.diagnosis.evidence.observation import ObservedRun, observe_run
+from analysis.diagnosis.evidence.setups import fit_run_setups, moved_setup
+from analysis.diagnosis.fit.background import Posterior, background_of
+from analysis.diagnosis.fit.candidates import Candidate, Columns, forms_of, healthy_shares
+from analysis.diagnosis.fit.refine import Refined, Unknown, refine, size_limits
+from analysis.diagnosis.fit.responses import Linearisation, linearise
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.predict import SetUp, model_of, nominal_setup, path_of, predict
+from analysis.runs.tables import PoseTable
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, bounds, size_field
 from rigs.load import load
 from rigs.schema.effect import PHASE, Departures, healthy, name_of, scaled

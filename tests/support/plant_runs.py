@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from analysis.kinematics.arm import Array
-from analysis.simulation.simulate import simulate
-from analysis.traces.csv_tables import columns_of
+from analysis.procedures.simulate import simulate
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.csv_tables import columns_of
 from daq.store import table_run, write_table_run
 from rigs.effects import Backlash
 from rigs.load import load

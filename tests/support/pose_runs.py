@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from analysis.traces.csv_tables import columns_of
-from analysis.traces.loading import Measured, measured_of, rig_of
-from analysis.traces.tables import PoseTable
+from analysis.runs.csv_tables import columns_of
+from analysis.runs.loading import Measured, measured_of, rig_of
+from analysis.runs.tables import PoseTable
 from daq.store import table_run
 from rigs.load import load
 from tests.support.independent_arm import Array

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.traces.tables import PoseTable, TouchTable
+from analysis.runs.tables import PoseTable, TouchTable
 from rigs.schema.robot import Robot
 from tests.support.seven_axes import CAME_RAD, Array, Truth, corrected, draw_postures, seated
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from analysis.kinematics.arm import arm_of, forward
+from analysis.robot.kinematics.arm import arm_of, forward
 from rigs.schema.robot import Robot
 
 Array = NDArray[np.float64]

@@ -12,12 +12,12 @@ import numpy as np
 import yaml
 
 import analysis
-from analysis.session.answer import Infers
-from analysis.session.cell import Run
-from analysis.session.guide import Guide, State
-from analysis.session.plan import BY_ITSELF, FIXED, Program, planned
-from analysis.session.run import Conductor
-from analysis.session.state import Answer, PartOfError, Place, Session, Stage, Step, digest_of
+from analysis.apps.session.answer import Infers
+from analysis.apps.session.daemon_cell import Run
+from analysis.apps.session.guide import Guide, State
+from analysis.apps.session.run_session import Conductor
+from analysis.apps.session.session_plan import BY_ITSELF, FIXED, Program, planned
+from analysis.apps.session.session_state import Answer, PartOfError, Place, Session, Stage, Step, digest_of
 from rigs.calibration import CalibratedModel, packed_factor
 from rigs.load import load, parse
 from rigs.schema.vocabulary import Direction
@@ -69,7 +69,7 @@ def _model_files() -> dict[str, bytes]:
         runs = [
             analysis.simulate(cell, "yaw", way, seed=k, effects=place / "hidden.yaml") for way in ways for k in (1, 2)
         ]
-        from analysis.reporting.diagnosis_report import write  # noqa: PLC0415
+        from analysis.report.diagnosis_report import write  # noqa: PLC0415
 
         found = analysis.diagnose(runs)
         assert found.calibrated is not None

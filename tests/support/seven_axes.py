@@ -13,9 +13,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.traces.csv_tables import columns_of
-from analysis.traces.loading import Measured, measured_of
-from analysis.traces.tables import PoseTable, TouchTable
+from analysis.runs.csv_tables import columns_of
+from analysis.runs.loading import Measured, measured_of
+from analysis.runs.tables import PoseTable, TouchTable
 from daq.store import table_run
 from dev.trials.stranger.screws import Arm, Constants, arm_from, pose, torque_nm
 from rigs.rig import Rig

@@ -14,13 +14,13 @@ from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
 
-from analysis.simulation.emulated_robot import EmulatedRobot
+from analysis.apps.emulate.robot import EmulatedRobot
 from daq import clock
-from daq.emulators import Motion
+from daq.apps.emulate.instruments import Motion
+from daq.apps.emulate.simulated_cell import SimulatedCell
+from daq.apps.emulate.simulated_clock import SimulatedClock
 from daq.protocol.conversation import Device
 from daq.service.daemon import Daemon
-from daq.simulated.cell import SimulatedCell
-from daq.simulated.clock import SimulatedClock
 from tests.support.bench import ByHand, Watched, rig_text
 from tests.support.command_line import ran
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from analysis import save_run, simulate
-from analysis.live.played_run import PlayedRun, played_run
-from analysis.live.view import LiveView
+from analysis.apps.live.played_run import PlayedRun, played_run
+from analysis.apps.live.view import LiveView
 from rigs.schema.vocabulary import Direction
 
 

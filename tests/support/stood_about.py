@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.geometry.programs import radial_program, stops
-from analysis.kinematics.arm import Array, arm_of, forward
+from analysis.robot.geometry.driven_programs import radial_program, stops
+from analysis.robot.kinematics.arm import Array, arm_of, forward
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.store import Run, RunWriter, read_run
 from rigs.load import load

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from analysis.simulation.simulate import simulate
-from analysis.traces.tables import CircleTable
+from analysis.procedures.simulate import simulate
+from analysis.runs.tables import CircleTable
 from daq.protocol.conversation import NO_TIME, Samples
 from daq.store import RunWriter
 from rigs.load import load, load_hidden

@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from analysis.geometry.circle import SENSE, frame_of, link_readings
-from analysis.geometry.programs import radial_program
-from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.kinematics.follow import follow
+from analysis.robot.geometry.circle import SENSE, frame_of, link_readings
+from analysis.robot.geometry.driven_programs import radial_program
+from analysis.robot.kinematics.arm import Array, arm_of, forward
+from analysis.robot.kinematics.follow import follow
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName

@@ -13,7 +13,8 @@ from typing import Any
 
 import yaml
 
-from daq.emulators import Cell, Motion, emulated
+from daq.apps.emulate.emulated_cell import Cell
+from daq.apps.emulate.instruments import Motion, emulated
 from rigs.load import SHIPPED, parse
 from tests.support.bench import PATIENCE_S, ByHand
 from tests.support.drivers import OPC_UA

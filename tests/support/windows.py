@@ -13,17 +13,17 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from analysis.live.loop import RunPlayer
-from analysis.live.played_run import played_run
-from analysis.live.view import Update
-from analysis.session.state import Place
-from analysis.window.app import Window, app_of
-from analysis.window.controls import Controls
-from analysis.window.guard import Gate
-from analysis.window.made import Made
-from analysis.window.run import listening, server_of
-from analysis.window.shelf import Shelf
-from analysis.window.watcher import Watcher
+from analysis.apps.live.loop import RunPlayer
+from analysis.apps.live.played_run import played_run
+from analysis.apps.live.view import Update
+from analysis.apps.session.session_state import Place
+from analysis.apps.window.app import Window, app_of
+from analysis.apps.window.control_posts import Controls
+from analysis.apps.window.guard import Gate
+from analysis.apps.window.made import Made
+from analysis.apps.window.serve import listening, server_of
+from analysis.apps.window.shelf import Shelf
+from analysis.apps.window.watcher import Watcher
 from rigs.errors import CellError
 
 PATIENCE_S = 300.0
@@ -134,7 +134,7 @@ def served(
     try:
         while not server.started:
             time.sleep(0.01)
-        with patch("analysis.window.made._NICE", 0):
+        with patch("analysis.apps.window.made._NICE", 0):
             yield Served(window, sock.getsockname()[1])
     finally:
         server.should_exit = True

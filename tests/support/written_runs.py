@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from analysis import read_table, save_run
-from analysis.simulation.simulate import simulated_run
+from analysis.procedures.simulate import simulated_run
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName

@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.batch.each import each
-from analysis.batch.outcomes import Done
+from analysis.runs.batch.each import each
+from analysis.runs.batch.outcomes import Done
 from dev.trials.blind.answers import name_in
 from dev.trials.stranger import energy_of, gap_of, gap_of_real, generate, generate_real, left_of
 from dev.trials.stranger.cases import Lap
@@ -185,8 +185,8 @@ def said_by(
 ) -> list[Any]:
     """What effects, and a ball (3,) elsewhere, add to the readings of laps, (m, 2) mm each, as rig's simulator has
     it."""
-    from analysis.model.predict import model_of, nominal_setup, path_of, predict  # noqa: PLC0415
-    from analysis.traces.tables import CircleTable  # noqa: PLC0415
+    from analysis.robot.model.predict import model_of, nominal_setup, path_of, predict  # noqa: PLC0415
+    from analysis.runs.tables import CircleTable  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     plain = model_of(load(str(rig_file))[0])

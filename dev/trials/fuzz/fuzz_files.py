@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
-from analysis.files.read import read_file
+from analysis.intake.read import read_file
 from daq.store import read_run, recover, verify
 from daq.store.ledger import sha256
 from dev.trials.fuzz.mutation import mutated

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.measures.results import result_of
-from analysis.traces.loading import measured_of
+from analysis.procedures.results import result_of
+from analysis.runs.loading import measured_of
 from daq.store import Run
 from daq.store.manifest import new_manifest
 from rigs.errors import RigError

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.traces.tables import PoseTable, TouchTable
+from analysis.runs.tables import PoseTable, TouchTable
 from dev.trials.ground.plain_arm import Array, PlainArm, Poses, Touches, write_arm, write_poses, write_touches
 from dev.trials.stranger.faults import SIZE, Key, healthy_of, name_of
 from dev.trials.stranger.screws import Constants, arm_from, pose, torque_nm

@@ -216,7 +216,7 @@ def some(poses: Poses, count: int) -> Poses:
 def ur10_splits(b: Path, d: Path) -> list[Split]:
     """Return the tasks of the UR10: a fifth of the neighbourhoods of each series left out, with all the others given
     and with 30 poses; and one series from the other, of which 30 poses tell the placement."""
-    from analysis.inference.setups import folds_of  # noqa: PLC0415 - the split of docs/trials.md
+    from analysis.diagnosis.evidence.setups import folds_of  # noqa: PLC0415 - the split of docs/trials.md
 
     arm = arm_of_rig("ur10")
     series = {"B": ur10_poses(b, "B"), "D": ur10_poses(d, "D")}

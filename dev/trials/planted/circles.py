@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from analysis.geometry.circle import SENSE, frame_of
-from analysis.geometry.programs import circle_of, drive
-from analysis.kinematics.arm import arm_of
-from analysis.measures import circularity, direction_pair, roll, yaw
-from analysis.measures.link_angle import CircleResult
-from analysis.measures.pooled import pooled
-from analysis.measures.quantity import Quantity
-from analysis.measures.results import Result, result_of
-from analysis.traces.loading import Measured
-from analysis.traces.tables import CircleTable
+from analysis.procedures.circle import circularity, direction_pair, roll, yaw
+from analysis.procedures.circle.evaluate import CircleResult
+from analysis.procedures.pooled import pooled
+from analysis.procedures.results import Result, result_of
+from analysis.procedures.shared.quantity import Quantity
+from analysis.robot.geometry.circle import SENSE, frame_of
+from analysis.robot.geometry.driven_programs import circle_of, drive
+from analysis.robot.kinematics.arm import arm_of
+from analysis.runs.loading import Measured
+from analysis.runs.tables import CircleTable
 from dev.trials.planted.cells import LAP_S, Noise, between, disturbed, draw_cell, draw_run, gauge_times, noise_of, rows
 from dev.trials.planted.closed_forms import BASELINE_MM, RADIUS_MM, link_readings
 from rigs.errors import FileError

@@ -5,9 +5,9 @@ Nothing here uses the simulator. The noisy cells of `cells`, `circles`, `targets
 
 import numpy as np
 
-from analysis.geometry.circle import CircleFrame
-from analysis.kinematics.arm import Arm
-from analysis.traces.tables import RadialTable, RepeatabilityTable
+from analysis.robot.geometry.circle import CircleFrame
+from analysis.robot.kinematics.arm import Arm
+from analysis.runs.tables import RadialTable, RepeatabilityTable
 
 RADIUS_MM, BASELINE_MM = 70.0, 50.0
 FRAME = CircleFrame(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0]), RADIUS_MM)

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.kinematics.arm import arm_of, forward
-from analysis.measures.evaluate import evaluate
-from analysis.noise.cell import TRACKER_U_MM
-from analysis.traces.tables import PoseTable
+from analysis.procedures.shared.evaluate import evaluate
+from analysis.robot.kinematics.arm import arm_of, forward
+from analysis.runs.noise.cell_noise import TRACKER_U_MM
+from analysis.runs.tables import PoseTable
 from dev.trials.planted.cells import between
 from dev.trials.planted.circles import Outcome, Size, Truth
 from dev.trials.planted.targets import AGAIN, rp

@@ -9,9 +9,9 @@ from functools import cache
 
 import numpy as np
 
-from analysis.geometry.programs import hemisphere_of, radial_program
-from analysis.measures.evaluate import evaluate
-from analysis.traces.tables import RadialTable, RepeatabilityTable
+from analysis.procedures.shared.evaluate import evaluate
+from analysis.robot.geometry.driven_programs import hemisphere_of, radial_program
+from analysis.runs.tables import RadialTable, RepeatabilityTable
 from dev.trials.planted.cells import DRIFT_MM_PER_S, STEPS_MM, between
 from dev.trials.planted.circles import Outcome, Size, Truth, cell_rig
 from dev.trials.planted.closed_forms import directions

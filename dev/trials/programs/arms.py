@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 from scipy.spatial.transform import Rotation
 
-from analysis.kinematics.arm import arm_of
-from analysis.kinematics.inverse import inverse
+from analysis.robot.kinematics.arm import arm_of
+from analysis.robot.kinematics.inverse import inverse
 from rigs.effects import Found, JointOffset, LinkGeometry, TransmissionError
 from rigs.rig import Rig
 from tests.support.independent_arm import Constants, Wrong, flange

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.correction.corrected_program import correct_program, frames_of
+from analysis.apps.makers.corrected_program import correct_program, frames_of
 from analysis.correction.support import supports
 from dev.trials.programs import fanuc, inform, krl, rapid, urscript
 from dev.trials.programs.arms import Array, cell

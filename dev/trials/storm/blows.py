@@ -11,8 +11,8 @@ from typing import Any
 
 from daq import clock
 from daq.acquisition.host_clock import HOST
+from daq.apps.emulate.simulated_cell import SimulatedLine
 from daq.protocol.conversation import FaultKind
-from daq.simulated.cell import SimulatedLine
 from daq.store import load_manifest
 from daq.store.manifest import is_run
 from daq.store.marks import load_marks, mark_exported, mark_kept

@@ -18,7 +18,7 @@ import numpy as np
 
 from daq import clock
 from daq.acquisition.streams import ROBOT
-from daq.simulated.cell import SimulatedLine
+from daq.apps.emulate.simulated_cell import SimulatedLine
 from rigs.rig import Rig
 from rigs.schema.modbus import SolartronOrbit
 

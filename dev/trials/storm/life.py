@@ -15,10 +15,10 @@ from typing import Any
 from daq import clock
 from daq.acquisition.host_clock import HOST
 from daq.acquisition.streams import streams_of
+from daq.apps.emulate.simulated_cell import SimulatedCell
+from daq.apps.emulate.simulated_clock import SimulatedClock
 from daq.protocol.conversation import FaultKind
 from daq.service.daemon import Daemon
-from daq.simulated.cell import SimulatedCell
-from daq.simulated.clock import SimulatedClock
 from daq.store.manifest import is_run
 from dev.trials.storm.disk import Disk
 from dev.trials.storm.ledger import Instruments

@@ -12,7 +12,7 @@ from daq.acquisition.reader import Reader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.recording.io_worker import IoWorker
-from daq.wire import session
+from daq.wire import conversation_loop as session
 
 _PARSING_S = 0.004
 

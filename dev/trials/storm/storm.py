@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from daq.acquisition import stream_buffer
+from daq.apps.emulate.simulated_clock import SimulatedClock, close_files_in
 from daq.recording import active_run
-from daq.simulated.clock import SimulatedClock, close_files_in
 from daq.store import writer
 from dev.trials.storm.blows import BLOWS
 from dev.trials.storm.judging import judge_runs

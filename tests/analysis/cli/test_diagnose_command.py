@@ -16,10 +16,10 @@ from typer.testing import CliRunner, Result
 
 from analysis.cli import app
 from analysis.cli.diagnose import say_correct, with_commands_here
-from analysis.inference.result import Diagnosis
-from analysis.reporting.act_words import ActWords
-from analysis.reporting.diagnosis_report import write
-from analysis.traces.loading import Measured
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.report.act_words import ActWords
+from analysis.report.diagnosis_report import write
+from analysis.runs.loading import Measured
 from rigs.errors import FileError, RigError
 from rigs.load import load
 from tests.support.handmade_diagnosis import LOAD, PLAY, diagnosis
@@ -159,7 +159,7 @@ def test_one_damaged_run_names_itself(cell: Cell, tmp_path: Path, monkeypatch: p
     def judged(rig: object, runs: Sequence[Measured], *_: object) -> Diagnosis:
         return diagnosis("named", runs=tuple(run.run.manifest.name for run in runs))
 
-    monkeypatch.setattr("analysis.inference.diagnose.diagnose", judged)
+    monkeypatch.setattr("analysis.diagnosis.diagnose.diagnose", judged)
     copy = tmp_path / "run"
     shutil.copytree(cell.runs[0], copy)
     (copy / "manifest.json").write_text("{")
@@ -210,7 +210,7 @@ def test_no_picture_and_no_page_names_a_directory_that_nobody_has(
         pictured.append(ActWords(shown).next)
         return Figure()
 
-    monkeypatch.setattr("analysis.reporting.diagnosis_picture.picture", picture)
+    monkeypatch.setattr("analysis.report.diagnosis_picture.picture", picture)
     write(found, load("paper-fanuc")[1], tmp_path / "found")
     assert f"rig correct {tmp_path / 'found' / 'paper-fanuc.yaml'} -o D" in pictured[0]
     assert "rig diagnose RUN… -o found writes the model" in ActWords(found).next

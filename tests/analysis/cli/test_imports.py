@@ -29,7 +29,7 @@ READING = TYPER | RIG_FILE | {"numpy", "pyarrow", "cloudpickle"}
 """pyarrow takes cloudpickle where it is installed, as beside Dask."""
 OURS = {"analysis", "rigs"}
 WORDS = {
-    *("analysis", "analysis.batch", "analysis.batch.outcomes", "analysis.traces", "analysis.traces.table_layout"),
+    *("analysis", "analysis.runs.batch", "analysis.runs.batch.outcomes", "analysis.runs", "analysis.runs.table_layout"),
     *("rigs", "rigs.distribution", "rigs.errors", "rigs.schema", "rigs.schema.part"),
     *("rigs.signals", "rigs.text"),
 }
@@ -71,7 +71,9 @@ def test_runs_imports_what_reads_manifests(run: Path) -> None:
     modules = modules_of("runs", run.parent)
     assert packages(modules) <= READING | OURS | {"daq"}
     works = {
-        module for module in modules if module.startswith(("analysis.measures", "analysis.traces", "analysis.model"))
+        module
+        for module in modules
+        if module.startswith(("analysis.procedures", "analysis.runs", "analysis.robot.model"))
     }
     assert works <= WORDS
 
@@ -101,7 +103,7 @@ def test_help_of_a_command_imports_no_more(run: Path) -> None:
 
 
 def test_who_asks_the_daemon_imports_nothing_that_computes() -> None:
-    code = "import sys, daq.service.client, analysis.reporting.daemon_screen; print(*sys.modules)"
+    code = "import sys, daq.service.client, analysis.report.daemon_screen; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     modules = done.stdout.split()
     assert "numpy" not in packages(modules)

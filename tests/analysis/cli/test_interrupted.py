@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from analysis import save_run, simulate
-from analysis.reporting import diagnosis_report
-from analysis.reporting.diagnosis_report import write_extended
-from analysis.reporting.html_page import write_html
+from analysis.report import diagnosis_report
+from analysis.report.diagnosis_report import write_extended
+from analysis.report.html_page import write_html
 from daq.store import read_run
 from rigs.effects import play_of_joint
 from rigs.load import SHIPPED

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from analysis.emulation.served_cell import locked_cell
+from analysis.apps.emulate.served_cell import locked_cell
 from rigs.errors import CellError, FileError
 from rigs.load import find
 from rigs.schema.vocabulary import MakerName, maker_named

@@ -7,7 +7,7 @@ from typing import Any, Self
 
 import pytest
 
-from analysis.measures.results import fitness
+from analysis.procedures.results import fitness
 from daq.service import client
 from rigs.schema.vocabulary import Direction
 from tests.support.command_line import ran

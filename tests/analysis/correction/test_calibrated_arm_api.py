@@ -11,8 +11,8 @@ from analysis import calibrated_arm
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.support import supports
 from analysis.correction.work import tool_poses
-from analysis.kinematics.arm import arm_of, forward
-from analysis.model.predict import model_of
+from analysis.robot.kinematics.arm import arm_of, forward
+from analysis.robot.model.predict import model_of
 from rigs.calibration import Judged, PlacedSetUp
 from rigs.effects import Backlash, Compliance
 from rigs.errors import FileError

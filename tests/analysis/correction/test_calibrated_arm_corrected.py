@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analysis import calibrate, read_table
-from analysis.correction.correct import correct_rig
-from analysis.model.predict import model_of
-from analysis.reporting.diagnosis_report import write_model
+from analysis.apps.makers.correct_rig import correct_rig
+from analysis.report.diagnosis_report import write_model
+from analysis.robot.model.predict import model_of
 from rigs.load import load
 from tests.support.independent_arm import Array, Wrong, bad_zeros, cell, flange, postures
 

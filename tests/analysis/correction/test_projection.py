@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from analysis.apps.makers.controller_entries import ControllerEntries, controller_entries
+from analysis.apps.makers.correct_rig import correct_rig
+from analysis.apps.makers.report.program_report import reached
 from analysis.cli import app
-from analysis.correction.controller_entries import ControllerEntries, controller_entries
-from analysis.correction.correct import correct_rig
 from analysis.correction.corrected_targets import corrected
 from analysis.correction.support import supports
 from analysis.correction.work import tool_poses, work_angles
-from analysis.kinematics.arm import forward
-from analysis.model.predict import model_of
-from analysis.reporting.program_report import reached
+from analysis.robot.kinematics.arm import forward
+from analysis.robot.model.predict import model_of
 from rigs.edit import extended
 from rigs.effects import Compliance, Effect, Found, JointOffset, LinkGeometry, TransmissionError, size_field
 from rigs.load import load

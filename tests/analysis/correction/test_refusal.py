@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from analysis.correction.correct import correct_rig
+from analysis.apps.makers.correct_rig import correct_rig
 from analysis.correction.support import ANYWAY
 from rigs.calibration import Judged
 from rigs.load import load

@@ -20,8 +20,8 @@ import daq.recording.recorder
 from daq.acquisition.reader import Reader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
+from daq.apps.emulate.simulated_clock import SimulatedClock
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
-from daq.simulated.clock import SimulatedClock
 from daq.store import Run, read_run
 from daq.wire.links import Link, LinkLost, open_link
 from rigs.errors import CellError

@@ -172,7 +172,7 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
     reader = Reader(stream, StreamBuffer("robot", ()), link)
     # private _stop_asked, _read: what the thread does until its link is lost, with the pauses it asks for
     monkeypatch.setattr(reader, "_stop_asked", SimpleNamespace(is_set=lambda: False, wait=lambda s: True))
-    for module in ("daq.acquisition.reader", "daq.wire.session"):
+    for module in ("daq.acquisition.reader", "daq.wire.conversation_loop"):
         monkeypatch.setattr(f"{module}.clock", clock)
     reader._read(link)
     assert paused == [pytest.approx(0.05), pytest.approx(0.05)]

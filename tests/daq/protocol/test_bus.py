@@ -15,11 +15,11 @@ from pymodbus.framer import FramerRTU
 
 import daq.gauges
 from daq.acquisition.stream_buffer import samples_of
-from daq.emulators.pty_line import PtyLine
+from daq.apps.emulate.pty_line import PtyLine
 from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample
 from daq.protocol.modbus import silent_interval_ns
+from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import open_link
-from daq.wire.session import run_conversation
 from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
 from tests.support.drivers import PLAIN, TCP, gauge, modbus

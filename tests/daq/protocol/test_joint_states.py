@@ -16,8 +16,8 @@ from wsproto.events import AcceptConnection, CloseConnection, Event, Ping, Pong,
 import daq.feedback
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from daq.protocol.websocket import LIMIT
+from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import open_link
-from daq.wire.session import run_conversation
 from rigs.schema.links import Line
 from tests.support.drivers import PANDA, joint_states
 from tests.support.simulated_conversation import S, Script

@@ -20,8 +20,8 @@ import pytest
 
 import daq.gauges
 from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample
+from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import open_link
-from daq.wire.session import run_conversation
 from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
 from tests.support.drivers import PLAIN, modbus

@@ -13,7 +13,7 @@ import yaml
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from analysis.traces.recording_rule import rule_of
+from analysis.runs.recording_rule import rule_of
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.recording.automatic import StartRun, StopRun, Trigger
 from daq.store import RunWriter, read_run

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 
-from analysis.traces.loading import load_measured
+from analysis.runs.loading import load_measured
 from daq.store import read_run
 from rigs.load import parse
 from rigs.problems import RigFileError

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.cli.doctor import line
+from analysis.apps.commission.cli_doctor import line
 from daq.service import journal
 from rigs.errors import CellError
 

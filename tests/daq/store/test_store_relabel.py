@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from analysis import save_run
 from analysis.cli import app
-from analysis.traces.loading import load_measured
+from analysis.runs.loading import load_measured
 from daq.store import durable, judge, load_manifest, read_run, recover, relabel, survey, table_run, write_table_run
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST

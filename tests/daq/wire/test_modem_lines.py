@@ -14,12 +14,12 @@ import pytest
 
 import daq.gauges
 from daq.acquisition.streams import streams_of
-from daq.doctor import trial
-from daq.emulators.pty_line import PtyLine
+from daq.apps.commission import trial
+from daq.apps.emulate.pty_line import PtyLine
 from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample, Step
 from daq.wire import links, serial_port
+from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import SerialLink, open_link
-from daq.wire.session import run_conversation
 from rigs.interfaces import known
 from rigs.load import SHIPPED, parse
 from rigs.schema.links import Line, ModemLines

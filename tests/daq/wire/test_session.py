@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import pytest
 
 from daq.protocol.conversation import NO_TIME, Arrival, Item, Sample, Step
+from daq.wire.conversation_loop import run_conversation
 from daq.wire.links import LinkLost
-from daq.wire.session import run_conversation
 
 
 class Pieces:

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from analysis.makers.emulated import Array, Flange, Pose
+from analysis.apps.makers.emulated import Array, Flange, Pose
 from rigs.load import SHIPPED, load, parse
 from rigs.rig import Rig
 from rigs.schema.robot import Pose as RigPose

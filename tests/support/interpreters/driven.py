@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.emulation.pendant import interpret
-from analysis.makers.emulated import Array, Event, Machine, Round, Stood, Straight
+from analysis.apps.emulate.pendant import interpret
+from analysis.apps.makers.emulated import Array, Event, Machine, Round, Stood, Straight
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
 from tests.support.interpreters.arms import flange_of, pose_of

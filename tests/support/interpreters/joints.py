@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.makers.emulated import Array, Event, Pose, Posture, Round, Stood, Straight
+from analysis.apps.makers.emulated import Array, Event, Pose, Posture, Round, Stood, Straight
 from rigs.rig import Rig
 from tests.support.interpreters.arms import flange_of, pose_of
 

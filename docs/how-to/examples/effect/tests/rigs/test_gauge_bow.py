@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from analysis.simulation.simulate import simulate
-from analysis.traces.tables import CircleTable
+from analysis.procedures.simulate import simulate
+from analysis.runs.tables import CircleTable
 from rigs.effects import GaugeBow
 from rigs.load import load, load_hidden
 

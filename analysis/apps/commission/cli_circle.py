@@ -1,0 +1,182 @@
+"""`rig circle fit` and `rig ball fit`: where the circle and the ball of a rig file are, from what the robot did."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli import completion
+from analysis.cli.commands import Group, app, command
+from analysis.cli.console import say
+from analysis.cli.options import AsJson
+from rigs.errors import FileError, RigPlace, UseError
+
+if TYPE_CHECKING:
+    from analysis.apps.commission.cli_fitted_test import RigFile
+    from analysis.runs.loading import RobotMotion
+    from daq.store import Run
+    from rigs.edit import Values
+    from rigs.rig import Rig
+
+circle = typer.Typer(cls=Group, no_args_is_help=True, help="Find the circle of a rig file from the robot's motion.")
+app.add_typer(circle, name="circle")
+ball = typer.Typer(cls=Group, no_args_is_help=True, help="Find the ball of the hemisphere from the robot's stands.")
+app.add_typer(ball, name="ball")
+
+RigToWrite = Annotated[
+    str | None,
+    typer.Option(
+        "--rig", autocompletion=completion.rig_files, help="Rig file to complete; default: that of the first run."
+    ),
+]
+Write = Annotated[bool, typer.Option("--write", help="Write the result into the rig file; the old file is kept.")]
+
+
+@command(circle, "rig circle fit runs/lap-acw --rig cell.yaml --write")
+def fit(
+    runs: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one circle."),
+    ] = None,
+    rig_file: RigToWrite = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Watch the running daemon instead, until Ctrl-C ends it.")
+    ] = False,
+    write: Write = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find centre, normal, radius, start and posture of a circle, each with its uncertainty.
+
+    The robot drove the circle, whole or in part, or stood at three or more points
+    of it for a second each. Gauges need not be connected. With --live, jog or
+    lead the robot while rigd runs, and press Ctrl-C at the end.
+    """
+    import numpy as np
+
+    from analysis.apps.commission.cli_fitted_test import FittedTest, print_or_write, rig_file_to_write
+    from analysis.apps.commission.driven_circle import driven_circle
+    from analysis.cli.several import distinct
+    from analysis.runs.loading import motion_in
+
+    if bool(runs) == live:
+        problem = "both runs and --live are given" if live else "nothing is given to fit"
+        raise UseError("rig circle fit", problem, "give run directories, or --live")
+    named = rig_file_to_write(rig_file, write)
+    if live:
+        motions, to = _watched(named)
+    else:
+        recorded, to = _of_one_robot(distinct(runs or []), named)
+        motions = [motion_in(run) for run in recorded]
+    driven = driven_circle(motions, to.rig)
+    u = {
+        "centre_mm": driven.u_centre_mm.tolist(),
+        "normal": [float(np.degrees(driven.u_normal))],
+        "radius_mm": [driven.u_radius_mm],
+        "zero": [float(np.degrees(driven.u_zero))],
+    }
+    fitted = FittedTest("circle", driven.values(), u, driven.used, driven.doubts)
+    print_or_write(fitted, to, write=write, as_json=as_json)
+
+
+@command(ball, "rig ball fit runs/hemisphere --rig cell.yaml --write", name="fit")
+def fit_ball(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN…", autocompletion=completion.runs, help="Radial runs about the ball, or runs of its circle."
+        ),
+    ],
+    rig_file: RigToWrite = None,
+    write: Write = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find the centre of the hemisphere, which is the ball's, with its uncertainty.
+
+    In a radial run the robot stood at four or more places on a sphere about the
+    ball: held by the link, or touching the ball. A yaw or roll run shows the same
+    ball as the centre of its circle.
+    """
+    from analysis.apps.commission.cli_fitted_test import FittedTest, print_or_write, rig_file_to_write
+    from analysis.apps.commission.driven_circle import driven_circle
+    from analysis.apps.commission.touched_ball import touched_ball
+    from analysis.cli.several import distinct
+    from analysis.runs.loading import motion_in
+    from rigs.schema.vocabulary import CIRCLES
+
+    recorded, to = _of_one_robot(distinct(runs), rig_file_to_write(rig_file, write))
+    circles = [run.manifest.test in CIRCLES for run in recorded]
+    if any(circles) != all(circles):
+        where = ", ".join(str(run.path) for run in recorded)
+        raise FileError(where, "some are runs of a circle and some of a hemisphere", "give runs of one kind")
+    if all(circles):
+        of_circle = driven_circle([motion_in(run) for run in recorded], to.rig)
+        centre, u_mm, used = of_circle.circle.centre, of_circle.u_centre_mm, f"the circle's centre: {of_circle.used}"
+        values: Values = {"centre_mm": [round(float(x), 3) for x in centre]}
+        doubts = of_circle.doubts
+        if to.rig.tests.hemisphere is None:
+            problem = "the rig file has no tests.hemisphere, and a circle shows no posture at its pole"
+            remedy = "add tests.hemisphere with posture_deg, or give a radial run"
+            raise FileError(RigPlace.of(to.rig.name), problem, remedy)
+    else:
+        touched = touched_ball(recorded, to.rig)
+        values, u_mm, used, doubts = touched.values(to.rig), touched.u_centre_mm, touched.used, touched.doubts
+    fitted = FittedTest("hemisphere", values, {"centre_mm": u_mm.tolist()}, used, doubts)
+    print_or_write(fitted, to, write=write, as_json=as_json)
+
+
+def _of_one_robot(paths: Iterable[Path], named: RigFile | None) -> tuple[list[Run], RigFile]:
+    """The runs of directories, and the rig. Raises FileError where a run is of another robot."""
+    from analysis.apps.commission.cli_fitted_test import RigFile
+    from daq.store import read_run
+
+    runs = [read_run(path) for path in paths]
+    to = named or RigFile(_rig_in(runs[0]), runs[0].manifest.rig_text, None)
+    for run in runs:
+        _check_same_robot(str(run.path), _rig_in(run), to.rig)
+    return runs, to
+
+
+def _rig_in(run: Run) -> Rig:
+    from rigs.load import parse
+
+    return parse(run.manifest.rig_text, f"{run.path}, rig file")
+
+
+def _check_same_robot(where: str, run_rig: Rig, rig: Rig) -> None:
+    from analysis.diagnosis.evidence.placements import same_arm
+    from analysis.robot.kinematics.arm import arm_of
+
+    if not same_arm(arm_of(run_rig.robot), arm_of(rig.robot)):
+        problem = f"is of another robot than {rig.name}: its link constants differ"
+        raise FileError(where, problem, "use a rig file and a motion of one robot")
+
+
+def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
+    """What the robot does until Ctrl-C, and the rig: that of the daemon where none is named."""
+    from analysis.apps.commission.cli_fitted_test import RigFile, u_written
+    from analysis.apps.commission.driven_circle import driven_circle
+    from analysis.apps.live.daemon_source import watched_motion
+    from daq.service.client import Client, find_socket
+    from rigs.load import parse
+
+    with Client(find_socket(named.rig.name if named else None)) as client:
+        text = "\n".join(client.ask("samples", after={}, rig=True)["rig_lines"]) + "\n"
+        served = RigFile(parse(text, "the rig file of rigd"), text, None)
+        to = named or served
+        rig = to.rig
+        _check_same_robot("the running daemon", served.rig, rig)
+
+        def show(motion: RobotMotion) -> None:
+            try:
+                driven = driven_circle([motion], rig)
+                u, centre = u_written([driven.u_centre_mm.max()], " mm"), driven.circle.centre.round(2).tolist()
+                state = f"{driven.used}: radius {driven.circle.radius:.2f} mm about {centre}, u {u}"
+            except FileError as error:
+                state = error.what
+            say(f"{motion.t_s[-1]:.0f} s: {state}", err=True)
+
+        say("jog or lead the robot now; stand for a second at each point; Ctrl-C ends", err=True)
+        return [watched_motion(client, "the robot", show)], to

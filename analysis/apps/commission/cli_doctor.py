@@ -1,0 +1,116 @@
+"""`rig doctor RIG`: what is wrong with a cell; `rig logs [RIG]`: what its service said, for a person."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli import completion
+from analysis.cli.commands import app, command
+from analysis.cli.completion import SERVED
+from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson, RigArgument
+from rigs.text import plain
+
+if TYPE_CHECKING:
+    from daq.service.journal import Entry
+
+
+_COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
+
+
+@command(app, "rig doctor cell.yaml")
+def doctor(
+    rig_file: RigArgument,
+    runs: Annotated[Path | None, typer.Option(help="Directory of the runs; default: that of rigd.")] = None,
+    scan: Annotated[
+        bool, typer.Option("--scan", help="Find unit, registers and orders of Modbus gauges while you move a probe.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Report what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
+
+    Talks to the instruments as rigd would, at other line settings too where they
+    do not answer; where rigd runs, it is asked instead. With --scan Modbus gauges
+    are read in other ways than the rig file says, until one moves like a probe.
+    Exit code 1 where something is wrong.
+    """
+    import dataclasses
+    from functools import partial
+
+    from daq.apps.commission.cell_finding import Verdict
+    from daq.apps.commission.examine import examine
+    from daq.apps.commission.modbus_scan import scan_modbus
+    from rigs.errors import UseError
+    from rigs.load import find, is_shipped, load
+
+    rig, _ = load(rig_file)
+    path = find(rig_file).absolute()
+    if scan and is_shipped(path):
+        problem = f"asks the ports of the rig file, and {rig_file} is a shipped example"
+        raise UseError("--scan", problem, "give the rig file of your cell")
+    unit = f"rigd@{path.stem}" if path.parent == SERVED else None
+    findings = []
+    # Where rigd would record: the service has a directory of its own.
+    where = runs or (Path("/var/lib") / unit.replace("@", "-") / "runs" if unit else Path("runs"))
+    examined = partial(examine, rig, where.absolute(), unit, example=is_shipped(path))
+    made = scan_modbus(rig, partial(say, err=True)) if scan else examined()
+    for finding in made:
+        findings.append(finding)
+        if not as_json:
+            verdict = typer.style(f"{finding.verdict:9}", fg=_COLOURS[finding.verdict])
+            remedy = f"; {finding.remedy}" if finding.remedy else ""
+            say(f" {finding.about}: {finding.what}{remedy}", mark=verdict)
+    wrong = sum(finding.verdict is Verdict.WRONG for finding in findings)
+    if as_json:
+        finding_objects = [dataclasses.asdict(finding) for finding in findings]
+        say_json({"rig": rig.name, "wrong": wrong, "findings": finding_objects})
+    raise typer.Exit(1 if wrong else 0)
+
+
+@command(app, "rig logs cell --since today")
+def logs(
+    rig: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="RIG",
+            autocompletion=completion.services,
+            help="NAME of rigd@NAME, or its rig file; default: all services.",
+        ),
+    ] = None,
+    since: Annotated[
+        str | None, typer.Option(help="Time of the first entry: today, -1h, '2026-11-20 08:00'; default: the oldest.")
+    ] = None,
+    follow: Annotated[
+        bool, typer.Option("--follow", "-f", help="Show new entries until Ctrl-C; default: stop at the last.")
+    ] = False,
+) -> None:
+    """Show what the services rigd@NAME have logged, and when systemd started and stopped them."""
+    import contextlib
+    from pathlib import Path
+
+    from daq.service.journal import read
+
+    name = rig and Path(rig).name.removesuffix(".yaml")
+    with contextlib.suppress(KeyboardInterrupt):
+        for entry in read(name, since, follow=follow):
+            typer.echo(line(entry, named=rig is None))
+
+
+def line(entry: Entry, *, named: bool) -> str:
+    """One line: time, severity where it is worth a look, and text; with the rig's name where there are several."""
+    from daq.service.journal import ERROR, INFO, WARNING
+
+    if entry.severity <= ERROR:
+        word, colour = "error", "red"
+    elif entry.severity == WARNING:
+        word, colour = "warning", "yellow"
+    else:
+        word, colour = "", None
+    who = f"{plain(entry.rig):10} " if named else ""
+    text = plain(f"systemd: {entry.text}" if entry.by_systemd else entry.text)
+    return f"{entry.at:%Y-%m-%d %H:%M:%S} {who}" + typer.style(
+        f"{word:8}{text}", fg=colour, dim=entry.severity >= INFO and entry.by_systemd
+    )

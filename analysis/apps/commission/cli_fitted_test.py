@@ -1,0 +1,156 @@
+"""A test that was fitted, as the block of a rig file with its uncertainties: printed, or written into the file."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Literal
+
+from analysis.cli.console import say, say_json
+from rigs.edit import Values, block_of, with_test
+from rigs.errors import CellError, FileError, RigError, UseError
+from rigs.files import read_bytes
+from rigs.load import find, load, parse, shipped
+from rigs.rig import Rig
+
+_MOST_BYTES = 1_000_000
+"""No rig file is larger (`rigs.load`)."""
+_DIRECTIONS = ("normal", "zero")
+"""Keys of unit vectors: their uncertainty is an angle."""
+_LEAST = 0.0005
+"""Half of the last digit of a length."""
+
+
+@dataclass(frozen=True)
+class RigFile:
+    """A rig with the text of its file; path: None where it came with a run or from a daemon, and cannot be written."""
+
+    rig: Rig
+    text: str
+    path: Path | None
+
+
+@dataclass(frozen=True)
+class FittedTest:
+    """A test's values; u: the standard uncertainties of each, in degrees for directions, otherwise in mm; used: what
+    they were fitted to; doubts in words."""
+
+    test: Literal["circle", "hemisphere"]
+    values: Values
+    u: Mapping[str, Sequence[float]]
+    used: str
+    doubts: Sequence[str]
+
+
+def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
+    """The rig file that --rig names. Raises UseError if --write has none, FileError if it is a shipped one."""
+    if name is None:
+        if write:
+            raise UseError("--write", "needs the rig file that it writes", "give it with --rig FILE")
+        return None
+    path = find(name)
+    if write and path.resolve() in {example.resolve() for example in shipped().values()}:
+        raise FileError(
+            name, "is a shipped rig, which stays as it is", "copy it with rig example DIR, and give the copy"
+        )
+    rig, text = load(path)
+    return RigFile(rig, text, path)
+
+
+def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: bool) -> None:
+    """Print the block, write it if asked to, and say what the new rig file can do. Raises FileError, CellError."""
+    where = str(to.path or to.rig.name)
+    text = with_test(to.text, fitted.test, fitted.values, where)
+    doubts = [*fitted.doubts, *_not_drivable(parse(text, where))] if fitted.test == "circle" else list(fitted.doubts)
+    # What is written is written first of all, since an error is one line alone.
+    if not (write and to.path):
+        done = f"nothing is written: paste this, or give {'--write' if to.path else '--rig FILE --write'}"
+    elif text == to.text:
+        done = f"{to.path} has these values already"
+    else:
+        kept = _replace(to.path, to.text, text)
+        done = f"wrote {to.path}; as it was: {kept}; a rigd that runs knows the old one until it is started again"
+    for doubt in doubts:
+        say(doubt, err=True)
+    if as_json:
+        # With two digits; one number alone is no list.
+        rounded = {key: [float(f"{value:.2g}") for value in values] for key, values in fitted.u.items()}
+        u = {
+            f"{key}_deg" if key in _DIRECTIONS else key: values if len(values) > 1 else values[0]
+            for key, values in rounded.items()
+        }
+        say_json({"test": fitted.test, **fitted.values, "u": u, "used": fitted.used, "doubts": doubts})
+    else:
+        say("tests:")
+        first, *lines = block_of(fitted.test, fitted.values, 2).rstrip("\n").split("\n")
+        say(f"{first} # from {fitted.used}")
+        for line, key in zip(lines, fitted.values, strict=True):
+            unit = "°" if key in _DIRECTIONS else " mm"
+            say(f"{line} # u {u_written(fitted.u[key], unit)}" if key in fitted.u else line)
+    say(done, err=True)
+
+
+def u_written(u: Sequence[float], unit: str) -> str:
+    """Uncertainties with two digits and their unit; smaller ones than the last digit of a value only as such."""
+    if max(u) < _LEAST:
+        return f"< {_LEAST:g}{unit}"
+    return ", ".join(f"{value:.2g}" if value > _LEAST else f"< {_LEAST:g}" for value in u) + unit
+
+
+def _not_drivable(rig: Rig) -> list[str]:
+    error = _program_error(rig)
+    if error is None:
+        return []
+    circle, remedy = rig.tests.circle, error.remedy
+    assert circle is not None  # noqa: S101 - it was just fitted
+    # It may be able to with one axis a whole turn further or back.
+    for axis, turn_deg in product(range(len(circle.posture_deg)), (360.0, -360.0)):
+        posture = list(circle.posture_deg)
+        posture[axis] = round(posture[axis] + turn_deg, 2)
+        turned = circle.model_copy(update={"posture_deg": tuple(posture)})
+        tests = rig.tests.model_copy(update={"circle": turned})
+        if _program_error(rig.model_copy(update={"tests": tests})) is None:
+            remedy = f"it can with posture_deg: {posture}"
+            break
+    return [f"the robot cannot drive a program of this circle: {error.what}; {remedy}"]
+
+
+def _program_error(rig: Rig) -> RigError | None:
+    from analysis.robot.geometry.driven_programs import circle_program
+
+    try:
+        circle_program(rig, "acw")
+    except RigError as error:
+        return error
+    return None
+
+
+def _replace(path: Path, old: str, new: str) -> Path:
+    """Put a new text under the file's name, durably; the old one stays beside it under a name that was free."""
+    from daq.store import durable
+
+    path = path.resolve()  # a link stays one
+    try:
+        if read_bytes(path, _MOST_BYTES) != old.encode():
+            raise FileError(str(path), "was changed by another program meanwhile", "run the command again")
+        mode = path.stat().st_mode
+        if not mode & 0o222:  # a rename would replace it all the same
+            raise FileError(str(path), "is read-only", "allow writing with chmod u+w, or paste the printed block")
+        number = 1
+        while True:
+            kept = path.with_name(f"{path.name}.{number}")
+            with contextlib.suppress(FileExistsError):
+                fd = durable.create(kept, old.encode())
+                break
+            number += 1
+        durable.sync(fd)
+        durable.close(fd)
+        durable.replace(path, new.encode())
+        for file in (path, kept):
+            file.chmod(mode & 0o777)
+    except OSError as error:
+        raise CellError(str(path), error.strerror or str(error), "check the directory's permissions and disk") from None
+    return kept

@@ -1,0 +1,210 @@
+"""`rig init`: a rig file from what is plugged in and what a person answers."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli.commands import app, command
+from analysis.cli.console import progress_of, say, say_json
+from rigs.schema.vocabulary import MeasuredBy
+
+if TYPE_CHECKING:
+    from analysis.apps.commission.init_answers import Options
+    from rigs.rig import Rig
+
+_INTERRUPTED = 130
+
+
+@command(app, "rig init cell.yaml --robot 192.168.1.20 --arm ur10e")
+def init(
+    rig_file: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file to write.")] = Path("cell.yaml"),
+    name: Annotated[str | None, typer.Option(help="Name of the rig; default: that of the file.")] = None,
+    measured_by: Annotated[
+        MeasuredBy,
+        typer.Option(
+            help="What measures: gauges and a ball link, a tracker's poses, or a ball in sockets; arms of four, five "
+            "and seven axes are measured without gauges."
+        ),
+    ] = "gauges",
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Host of the robot, tcp://host:port, or udp://address:port; none with sockets; default: asked for.",
+        ),
+    ] = None,
+    port: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PORT",
+            help="Serial port or tcp://host:port of a gauge; repeatable; default: asked for.",
+        ),
+    ] = None,
+    g1: Annotated[
+        str | None, typer.Option(metavar="PORT", help="Port of gauge 1, PORT#CHANNEL if shared; default: asked for.")
+    ] = None,
+    g2: Annotated[
+        str | None, typer.Option(metavar="PORT", help="Port of gauge 2, PORT#CHANNEL if shared; default: asked for.")
+    ] = None,
+    key: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="Key of the rig file, as g1.range_mm=10; repeatable; default: none."),
+    ] = None,
+    baseline_mm: Annotated[
+        float | None, typer.Option(min=0.1, max=10_000, help="Distance between the gauges in mm; default: asked for.")
+    ] = None,
+    arm: Annotated[
+        str | None, typer.Option(help="Arm by name, or a file with a section robot; default: asked for.")
+    ] = None,
+    tool: Annotated[
+        str | None,
+        typer.Option(
+            metavar="POSE", help="Ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees; default: asked for."
+        ),
+    ] = None,
+    tolerance_mm: Annotated[
+        float | None,
+        typer.Option(
+            min=0, max=1000, help="Error that the work allows at the ball in mm, 0 for no limits; default: asked for."
+        ),
+    ] = None,
+    circle_here: Annotated[
+        bool | None,
+        typer.Option("--circle-here/--circle-later", help="Whether the robot stands at the start of its circle."),
+    ] = None,
+    radius_mm: Annotated[float | None, typer.Option(min=1, max=2000, help="Circle radius, mm; default: 70.")] = None,
+    listen_s: Annotated[
+        float, typer.Option(min=0.2, max=60, help="Seconds to listen to a port before anything is asked.")
+    ] = 1.0,
+    modbus_unit: Annotated[
+        list[int] | None, typer.Option(min=0, max=247, help="Modbus unit to ask; repeatable; default: 1.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print what was found as one JSON object, and write nothing.")
+    ] = False,
+) -> None:
+    """Look for gauges and robot, ask which is which, and write a checked rig file.
+
+    It only reads, and opens only ports that you name: they are listened to, then
+    asked with each protocol's own request. Answers are kept beside the rig file
+    until that is written, so that an interrupted rig init goes on where it was.
+    Without a terminal, every question has its option.
+    """
+    from analysis.apps.commission.init_answers import Options, keys_of, places_of
+    from analysis.cli.check import check
+
+    keys = keys_of(key or ())
+    options = Options(
+        path=rig_file,
+        name=name or re.sub(r"[^a-z0-9_-]+", "-", rig_file.stem.lower()).strip("-_")[:63] or "cell",
+        measured_by=measured_by,
+        robot=robot,
+        ports=tuple(port or ()),
+        places=places_of(g1, g2, keys),
+        keys=keys,
+        baseline_mm=baseline_mm,
+        arm=arm,
+        tool=tool,
+        tolerance_mm=tolerance_mm,
+        circle_here=circle_here,
+        radius_mm=radius_mm,
+        listen_s=listen_s,
+        modbus_units=tuple(modbus_unit or (1,)),
+    )
+    if as_json:
+        from analysis.apps.commission.gauge_questions import ports_of, reports_of
+        from analysis.apps.commission.robot_questions import robot_at
+        from daq.apps.commission.port_search import ports_here
+
+        robots = [robot_at(robot, keys["feedback"]).to_dict()] if robot else []
+        with progress_of("looking at the ports") as doing:
+            ports = [report.to_dict() for report in reports_of(ports_of(options), options, doing)]
+        say_json({"ports_here": ports_here(), "ports": ports, "robots": robots})
+        return
+    _make(options)
+    check([str(rig_file)])
+    say("next:")
+    for line in next_steps(rig_file):
+        say(f"  {line}")
+
+
+def _make(options: Options) -> None:
+    """Ask, and write the rig file; exit where the person stops."""
+    from analysis.apps.commission.init_answers import kept_in
+    from analysis.apps.commission.init_dialogue import make_rig_file
+    from analysis.cli.dialogue import Stopped, at_terminal
+
+    try:
+        make_rig_file(options, at_terminal(say, progress_of))
+    except (KeyboardInterrupt, Stopped):
+        say("")
+        kept = kept_in(options.path)
+        outcome = f"the same command goes on with the answers in {kept}" if kept.exists() else "nothing was written"
+        say(f"stopped; {outcome}", err=True)
+        raise typer.Exit(_INTERRUPTED) from None
+
+
+def next_steps(rig_file: Path) -> list[str]:
+    """Return what to do with a new rig file, a command a line."""
+    from rigs.load import load
+
+    rig, _ = load(rig_file)
+    file = shlex.quote(str(rig_file))
+    if not rig.gauges.recorded:
+        return _without_gauges(rig, file)
+    begin = [f"rigd {file}", "# in another terminal:", "rig live  # push each gauge once more, and jog the robot"]
+    if rig.tests.circle is None:
+        return [
+            *begin,
+            "# jog the robot to three or more points of its circle, then Ctrl-C:",
+            f"rig circle fit --live --rig {file} --write",
+            f"# stop rigd with Ctrl-C and start it again, so that it knows the circle: rigd {file}",
+            *_first_lap(rig, file),
+        ]
+    *lap, report = _first_lap(rig, file)
+    return [*begin, *lap, f"rig circle fit runs/*first* --rig {file} --write", report]
+
+
+def _without_gauges(rig: Rig, file: str) -> list[str]:
+    """Return what to do where a tracker measures, or a ball in sockets, whose joints are read or typed."""
+    from rigs.schema.feedback import NoFeedback
+
+    if rig.tests.touch is None:
+        return [
+            f"rig plan {file} --poses 40 -o planned  # which poses show most",
+            f"rig import poses.csv --rig {file} --test pose -o runs/poses  # as the tracker wrote them",
+            "rig diagnose runs/poses -o found",
+        ]
+    touch = [f"rig parts {file} -o parts  # sockets and ball holder to print", f"rig plan {file} --tests touch"]
+    if isinstance(rig.feedback, NoFeedback):
+        return [
+            *touch,
+            f"# seat the ball in many postures, and write touches.csv: socket, q1_deg … q{len(rig.robot.axes)}_deg",
+            f"rig import touches.csv --rig {file} --test touch -o runs/first",
+            "rig diagnose runs/first -o found",
+        ]
+    return [
+        *touch,
+        f"rigd {file}",
+        "# in another terminal:",
+        "rig record touch first -o runs/first",
+        "rig diagnose runs/first -o found",
+    ]
+
+
+def _first_lap(rig: Rig, file: str) -> list[str]:
+    """Return the commands of a first lap and, last, of its report."""
+    maker, *further = rig.makers
+    others = f"  # or {', '.join(further)}" if further else ""
+    return [
+        f"rig program {file} --for {maker} --test yaw -o programs{others}",
+        "rig record start first-acw --test yaw --direction acw",
+        "# start the robot's program, at reduced speed",
+        "rig record stop",
+        "rig report runs/*first* -o first.html",
+    ]

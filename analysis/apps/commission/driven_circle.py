@@ -1,0 +1,355 @@
+"""The circle that a robot drove, was jogged around or was led along, and where and how it starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.apps.commission.circle_motion import (
+    BENT,
+    DRIVEN,
+    LED,
+    Binned,
+    Fit,
+    FoundCircle,
+    Tolerance,
+    binned,
+    even_path,
+    find_circle,
+    fit_rows,
+    on_circle,
+)
+from analysis.apps.commission.touched_ball import circle_through_stands, distinct, is_jogged
+from analysis.robot.geometry.circle import CircleFrame, circle_frame, deviations, nearest_circle
+from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of
+from analysis.runs.loading import RobotMotion
+from analysis.runs.stands import STOOD_RAD
+from rigs.edit import Values
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle
+from rigs.schema.vocabulary import Direction
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Where a driven circle starts and which way is anticlockwise: normal, zero direction and posture.
+#
+# docs/conventions.md has the tool's x axis along the normal, so the tool decides its sign where it was held so;
+# otherwise the label of the run does. The acw circle starts where its angle is smallest, after the lead-in, and a cw
+# program drives the same joint angles back.
+
+_ALONG_NORMAL = float(np.cos(np.radians(30.0)))
+"""The tool's x axis is held along the normal where it is nearer to it than this."""
+_CLEAR_RAD = np.radians(20.0)
+"""A motion that ends nearer to where it began went both ways."""
+_HARDLY = 0.01
+"""A lap that lacks this share of a turn is whole."""
+_SAME_START_RAD = np.radians(5.0)
+"""A start this near to that of the rig file is the same: the ends of a program with a lead-in are seen to a degree."""
+_HELD_RAD = np.radians(2.0)
+"""A tool this near to its place in a circle test is held as the program holds it."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """The circle with its sign and zero direction; at (3,) unit vector to where the acw circle starts; posture (6,) rad
+    there; arc_rad driven; keeps_zero: the rig file's zero direction stands; doubts in words."""
+
+    circle: CircleFrame
+    at: Array
+    posture: Array
+    arc_rad: float
+    keeps_zero: bool
+    doubts: tuple[str, ...]
+
+
+def start_of(circle: CircleFrame, T: Array, q: Array, direction: Direction | None, declared: Circle | None) -> Start:
+    """The start of a circle from one stretch of tool poses T (n, 4, 4) in mm and angles q (n, 6) rad in order of time.
+
+    direction: as the run is labelled; declared: the circle of the rig file, if it has one."""
+    phi = circle.angle(T[:, :3, 3])
+    doubts: list[str] = []
+    if _sense(circle, T, phi, direction, declared, doubts) < 0:
+        circle, phi = circle_frame(circle.centre, -circle.n, circle.u, circle.radius), -phi
+    arc = float(np.ptp(phi))
+    laps = int(arc / (2 * np.pi) + _HARDLY)
+    lead = max(0.0, (arc - 2 * np.pi * laps) / 2) if laps else 0.0
+    begins = float(phi.min()) + lead
+    row = int(np.abs(phi - begins).argmin())
+    begun = np.radians(declared.start_deg) if declared else 0.0
+    zero = circle.radial(np.array([begins - begun]))[0]
+    keeps_zero = False
+    if declared is not None and abs(np.dot(_unit(declared.zero), circle.n)) < _ALONG_NORMAL:
+        declared_frame = circle_frame(circle.centre, circle.n, _unit(declared.zero), circle.radius)
+        keeps_zero = bool(declared_frame.u @ zero > np.cos(_SAME_START_RAD))
+        zero = declared_frame.u if keeps_zero else zero
+    circle = circle_frame(circle.centre, circle.n, zero, circle.radius)
+    at = circle.radial(np.array([begun]))[0]
+    return Start(circle, at, q[row], arc, keeps_zero, (*doubts, *_tool_doubts(circle, T)))
+
+
+def _sense(
+    circle: CircleFrame, T: Array, phi: Array, direction: Direction | None, declared: Circle | None, doubts: list[str]
+) -> float:
+    """1 where the normal has its sign, -1 where it must be turned round."""
+    along = float(T[:, :3, 0].mean(axis=0) @ circle.n)
+    net = float(phi[-1] - phi[0])
+    went = 0.0 if abs(net) < _CLEAR_RAD else float(np.sign(net))
+    labelled = -1.0 if direction == "cw" else 1.0
+    if abs(along) > _ALONG_NORMAL:
+        sign = float(np.sign(along))
+        if direction and went and sign * went != labelled:
+            driven = "acw" if direction == "cw" else "cw"
+            doubts.append(
+                f"about the tool's x axis, which is the normal, the robot moved {driven}, and the run is labelled "
+                f"{direction}: correct it with rig relabel RUN --direction {driven}, or turn robot.tool by 180° about z"
+            )
+        return sign
+    if went:
+        return labelled * went
+    doubts.append("the robot went both ways alike, so that the sign of the normal is a guess: check it")
+    return float(np.sign(circle.n @ (_unit(declared.normal) if declared else [0.0, 0.0, 1.0])) or 1.0)
+
+
+def _tool_doubts(circle: CircleFrame, T: Array) -> list[str]:
+    """What is to be said of how the tool was held, against how a circle test holds it."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    nominal = circle.poses(circle.angle(T[:, :3, 3]))[:, :3, :3]
+    turn = Rotation.from_matrix(np.swapaxes(T[:, :3, :3], 1, 2) @ nominal)
+    mean = turn.mean()
+    off, spread = mean.magnitude(), float(np.degrees((mean.inv() * turn).magnitude().max()))
+    if off < _HELD_RAD and spread < np.degrees(_HELD_RAD):
+        return []
+    fact = (
+        f"the tool was held {np.degrees(off):.0f}° from where the test holds it (z to the centre, x along the normal)"
+    )
+    if spread < np.degrees(_HELD_RAD):
+        return [f"{fact}: the program will turn it so, unless robot.tool.rpy_deg is corrected"]
+    return [f"{fact}, and not evenly (by up to {spread:.0f}°): the program will turn it so"]
+
+
+def _unit(vector: tuple[float, float, float]) -> Array:
+    return np.asarray(np.array(vector) / np.linalg.norm(vector))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The circle that a robot drove, was jogged around or was led along, as the block `tests.circle` of a rig file.
+#
+# Places come from the reported joints through the nominal arm. Where the robot followed a circle, all rows on it
+# count; where it stood at three or more points and went straight between them, the points. u covers the scatter about
+# the circle and what the arc leaves undetermined, not what the whole run shares, as a wrong zero of a joint.
+
+_SECOND = 1 / 3
+"""Another circle that turns by this share of the first, or more, is one that a person drove."""
+_FURTHER = 1.3
+"""A bent circle counts where it is followed further than a round one by this factor; a healthy arm follows both."""
+_ROUND_MM = 0.3
+"""The circle of a healthy arm is bent by less: its constants err by some tenths of a mm."""
+_NEAR = 4.0
+"""Tolerances of the first circle within which a path is no part of a second."""
+_JUMP_RAD, _ALONE = np.radians(0.5), 5.0
+"""A step between two rows that is larger than this, and so many times those beside it, is no motion."""
+_GAUGE_MM = 5.0
+"""The ball is set up in the circle's centre, and a gauge reads some 5 mm to either side: 2 u must stay within."""
+_LONGER = "drive a longer arc, best a whole lap, or stand at three or more points all around"
+_SHORT = replace(DRIVEN, least_rad=0.0)
+"""An arc too short to be found among other motion, but enough for its u to be said."""
+
+
+@dataclass(frozen=True)
+class DrivenCircle:
+    """A circle with its uncertainties. centre_cov (3, 3) mm² and normal_cov (3, 3) in the world; u_radius_mm; u_zero
+    rad, of the zero direction in the plane; posture (6,) rad; arc rad; used: what it was fitted to; doubts in words."""
+
+    circle: CircleFrame
+    centre_cov: Array
+    normal_cov: Array
+    u_radius_mm: float
+    u_zero: float
+    posture: Array
+    arc: float
+    keeps_zero: bool
+    used: str
+    doubts: tuple[str, ...]
+
+    @property
+    def u_centre_mm(self) -> Array:
+        """Standard uncertainty (3,) mm of the centre's coordinates."""
+        return np.sqrt(np.diag(self.centre_cov))
+
+    @property
+    def u_normal(self) -> float:
+        """Standard uncertainty of the normal in rad, in the direction in which it is largest."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.normal_cov)[-1]))
+
+    def values(self) -> Values:
+        """The keys of tests.circle: to the micrometre and the hundredth of a degree."""
+        values: dict[str, float | list[float]] = {
+            "centre_mm": self.circle.centre.round(3).tolist(),
+            "normal": self.circle.n.round(6).tolist(),
+            "zero": self.circle.u.round(6).tolist(),
+            "radius_mm": round(self.circle.radius, 3),
+            "posture_deg": np.degrees(self.posture).round(2).tolist(),
+        }
+        return {key: value for key, value in values.items() if key != "zero" or not self.keeps_zero}
+
+
+def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
+    """The one circle of motions of the rig's robot. Raises FileError where they show none, two, or too little of it."""
+    arm = arm_of(rig.robot)
+    for motion in motions:
+        if not np.isfinite(motion.q).all():
+            row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
+            raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
+        if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < STOOD_RAD:
+            raise FileError(motion.where, "the robot stood still", "move the tool about the ball while it is recorded")
+    bins = binned(motions, arm)
+    where = _where(motions)
+    points, run = even_path(bins.places[bins.path], bins.run[bins.path])
+    # A bent circle only where it is followed much further than a round one.
+    true, bent = find_circle(points, run, DRIVEN), find_circle(points, run, BENT)
+    path_circle, tolerance = true, DRIVEN
+    if bent and bent.turned_rad > _FURTHER * (true.turned_rad if true else 0.0):
+        path_circle, tolerance = bent, BENT
+    if is_jogged(bins, path_circle):
+        stops = circle_through_stands(arm, bins, where)
+        start = start_of(stops.circle, stops.T, stops.q, motions[0].direction, rig.tests.circle)
+        used = f"{len(stops.T)} points at which the robot stood, over {np.degrees(start.arc_rad):.0f}° of arc"
+        doubts = (*_doubts(motions), *stops.doubts)
+        return _result(stops.circle, stops.covariance, stops.covariance, start, used, doubts, where)
+    stood = len(distinct(bins.places[bins.stand_rows]))
+    if path_circle is None:
+        path_circle, tolerance = find_circle(points, run, LED), LED
+    if path_circle is None:
+        path_circle, tolerance = _short_arc(points, stood, where), _SHORT
+    _check_one_circle(path_circle, tolerance, points, run, motions, rig)
+    on, circle = on_circle(bins, path_circle.circle, tolerance, where)
+    result = _of_rows(fit_rows(motions, arm, bins, on, circle), bins, on, motions, rig)
+    if tolerance is _SHORT:
+        u = f"u {result.u_centre_mm.max():.2g} mm of the centre by noise alone"
+        problem = f"{result.used} are too short an arc ({u}), and the robot stood at {stood} points"
+        raise FileError(where, problem, _LONGER)
+    return result
+
+
+def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
+    # The stretch on the circle that goes furthest around it; a pause where a program turns back does not end it.
+    rows = np.flatnonzero(on)
+    off_path = deviations(fit.circle, bins.places).largest > DRIVEN.at(fit.circle.radius) * _NEAR
+    number = np.cumsum(off_path | (np.diff(bins.run, prepend=0) != 0))[rows]
+    pieces = [rows[number == piece] for piece in np.unique(number)]
+    longest = max(pieces, key=lambda piece: float(np.ptp(fit.circle.angle(bins.places[piece]))))
+    start = start_of(
+        fit.circle, bins.T[longest], bins.q[longest], motions[bins.run[longest][0]].direction, rig.tests.circle
+    )
+    doubts = _doubts(motions)
+    if fit.wild:
+        doubts.append(f"{fit.wild} rows lie far from the circle and are not used")
+    off_mm = float(np.quantile(deviations(fit.circle, bins.places[on]).largest, 0.95))
+    if off_mm > _ROUND_MM:
+        hand = f"the path is off the circle by {off_mm:.1f} mm: it was led by hand, the feedback jumped, or"
+        doubts.append(f"{hand} the controller has other link constants than the rig file")
+    used = f"{fit.rows} rows over {np.degrees(start.arc_rad):.0f}° of arc"
+    where = _where(motions)
+    return _result(fit.circle, fit.radial.covariance, fit.axial.covariance, start, used, tuple(doubts), where)
+
+
+def _result(
+    fitted: CircleFrame, radial: Array, axial: Array, start: Start, used: str, doubts: tuple[str, ...], where: str
+) -> DrivenCircle:
+    """Covariances (3, 3) mm² of the coefficients of radial and axial deviations, taken into the world."""
+    plane = np.stack([fitted.u, fitted.v], axis=1)
+    centre_cov = plane @ radial[1:, 1:] @ plane.T + axial[0, 0] * np.outer(fitted.n, fitted.n)
+    normal_cov = plane @ axial[1:, 1:] @ plane.T / fitted.radius**2
+    tangent = np.cross(start.circle.n, start.at)
+    u_zero = float(np.sqrt(tangent @ centre_cov @ tangent)) / fitted.radius
+    driven = DrivenCircle(
+        start.circle,
+        centre_cov,
+        normal_cov,
+        float(np.sqrt(radial[0, 0])),
+        u_zero,
+        start.posture,
+        start.arc_rad,
+        start.keeps_zero,
+        used,
+        (*doubts, *start.doubts),
+    )
+    largest = max(float(driven.u_centre_mm.max()), driven.u_radius_mm)
+    if 2 * largest > _GAUGE_MM:
+        problem = f"{used} leave centre and radius of the circle uncertain by {largest:.3g} mm (u)"
+        raise FileError(where, problem, _LONGER)
+    return driven
+
+
+def _where(motions: Sequence[RobotMotion]) -> str:
+    return ", ".join(motion.where for motion in motions)
+
+
+def _doubts(motions: Sequence[RobotMotion]) -> list[str]:
+    named = len(motions) > 1
+    return [f"{motion.where}: {doubt}" if named else doubt for motion in motions for doubt in motion.doubts]
+
+
+def _short_arc(points: Array, stood: int, where: str) -> FoundCircle:
+    """The whole path as a short arc, so that its u can be said. Raises FileError where it is none."""
+    nearest = nearest_circle(points)
+    if nearest is None or nearest.radius > 1e4:
+        raise _line(points, stood, where)
+    off = float(deviations(nearest, points).largest.max())
+    sagitta = nearest.radius * (1 - np.cos(min(np.pi, _length(points) / nearest.radius / 2)))
+    if off < _SHORT.at(nearest.radius) and sagitta > 2 * off:
+        return FoundCircle(nearest, _length(points) / nearest.radius)
+    if sagitta < 0.02 * _length(points):
+        raise _line(points, stood, where)
+    problem = f"no part of the motion follows a circle, and the robot stood at only {stood} points; three are needed"
+    remedy = "record the circle by itself, or jog to three or more points of it and stand at each for a second"
+    raise FileError(where, problem, remedy)
+
+
+def _line(points: Array, stood: int, where: str) -> FileError:
+    stands = f"and stood at {stood} points" if stood else "and did not stop"
+    problem = f"the robot moved along a line of {_length(points):.0f} mm {stands}, which determines no circle"
+    return FileError(where, problem, "drive an arc, best a whole lap, or jog to three or more points around the circle")
+
+
+def _length(points: Array) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def _check_one_circle(
+    path_circle: FoundCircle,
+    tolerance: Tolerance,
+    points: Array,
+    run: Integers,
+    motions: Sequence[RobotMotion],
+    rig: Rig,
+) -> None:
+    """Raises FileError where the rest of a path (k, 3) mm is another circle."""
+    first = path_circle.circle
+    off_first = deviations(first, points).largest > _NEAR * tolerance.at(first.radius)
+    if off_first.sum() < 10:
+        return
+    # A path that comes back from the first circle is not one with where it left.
+    pieces = np.cumsum(np.diff(off_first, prepend=False) | (np.diff(run, prepend=0) != 0))
+    second = find_circle(points[off_first], pieces[off_first], DRIVEN)
+    if second is None or second.turned_rad < _SECOND * path_circle.turned_rad:
+        return
+    where = _where(motions)
+    for motion in motions:  # a joint may go further between two rows than before and after by far
+        steps = np.abs(np.diff(motion.q, axis=0))
+        neighbours = np.maximum(np.roll(steps, 1, axis=0), np.roll(steps, -1, axis=0))
+        jumps = np.where((steps > _JUMP_RAD) & (steps > _ALONE * neighbours), steps, 0.0)
+        row, axis = np.unravel_index(jumps.argmax(), jumps.shape)
+        if jumps[row, axis]:
+            jump = f"{rig.robot.axis_words(int(axis) + 1)} jumps by {np.degrees(steps[row, axis]):.1f}°"
+            problem = f"{jump} at {motion.t_s[row + 1]:.3f} s, and another circle begins there"
+            raise FileError(motion.where, problem, "check the feedback, and record the circle again without a jump")
+    problem = f"holds two circles ({_placed(first)}, and {_placed(second.circle)})"
+    raise FileError(where, problem, "give runs of one circle, each recorded by itself")
+
+
+def _placed(circle: CircleFrame) -> str:
+    return f"radius {circle.radius:.1f} mm about {[round(float(x), 1) for x in circle.centre]}"

@@ -1,0 +1,242 @@
+"""The gauges: what answers on which port, which of them is gauge 1, and what only their owner knows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from pydantic import ValidationError
+
+from analysis.apps.commission.init_answers import Answers, Options, checked, has_keys, key_error, with_keys, written
+from analysis.cli.dialogue import Dialogue
+from daq.apps.commission.attempts import FoundGauge, PortReport, named_attempts
+from daq.apps.commission.port_search import Wanted, ports_here, search
+from daq.apps.commission.watched_ports import Watch
+from rigs.errors import CellError, FileError
+from rigs.schema.gauges import Gauge
+from rigs.schema.part import Part
+from rigs.schema.probe import Counts
+
+_NAMES = ("g1", "g2")
+_NEAREST_MM, _FURTHEST_MM = 10.0, 10_000.0
+"""Distances between two gauges: the axes of two stems side by side are 8 mm apart, and a clamp is between them."""
+_BODY_MM = 8.0
+"""The stem by which a dial gauge is clamped (DIN EN ISO 463)."""
+_MOST_SHOWN = 5
+"""Readings that a line of 80 columns holds."""
+_WHICH_PORTS = """\
+A chosen port is listened to and then asked for readings. Leave out any that
+leads to another kind of machine: it may take a request for a command.
+Ports of the gauges: numbers, as 1,2, or all"""
+_SIDES = {"g1": "+", "g2": "-"}
+
+
+def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Find the gauges, learn which is which, and say it."""
+    gauges = answers.gauges
+    if (
+        gauges is None
+        or options.places
+        or not all(has_keys(Gauge, gauge, options.keys[name]) for name, gauge in zip(_NAMES, gauges, strict=False))
+    ):
+        chosen = _chosen(_found(options, dialogue), options, dialogue)
+        gauges = tuple(_completed(gauge, name, options, dialogue) for name, gauge in zip(_NAMES, chosen, strict=False))
+    for name, gauge in zip(_NAMES, gauges, strict=False):
+        dialogue.say(described(name, gauge))
+    return answers.model_copy(update={"gauges": gauges})
+
+
+def described(name: str, gauge: Gauge) -> str:
+    """Return which gauge is meant by a name of the rig file, in a line."""
+    place = f"{gauge.port}#{gauge.channel}" if gauge.shares else gauge.port
+    guess = f"is taken to count away: it was not pushed; if its reading then grows, give --key {name}.counts=towards"
+    counts = f"counts {gauge.counts}" if "counts" in gauge.model_fields_set else guess
+    return f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side, and {counts}"
+
+
+def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Ask how far apart two gauges are."""
+    baseline_mm = options.baseline_mm or answers.baseline_mm
+    if baseline_mm is None and len(answers.gauges or ()) > 1:
+        baseline_mm = dialogue.ask("Distance between the two gauges, in mm", "--baseline-mm", _length_mm, "50")
+    return answers.model_copy(update={"baseline_mm": baseline_mm}) if baseline_mm is not None else answers
+
+
+def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], None]) -> list[PortReport]:
+    """Search these ports, each with what the options say of it."""
+    named = {}
+    for name, place in zip(_NAMES, options.places, strict=False):
+        if "interface" in options.keys[name]:
+            port = place.partition("#")[0]
+            try:
+                named[port] = named_attempts({**options.keys[name], "port": port})
+            except ValidationError as error:
+                raise key_error(error, name) from None
+    return search(Wanted(tuple(ports), named, options.listen_s, options.modbus_units), doing)
+
+
+def ports_of(options: Options) -> list[str]:
+    """Return the ports that the options name, each once."""
+    return list(dict.fromkeys([*options.ports, *(place.partition("#")[0] for place in options.places)]))
+
+
+def _ports(options: Options, dialogue: Dialogue) -> list[str]:
+    """The ports that a person has agreed to: at anything but a gauge a request may be taken for a command."""
+    ports = ports_here()
+    if (named := ports_of(options)) or (dialogue.terminal and not ports):
+        return named
+    for number, (port, description) in enumerate(ports.items(), 1):
+        dialogue.say(f"  {number} {port}{f' ({description})' if description else ''}")
+    return dialogue.ask(_WHICH_PORTS, "--port", partial(_selected, list(ports)))
+
+
+def _selected(ports: Sequence[str], typed: str) -> list[str]:
+    if typed.lower() == "all":
+        return list(ports)
+    numbers = typed.replace(",", " ").split()
+    if not numbers or not all(number.isdecimal() and 1 <= int(number) <= len(ports) for number in numbers):
+        raise FileError(repr(typed), f"is not numbers from 1 to {len(ports)}", "type them as 1,2, or type all")
+    return [ports[place] for place in dict.fromkeys(int(number) - 1 for number in numbers)]
+
+
+def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
+    """Return a port's report in lines; numbers: of the gauges, by place."""
+    head = f"{report.port}{f' ({report.description})' if report.description else ''}"
+    if not report.gauges:
+        return [f"  - {head}: {report.problem}", f"      {report.remedy}"]
+    lines = []
+    for gauge in report.gauges:
+        unit = "% of its range" if gauge.lacks else "mm"
+        also = f"; fits {', '.join(gauge.also)} as well" if gauge.also else ""
+        lines.append(f"  {numbers[gauge.place]} {gauge.place}")
+        kind = f"{gauge.gauge.interface}, {gauge.gauge.line}, {gauge.rate_hz:.0f} readings a second"
+        lines.append(f"      {kind}: {gauge.reading_mm:+.4f} {unit}{also}")
+    return lines
+
+
+def _found(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
+    """The gauges that answer; at a terminal the search is repeated until there is one."""
+    while True:
+        ports = _ports(options, dialogue)
+        with dialogue.busy("looking at the ports") as doing:
+            reports = reports_of(ports, options, doing)
+        gauges = [gauge for report in reports for gauge in report.gauges]
+        numbers = {gauge.place: number for number, gauge in enumerate(gauges, 1)}
+        for report in reports:
+            for line in describe_port(report, numbers):
+                dialogue.say(line)
+        if len(gauges) > 1 or options.places or (gauges and not dialogue.terminal):
+            return gauges
+        problem = "one answers" if gauges else "none answers" if reports else "no serial port is plugged in"
+        remedy = "plug it in and switch it on, or name its port: --port PORT"
+        if not dialogue.terminal:
+            raise CellError("gauges", problem, remedy)
+        dialogue.say(f"gauges: {problem}; {remedy}")
+        prompt = "Enter looks again" + ("; 1 goes on with this one alone: " if gauges else ": ")
+        if dialogue.line(prompt) == "1" and gauges:
+            return gauges
+
+
+def _chosen(gauges: Sequence[FoundGauge], options: Options, dialogue: Dialogue) -> list[FoundGauge]:
+    """Gauge 1, and gauge 2 where there are two, each with how it counts where it was pushed."""
+    by_place = {gauge.place: gauge for gauge in gauges}
+    if options.places:
+        return [_at(place, by_place) for place in options.places]
+    if not dialogue.terminal and len(gauges) == 1:
+        return list(gauges)
+    if not dialogue.terminal:
+        where = ", ".join(by_place)
+        raise FileError("gauges", f"{len(gauges)} answer ({where})", "say which is which: --g1 PORT --g2 PORT")
+    with Watch(gauges) as watch:
+        remaining = {str(number): gauge for number, gauge in enumerate(gauges, 1)}
+        first = _pushed("g1", remaining, watch, dialogue)
+        if not remaining or (
+            len(remaining) == 1 and "counts" not in first.gauge.model_fields_set
+        ):  # typed, so no finger is there
+            return [first, *remaining.values()]
+        return [first, _pushed("g2", remaining, watch, dialogue)]
+
+
+def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
+    matching = [gauge for name, gauge in by_place.items() if place in (name, gauge.gauge.port)]
+    if len(matching) == 1:
+        return matching[0]
+    if not matching:
+        raise CellError(place, "no gauge answers there", f"give one that answers: {', '.join(by_place)}")
+    channels = ", ".join(gauge.place for gauge in matching)
+    raise FileError(place, f"has {len(matching)} gauges", f"add the channel: {channels}")
+
+
+def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue: Dialogue) -> FoundGauge:
+    """Take the gauge that is pushed, or whose number is typed, from those left, by their numbers in the list.
+
+    A push says how it counts as well: a plunger goes in as the tool comes towards the ball.
+    """
+    numbers = {gauge.place: number for number, gauge in remaining.items()}
+    while True:
+        watch.rest()
+        otherwise = "press Enter" if len(remaining) == 1 else "type its number"
+        dialogue.say(f"Push gauge {name[1]} in, on the {_SIDES[name]} side of the baseline, or {otherwise}:")
+        answer = dialogue.line_or(partial(_readings, watch, numbers), partial(watch.pushed, [*numbers]))
+        number = numbers.get(answer, answer) or (next(iter(remaining)) if len(remaining) == 1 else "")
+        if answer in numbers:
+            counts: Counts = "towards" if watch.grows(answer) else "away"
+            grew = "grows" if counts == "towards" else "falls"
+            dialogue.say(f"{name}: {answer}; its reading {grew} as it is pushed in, so it counts {counts}")
+            gauge = remaining.pop(number)
+            return replace(gauge, gauge=gauge.gauge.model_copy(update={"counts": counts}))
+        if number in remaining:
+            dialogue.say(f"{name}: {remaining[number].place}; it was not pushed, so it is taken to count away")
+            return remaining.pop(number)
+        dialogue.say(f"error: {answer!r}: is not a gauge that is left; type one of {', '.join(remaining)}, or push it")
+
+
+def _readings(watch: Watch, numbers: dict[str, str]) -> str:
+    """The present readings in one line, as many as it holds, and room to type. numbers: of the gauges, by place."""
+    now_mm = watch.readings_mm()
+    shown = [f"{number} {now_mm[place]:+.4f}" for place, number in numbers.items() if place in now_mm]
+    return f"  {'   '.join(shown[:_MOST_SHOWN])}: "
+
+
+def _completed(answering: FoundGauge, name: str, options: Options, dialogue: Dialogue) -> Gauge:
+    """The gauge with the keys that only its owner knows, and those of --key."""
+    keys = dict(options.keys[name])
+    for key in answering.lacks:
+        if key not in keys:
+            read = partial(_key, name, key, answering.gauge)
+            keys[key] = dialogue.ask(
+                f"{key} of {name} ({answering.gauge.origin.instruments})", f"--key {name}.{key}", read
+            )
+    gauge: Gauge = with_keys(Gauge, answering.gauge, keys, name)
+    return gauge
+
+
+def _key(name: str, key: str, gauge: Part, typed: str) -> Any:
+    value = written(typed, f"{name}.{key}")
+    checked(type(gauge), {**gauge.model_dump(mode="json", exclude_unset=True), key: value}, name)
+    return value
+
+
+def _length_mm(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value <= _FURTHEST_MM:  # nor nan
+        raise FileError(repr(text), "is not a distance in mm", f"type a number from {_NEAREST_MM:g}, as 50")
+    return hold_baseline_mm(value, repr(text))
+
+
+def hold_baseline_mm(value: float, where: str) -> float:
+    """Return the distance between two gauges in mm. Raises FileError for one that no two gauges have."""
+    if value < _NEAREST_MM:
+        turned_mm = value * 1e-3
+        problem = (
+            f"is nearer than two gauges stand: their bodies alone are {_BODY_MM:g} mm thick, and at {value:g} mm an "
+            f"angle of 1 mrad is {turned_mm:.2g} mm between them"
+        )
+        raise FileError(where, problem, f"measure between their axes, in mm and not cm, {_NEAREST_MM:g} or more")
+    return value

@@ -1,0 +1,94 @@
+"""All questions in order, each answer kept at once, and at the end the rig file, whole or not at all."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+from analysis.apps.commission.gauge_questions import ask_baseline, ask_gauges, hold_baseline_mm
+from analysis.apps.commission.init_answers import (
+    Answers,
+    Options,
+    checked,
+    forget_answers,
+    keep_answers,
+    kept_in,
+    load_answers,
+)
+from analysis.apps.commission.rig_file_text import chosen_arm, rig_text
+from analysis.apps.commission.robot_questions import (
+    ask_arm,
+    ask_circle,
+    ask_robot,
+    ask_robot_if_any,
+    ask_tolerance,
+    ask_tool,
+    take_options,
+)
+from analysis.cli.dialogue import Dialogue
+from daq.store import durable
+from rigs.errors import CellError, FileError, UseError
+from rigs.load import parse
+from rigs.rig import Rig
+from rigs.schema.vocabulary import MeasuredBy
+from rigs.text import as_argument
+
+_QUESTIONS: dict[MeasuredBy, tuple[Callable[[Answers, Options, Dialogue], Answers], ...]] = {
+    "gauges": (ask_robot, ask_gauges, ask_baseline, ask_arm, ask_tool, ask_tolerance),
+    "sockets": (ask_arm, ask_robot_if_any, ask_tool, take_options),
+    "tracker": (ask_arm, take_options),
+}
+"""What is asked, in order."""
+
+
+def make_rig_file(options: Options, dialogue: Dialogue) -> None:
+    """Ask what is open, and write the rig file. Raises FileError, CellError and Stopped; answers stay kept."""
+    path = options.path
+    if not path.parent.is_dir():
+        raise FileError(str(path.parent), "is not a directory", "create it, or give another name")
+    _check_new(path)
+    if options.measured_by == "tracker" and options.robot is not None:
+        raise UseError("--robot", "is not read beside a tracker, whose table has the joints", "leave it out")
+    gauges = {"--port": options.ports, "--g1, --g2": any(options.places), "--baseline-mm": options.baseline_mm}
+    gauges |= {"--key": options.keys.get("g1") or options.keys.get("g2"), "--circle-here": options.circle_here}
+    gauges |= {"--radius-mm": options.radius_mm}
+    for option in (name for name, value in gauges.items() if value and options.measured_by != "gauges"):
+        raise UseError(option, f"is of gauges, and --measured-by {options.measured_by} is without", "leave it out")
+    if options.baseline_mm is not None:
+        hold_baseline_mm(options.baseline_mm, "--baseline-mm")
+    checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")
+    if options.arm is not None:
+        chosen_arm(options.arm, options.measured_by)
+    answers = load_answers(path)
+    if answers.count:
+        dialogue.say(f"going on with the answers in {kept_in(path)}; remove it to begin again")
+    for ask in _QUESTIONS[options.measured_by]:
+        answers = ask(answers, options, dialogue)
+        keep_answers(path, answers)
+    if options.measured_by == "gauges":
+        answers = ask_circle(answers, options, dialogue, _rig(answers, options)[0])
+    _, text = _rig(answers, options)
+    _check_new(path)
+    try:
+        durable.replace(path, text.encode())  # a power cut leaves no half of it
+    except OSError as error:
+        problem = f"cannot be written: {error.strerror or error}"
+        raise CellError(str(path), problem, "free some space; the same command goes on here") from None
+    forget_answers(path)
+
+
+def _check_new(path: Path) -> None:
+    if path.exists() or path.is_symlink():
+        raise FileError(
+            str(path), "exists already", f"give another name, or edit it and run rig check {as_argument(path)}"
+        )
+
+
+def _rig(answers: Answers, options: Options) -> tuple[Rig, str]:
+    """The rig that the answers make, and its text. Raises RigFileError."""
+    assert answers.arm is not None  # noqa: S101 - asked for before
+    arm, today = chosen_arm(answers.arm, options.measured_by), dt.datetime.now(dt.UTC).date()
+    text = rig_text(answers, arm, options.name, today, options.measured_by)
+    return parse(text, str(options.path)), text

@@ -1,0 +1,129 @@
+"""`rig record touch`: a person seats the ball, the daemon says where the joints are, and a tone says when to go on."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from analysis.apps.commission.touched_ball import Touching
+from analysis.procedures.shared.simulated_touches import touch_of
+from analysis.robot.geometry.pose_setup import moved_by
+from analysis.robot.kinematics.arm import arm_of
+from analysis.runs.csv_tables import columns_of
+from analysis.runs.table_layout import joint_columns
+from analysis.runs.written_files import refuse_existing
+from daq import clock
+from daq.store import table_run, write_table_run
+from rigs.errors import CellError, FileError, RigError, RigPlace
+from rigs.load import parse
+from rigs.rig import Rig
+
+_LOOK_S = 0.1
+_SILENT_S = 5.0
+"""Without a new angle for so long the robot is silent."""
+_FEWEST = 6
+"""Touches below which nothing is worth keeping."""
+TONE = "\a"
+"""The terminal's bell."""
+
+
+class Daemon(Protocol):
+    """What is asked for samples."""
+
+    def ask(self, command: str, **fields: Any) -> dict[str, Any]:
+        """Return the answer to a request. Raises RigError."""
+
+
+def record_touches(
+    daemon: Daemon,
+    name: str,
+    output: Path,
+    operator: str,
+    placement: str,
+    touches: int | None,
+    say: Callable[[str], None],
+) -> Path:
+    """Follow a person from touch to touch, and write the touches as a run to `output`, whose path is returned.
+
+    Raises FileError where the rig file has no tests.touch, where `output` exists, and where fewer than six touches were
+    made; CellError where the robot is silent.
+    """
+    refuse_existing(output)
+    answer = daemon.ask("samples", after={}, rig=True)
+    text = "\n".join(answer["rig_lines"]) + "\n"
+    rig = parse(text, "the rig file of rigd")
+    touch = touch_of(rig)
+    if rig.robot.rail:
+        problem = "stands on a rail, and rigd does not read where that stands"
+        raise FileError(
+            RigPlace.of(rig.name), problem, "leave out robot.rail while it stands, or import touches as a table"
+        )
+    ball = moved_by(np.eye(4), np.array(touch.ball_mm), np.zeros(3))
+    arm = arm_of(rig.robot)
+    arm = replace(arm, T_flange_tool=arm.T_flange_tool @ ball)
+    guide = Touching(arm, touch.sockets, touches or touch.touches)
+    try:
+        with suppress(KeyboardInterrupt):
+            _follow(daemon, rig, guide, say)
+    except RigError:
+        if guide.count >= _FEWEST:  # the robot fell silent: what was touched before is kept
+            say(f"{_written(guide, name, output, rig, text, operator, placement)}: {guide.count} touches are kept")
+        raise
+    if guide.count < _FEWEST:
+        problem = f"{guide.count} touches were made, and at least {_FEWEST} are needed"
+        raise FileError(str(output), problem, "touch each socket in many postures")
+    return _written(guide, name, output, rig, text, operator, placement)
+
+
+def _written(guide: Touching, name: str, output: Path, rig: Rig, text: str, operator: str, placement: str) -> Path:
+    """Write the touches as a run."""
+    table = columns_of(guide.table)
+    digest = hashlib.sha256(repr(table.to_pydict()).encode()).hexdigest()
+    run = table_run(
+        output, table, test="touch", direction=None, rig_name=rig.name, rig_text=text, operator=operator,
+        source=f"touches of {name}", source_sha256=digest, placement=placement,
+    )  # fmt: skip
+    write_table_run(run, output, {})
+    return output
+
+
+def _follow(daemon: Daemon, rig: Rig, guide: Touching, say: Callable[[str], None]) -> None:
+    """Ask for angles until every socket has its touches."""
+    names = joint_columns(len(rig.robot.axes))
+    after: dict[str, int] = {}
+    heard_s = clock.now_s()
+    say(f"socket {guide.socket}: seat the ball, let go, and wait for the tone; then another posture of elbow and wrist")
+    while guide.socket:
+        robot = daemon.ask("samples", after=after)["streams"].get("robot")
+        rows = robot["rows"] if robot else []
+        if robot and rows:
+            after, heard_s = {"robot": robot["newest"]}, clock.now_s()
+            places = [1 + robot["columns"].index(name) for name in names]
+            for row in rows:
+                angles = [row[place] for place in places]
+                if all(angle is not None for angle in angles):
+                    _tell(guide, row[0] / 1e9, angles, say)
+        elif clock.now_s() - heard_s > _SILENT_S:
+            raise CellError("robot", f"no joint angles for {_SILENT_S:.0f} s", "see rig doctor; then the same command")
+        clock.sleep(_LOOK_S)
+
+
+def _tell(guide: Touching, t_s: float, angles: list[float], say: Callable[[str], None]) -> None:
+    socket, number = guide.socket, guide.number
+    match guide.feed(t_s, angles):
+        case "seated":
+            say(f"{TONE}socket {socket}: touch {number} of {guide.each}")
+            if guide.socket and guide.socket != socket:
+                say(f"now socket {guide.socket}: seat the ball there")
+        case "elsewhere":
+            say(f"the robot stands, but the ball is not in socket {socket} by the arm: seat it, or go on")
+        case "same posture":
+            say("the robot stands as at the touch before: turn elbow or wrist, the ball stays where it is")
+        case "nothing":
+            pass

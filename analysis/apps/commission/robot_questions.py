@@ -1,0 +1,237 @@
+"""The robot: its address, how its joints are read, its arm, its tool, and the circle that it stands at: from its joints
+and the nominal arm, one pose says all of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+
+from analysis.apps.commission.init_answers import Answers, Options, checked, has_keys, with_keys
+from analysis.apps.commission.rig_file_text import chosen_arm
+from analysis.cli.dialogue import Dialogue
+from analysis.robot.kinematics.arm import Array, arm_of, forward
+from daq.apps.commission.attempts import RobotReport
+from daq.apps.commission.robots import ADDRESSES, joints_of, search_robot
+from rigs.arms import arm_names
+from rigs.errors import CellError, FileError, UseError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle
+from rigs.schema.feedback import Feedback
+from rigs.schema.limits import TOLERANCE_BY_RP, USUAL_RP_MM, WATCH_SHARE, offered_tolerance_mm
+from rigs.schema.part import Vector
+from rigs.schema.robot import Pose, Robot
+from rigs.schema.vocabulary import DRIVEN_AXES, maker_of
+
+
+def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:
+    """Return the circle that begins at these joint angles.
+
+    On a circle the tool's z axis points at the centre and its x axis along the normal (docs/conventions.md).
+    """
+    T = forward(arm_of(robot), np.radians([joints_deg]))[0]
+    towards, normal = T[:3, 2], T[:3, 0]
+    return Circle(
+        centre_mm=_vector(T[:3, 3] + radius_mm * towards, 3),
+        normal=_vector(normal, 6),
+        zero=_vector(-towards, 6),
+        radius_mm=radius_mm,
+        posture_deg=tuple(round(float(angle), 3) for angle in joints_deg),
+    )
+
+
+def _vector(values: Array, decimals: int) -> Vector:
+    """Three numbers (3,), rounded to what is known of them."""
+    x, y, z = (round(float(value), decimals) + 0.0 for value in values)
+    return x, y, z
+
+
+_COLUMNS = 79
+_NO_ROBOT = "none"
+_MOST_TOLERANCE_MM = 1000.0
+
+
+def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Find the robot and read its joints, until a person agrees with them."""
+    is_same_robot = options.robot in (None, answers.robot_address)
+    if (
+        answers.feedback is not None
+        and is_same_robot
+        and has_keys(Feedback, answers.feedback, options.keys["feedback"])
+    ):
+        return answers
+    read = partial(_reported, options, dialogue)
+    report = read(options.robot) if options.robot is not None else dialogue.ask(f"{ADDRESSES}\nRobot", "--robot", read)
+    for line in describe_robot(report):
+        dialogue.say(line)
+    feedback = report.feedback
+    if feedback and not report.units_sure and not options.keys["feedback"]:
+        feedback = dialogue.ask(
+            "Are these angles degrees? The pendant shows it: deg or rad",
+            "--key feedback.fields",
+            partial(_in_unit, feedback),
+            "deg",
+        )
+    return answers.model_copy(update={"robot_address": report.address, "feedback": feedback})
+
+
+def ask_robot_if_any(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Find the robot whose joints guide from touch to touch; without one they are typed into a table."""
+    axes = len(chosen_arm(answers.arm or "", options.measured_by).robot.axes)
+    address = options.robot or answers.robot_address
+    if axes != DRIVEN_AXES and options.robot not in (None, _NO_ROBOT):
+        problem = f"is read of arms of {DRIVEN_AXES} axes only, and {answers.arm} has {axes}"
+        raise UseError("--robot", problem, "leave it out: the joints are typed into a table")
+    if axes != DRIVEN_AXES:
+        return answers
+    if address is None:
+        question = (
+            "rigd can read the joints and guide from touch to touch; else they are typed into a table.\n"
+            "Robot, its address, or none"
+        )
+        address = dialogue.ask(question, "--robot", str, _NO_ROBOT)
+    if address == _NO_ROBOT:
+        return answers.model_copy(update={"robot_address": _NO_ROBOT, "feedback": None})
+    return ask_robot(answers, replace(options, robot=address), dialogue)
+
+
+def describe_robot(report: RobotReport) -> Iterator[str]:
+    """Yield the lines of what was found."""
+    assert report.feedback is not None  # noqa: S101 - of a robot that was found
+    yield f"  {report.feedback.interface} at {report.feedback.port}, {report.rate_hz:.0f} readings a second"
+    yield f"      joints now: {' '.join(f'{angle:.3f}' for angle in report.joints_deg)} deg"
+    if report.reported:
+        yield f"      the controller reports: {report.reported}"
+
+
+def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
+    """Search the robot at an address. keys: of the rig file's section feedback, as a person gave them."""
+    named: Feedback | None = None
+    if "interface" in keys:
+        named = checked(Feedback, {"port": address, **keys}, "feedback")
+    report = search_robot(address, named)
+    if report.feedback is None:
+        return report
+    return replace(report, feedback=with_keys(Feedback, report.feedback, keys, "feedback"))
+
+
+def _reported(options: Options, dialogue: Dialogue, address: str) -> RobotReport:
+    with dialogue.busy(f"looking for a robot at {address}"):
+        report = robot_at(address, options.keys["feedback"])
+    if report.feedback is None:
+        raise CellError(f"robot {address}", report.problem, report.remedy)
+    return report
+
+
+def _in_unit(feedback: Feedback, unit: str) -> Feedback:
+    if unit not in ("deg", "rad"):
+        raise FileError(repr(unit), "is not a unit", "type deg or rad")
+    fields: Any = getattr(feedback, "fields", ())
+    return feedback.model_copy(update={"fields": tuple(name.replace("_deg", f"_{unit}") for name in fields)})
+
+
+def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Choose the arm."""
+
+    def read(name: str) -> str:
+        chosen_arm(name, options.measured_by)
+        return name
+
+    arms = fill(
+        ", ".join(_likely_arms(answers)), _COLUMNS, break_on_hyphens=False, initial_indent="  ", subsequent_indent="  "
+    )
+    question = f"Arm: its name in the library, or a file with a section robot\n{arms}\nArm"
+    arm_given = options.arm or answers.arm
+    name = read(arm_given) if arm_given else dialogue.ask(question, "--arm", read)
+    return answers.model_copy(update={"arm": name})
+
+
+def _likely_arms(answers: Answers) -> Sequence[str]:
+    """The arms of the maker whose interface the robot speaks, or all."""
+    maker = maker_of(answers.feedback.interface) if answers.feedback else None
+    return [name for name in arm_names() if maker and name.startswith(maker)] or arm_names()
+
+
+def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Ask where the ball stands on the flange; an arm that has a tool of its own offers that."""
+    tool = _pose(options.tool) if options.tool else answers.tool
+    if tool is None:
+        arm_tool = chosen_arm(answers.arm or "", options.measured_by).robot.tool
+        usual = (
+            None if arm_tool == Pose() else ",".join(f"{value:g}" for value in (*arm_tool.xyz_mm, *arm_tool.rpy_deg))
+        )
+        question = "The ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees"
+        tool = dialogue.ask(question, "--tool", _pose, usual)
+    return answers.model_copy(update={"tool": tool})
+
+
+def ask_tolerance(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Ask what error the work allows, from which the limits follow; the arm's repeatability gives what is offered."""
+    tolerance_mm = options.tolerance_mm if options.tolerance_mm is not None else answers.tolerance_mm
+    if tolerance_mm is None:
+        rp_mm = chosen_arm(answers.arm or "").repeatability_mm
+        whose = "that of the arm's data sheet" if rp_mm else "usual, since this arm's data sheet is not known"
+        question = (
+            "Limits: every figure is judged by the error that your work allows at the ball.\n"
+            f"Up to {WATCH_SHARE:.0%} of it is a PASS, up to all of it a WATCH, and more a FAIL. Offered are\n"
+            f"{TOLERANCE_BY_RP:g} times a repeatability of {rp_mm or USUAL_RP_MM:g} mm, {whose}.\n"
+            "Allowed error in mm, 0 for no limits"
+        )
+        offered = f"{offered_tolerance_mm(rp_mm):g}"
+        tolerance_mm = dialogue.ask(question, "--tolerance-mm", _tolerance_mm, offered)
+    return answers.model_copy(update={"tolerance_mm": tolerance_mm})
+
+
+def take_options(answers: Answers, options: Options, _: Dialogue) -> Answers:
+    """Take tool and tolerance as far as they are given; where no gauges measure, neither is asked for."""
+    tool = _pose(options.tool) if options.tool else answers.tool
+    tolerance_mm = answers.tolerance_mm if options.tolerance_mm is None else options.tolerance_mm
+    return answers.model_copy(update={"tool": tool, "tolerance_mm": tolerance_mm})
+
+
+def _tolerance_mm(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= _MOST_TOLERANCE_MM:
+        raise FileError(repr(text), "is not an error in mm", "type it as 0.25, or 0 for no limits")
+    return value
+
+
+def _pose(text: str) -> Pose:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (3, 6) or not all(map(math.isfinite, values)):
+        raise FileError(repr(text), "is not x,y,z or x,y,z,roll,pitch,yaw", "write it as 0,0,150 or 0,0,150,0,90,0")
+    fields = {"xyz_mm": values[:3], "rpy_deg": values[3:] or (0.0, 0.0, 0.0)}
+    pose: Pose = checked(Pose, fields, "--tool")
+    return pose
+
+
+def ask_circle(answers: Answers, options: Options, dialogue: Dialogue, rig: Rig) -> Answers:
+    """Take the circle from where the robot stands, if it stands at its start. rig: what is known so far."""
+    if options.circle_here is None and (answers.circle is not None or answers.circle_later):
+        return answers
+    radius_mm = options.radius_mm or float(Circle.model_fields["radius_mm"].default)
+
+    def read(answer: str) -> Answers:
+        if answer.lower() in ("n", "no"):
+            return answers.model_copy(update={"circle": None, "circle_later": True})
+        if answer.lower() not in ("y", "yes"):
+            raise FileError(repr(answer), "is not y or n", "type y or n")
+        circle = circle_from_start(rig.robot, joints_of(rig.feedback), radius_mm)
+        return answers.model_copy(update={"circle": circle, "circle_later": False})
+
+    if options.circle_here is not None:
+        return read("y" if options.circle_here else "n")
+    question = f"The circle has a radius of {radius_mm:g} mm; --radius-mm gives another.\n"
+    question += "Does the robot stand at the start of its circle, ball link on? y or n"
+    return dialogue.ask(question, "--circle-here", read, "n")

@@ -1,0 +1,377 @@
+"""Circles and spheres through points at which the robot stood, the fixed ball that it touched, and touches of sockets
+as a person makes them: joint angles in, touches out.
+
+A touch is recognised without a clock or a daemon. A robot that stands still after it moved has its ball in the socket,
+if the arm says so within what arms err by; elsewhere it only rests. Each joint's last turning point says from which
+side it came, and so on which flank of its play it stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+
+from analysis.apps.commission.circle_motion import DRIVEN, Binned, FoundCircle
+from analysis.robot.geometry.circle import CircleFrame, circles_through, deviations, largest_deviations, nearest_circle
+from analysis.robot.kinematics.arm import Arm, Array, Mask, arm_of, forward
+from analysis.runs.align import align, robot_alone
+from analysis.runs.csv_tables import table_from
+from analysis.runs.stands import FLICKER_DEG, stands_of
+from analysis.runs.tables import TargetTable, TouchTable
+from daq.store import Run
+from rigs.edit import Values
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Circles and spheres through points at which the robot stood, each point with the scatter that all of them show.
+#
+# So few points show their scatter badly: u is widened by Student's factor, so that 2 u holds 95 % whatever their
+# number. Where they leave nothing over (three points of a circle, four of a sphere), what the joints did within each
+# stand is all that is known of it.
+
+_APART_MM = 5.0
+"""Stands nearer to each other are at one place."""
+_OFF_MM = 5.0
+"""A person jogs to a point of a circle that a link holds to better than this."""
+_FEWEST = 4
+"""Stands on one circle that are no chance: any three are on one."""
+_OTHERS = 1 / 3
+"""Share of stands that may be elsewhere, as where the robot stood before and after."""
+_MOST_STANDS = 40
+"""Stands whose triples are tried, some 10 000; a person jogs to fewer."""
+_FOLLOWED = 0.8
+"""Share of the time of a driven circle that the robot is on the circle through its stops."""
+_LINE = 0.01
+"""Three points whose triangle is flatter than this share of its length are on a line."""
+
+
+@dataclass(frozen=True)
+class StoodCircle:
+    """A circle through m stands: tool poses T (m, 4, 4) mm and angles q (m, 6) rad in order of time; covariance (3, 3)
+    mm² of the coefficients of its radial and, alike, of its axial deviations; doubts in words."""
+
+    circle: CircleFrame
+    T: Array
+    q: Array
+    covariance: Array
+    doubts: tuple[str, ...]
+
+
+def distinct(places: Array) -> Array:
+    """The places (k, 3) mm among places (m, 3) mm that are apart from each other."""
+    apart: list[Array] = []
+    for place in places:
+        if all(np.linalg.norm(place - earlier) > _APART_MM for earlier in apart):
+            apart.append(place)
+    return np.array(apart).reshape(-1, 3)
+
+
+def is_jogged(bins: Binned, path_circle: FoundCircle | None) -> bool:
+    """Whether the robot was jogged from point to point of a circle, and did not drive the one that its path shows.
+
+    Between the points of a jog the path leaves the circle through them; a person also stands where the robot is at
+    home, and a program where it turns back."""
+    places = distinct(bins.places[bins.stand_rows])
+    if len(places) < 3 or path_circle is None:
+        return len(places) > 2
+    if len(places) == 3:  # on a circle wherever they are
+        return int((deviations(path_circle.circle, places).largest < _OFF_MM).sum()) < 2
+    together = on_one_circle(places)
+    circle = nearest_circle(places[together])
+    if together.sum() < _FEWEST or circle is None:
+        return False
+    rows = bins.stand_rows[deviations(circle, bins.places[bins.stand_rows]).largest < _OFF_MM]
+    between = slice(rows[0], rows[-1])
+    follows = deviations(circle, bins.places[between][bins.moving[between]]).largest < DRIVEN.at(circle.radius)
+    return bool(follows.mean() < _FOLLOWED) if len(follows) else True
+
+
+def on_one_circle(places: Array) -> Mask:
+    """A mask of the places (m, 3) mm, three or more, that lie on one circle: that on which the most do, and best."""
+    triples = np.array(list(combinations(range(min(len(places), _MOST_STANDS)), 3)))
+    centre, normal, radius = circles_through(places[triples])
+    off = largest_deviations(places, centre, normal, radius)
+    near = off < _OFF_MM
+    score = near.sum(axis=1) - np.where(near, off, 0.0).sum(axis=1) / (_OFF_MM * len(places))
+    return np.asarray(near[int(score.argmax())])
+
+
+def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
+    """The circle through the stands, without a few that are elsewhere. Raises FileError where they lie on a line, or
+    are on no circle."""
+    q = np.array([stand.q for stand in bins.stands])
+    T = forward(arm, q)
+    together = on_one_circle(T[:, :3, 3])
+    off_circle = len(q) - int(together.sum())
+    if together.sum() < _FEWEST or off_circle > _OTHERS * len(q):
+        together[:] = True
+    q, T = q[together], T[together]
+    places = T[:, :3, 3]
+    circle = nearest_circle(places)
+    extent = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+    if circle is None or extent[1] < _LINE * extent[0]:
+        problem = f"the {len(places)} points at which the robot stood lie on a line"
+        raise FileError(where, problem, "stand at points far apart around the circle")
+    away = deviations(circle, places)
+    if away.largest.max() > _OFF_MM:
+        worst = int(away.largest.argmax())
+        problem = (
+            f"the {len(places)} stands lie up to {away.largest[worst]:.1f} mm off one circle, most in stand {worst + 1}"
+        )
+        raise FileError(where, problem, "record only stands on the circle, or the circle itself without stops")
+    free = 2 * (len(places) - 3)
+    squares = float((away.radial**2).sum() + (away.axial**2).sum())
+    scatter_mm, doubts = scatter(
+        squares, free, float(np.sqrt(np.mean([bins.places[stand.settled].var(axis=0).mean() for stand in bins.stands])))
+    )
+    if not together.all():
+        doubts = (*doubts, f"{off_circle} stands are not used because they lie off the circle of the others")
+    design = away.design
+    covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
+    return StoodCircle(circle, T, q, covariance, doubts)
+
+
+def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[str, ...]]:
+    """Scatter in mm of one coordinate of a point, widened for few points, and a doubt where the points show none.
+
+    squares: of what is left, mm²; free: its degrees of freedom; within_mm: scatter in mm within the stands."""
+    if free <= 0:
+        return within_mm, ("as few points leave no residual: u has only the scatter within the stands; add a point",)
+    from scipy.special import stdtrit  # noqa: PLC0415 - slow to import, needed here only
+
+    return float(np.sqrt(squares / free) * stdtrit(free, 0.975) / 1.96), ()
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Where a fixed ball is, by the places of the tool while it touched the ball or a link held it at one distance.
+#
+# The tool's point stands at four or more places on a sphere about the ball, of a radius that need not be known. Where
+# a gauge on the link was read, what it read more is taken off each distance.
+
+_ROUNDS = 20
+"""Gauss-Newton steps from the algebraic fit; a short cap of a sphere takes most of them."""
+_OFF_BALL_MM = 10.0
+"""An arm's errors bend a hemisphere by some mm; a stand further off is not on it."""
+_OTHERS_OF_BALL = 1 / 8
+"""Share of stands that may be elsewhere: at home before the program and after it."""
+_GAUGE_MM = 5.0
+"""The ball must be in the hemisphere's centre within what a gauge reads to either side: 2 u must stay within."""
+
+
+@dataclass(frozen=True)
+class TouchedBall:
+    """centre (3,) mm; covariance (3, 3) mm²; radius_mm and its u of the sphere on which the tool was; q (m, 6) rad and
+    places (m, 3) mm of the stands; used: what it was fitted to; doubts in words."""
+
+    centre: Array
+    covariance: Array
+    radius_mm: float
+    u_radius_mm: float
+    q: Array
+    places: Array
+    used: str
+    doubts: tuple[str, ...]
+
+    @property
+    def u_centre_mm(self) -> Array:
+        """Standard uncertainty (3,) mm of the centre's coordinates."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def values(self, rig: Rig) -> Values:
+        """The keys of tests.hemisphere: the centre, and what else a rig file without a hemisphere lacks."""
+        values: dict[str, float | list[float]] = {"centre_mm": [round(float(x), 3) for x in self.centre]}
+        if rig.tests.hemisphere is None:
+            pole = int((self.places - self.centre)[:, 2].argmax())  # its normal points upwards unless stated
+            values["radius_mm"] = round(self.radius_mm, 3)
+            values["posture_deg"] = [round(float(x), 2) for x in np.degrees(self.q[pole])]
+        return values
+
+
+def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
+    """The ball about which the robot stood in all runs. Raises FileError for fewer than four places, or for places that
+    determine no sphere."""
+    where = ", ".join(str(run.path) for run in runs)
+    stands, doubts = zip(*(_stands(run, rig) for run in runs), strict=True)
+    q, g_mm, within = (np.concatenate(parts) for parts in zip(*stands, strict=True))
+    places = forward(arm_of(rig.robot), q)[:, :3, 3]
+    if (apart := len(distinct(places))) < 4:
+        problem = f"the robot stood at {apart} places, and a ball needs four that are not in one plane"
+        raise FileError(where, problem, "stand at more places all over the hemisphere, a second at each")
+    # Without the few that lie far off the sphere of the others, one after the other.
+    near = np.ones(len(places), dtype=bool)
+    for _ in range(int(_OTHERS_OF_BALL * len(places))):
+        off = np.abs(_off(places, g_mm, _sphere(places[near], g_mm[near])[0])) * near
+        if off.max() < _OFF_BALL_MM:
+            break
+        near[int(off.argmax())] = False
+    off_sphere = len(q) - int(near.sum())
+    q, g_mm, within, places = q[near], g_mm[near], within[near], places[near]
+    x, design = _sphere(places, g_mm)
+    residual = _off(places, g_mm, x)
+    if not np.isfinite(x).all() or np.linalg.cond(design) > 1e6:
+        raise FileError(where, "the stands lie in one plane, which determines no ball", "stand higher and lower too")
+    if np.abs(residual).max() > _OFF_BALL_MM:
+        worst = int(np.abs(residual).argmax())
+        problem = (
+            f"stand {worst + 1} of {len(residual)} lies {abs(residual[worst]):.1f} mm off one sphere about the ball"
+        )
+        raise FileError(where, problem, "record only stands at which the link or the ball held the tool")
+    scatter_mm, of_scatter = scatter(float((residual**2).sum()), len(residual) - 4, float(np.sqrt(np.mean(within**2))))
+    covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
+    used = f"{len(q)} stands on a sphere of {x[3]:.1f} mm"
+    if 2 * (u_mm := float(np.sqrt(np.diag(covariance)[:3]).max())) > _GAUGE_MM:
+        problem = f"{used} leave the ball uncertain by {u_mm:.3g} mm (u)"
+        raise FileError(where, problem, "stand at places further apart, all over the hemisphere")
+    notes = tuple(doubt for of_run in doubts for doubt in of_run) + of_scatter
+    if off_sphere:
+        notes = (*notes, f"{off_sphere} stands are not used because they lie off the sphere of the others")
+    return TouchedBall(x[:3], covariance[:3, :3], float(x[3]), float(np.sqrt(covariance[3, 3])), q, places, used, notes)
+
+
+def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:
+    """Angles (m, 6) rad, readings (m,) mm, 0 without a gauge, and scatter (m,) mm within each of a run's stands."""
+    path, manifest = run.path, run.manifest
+    if run.table is not None:
+        table = table_from(run.table, manifest.test, manifest.direction, str(path))
+        if not isinstance(table, TargetTable):
+            raise FileError(str(path), f"is a {manifest.test} table, without stands about a ball", "give a radial run")
+        return (table.q, table.g_mm, np.zeros(len(table.q))), ()
+    doubts: tuple[str, ...] = ()
+    try:
+        data = align(path, run, rig)
+        t_s, q, g_mm, doubts = data.t_s, data.q, data.g_mm[:, :1], data.doubts
+    except FileError as error:
+        t_s, q, alone_doubts = robot_alone(path, run)
+        g_mm = np.zeros((len(t_s), 1))
+        doubts = (*alone_doubts, f"without gauge g1 ({error.what}) all distances from the ball are taken as equal")
+    stands = stands_of(t_s, q, g_mm)
+    arm = arm_of(rig.robot)
+    within = [forward(arm, q[stand.settled])[:, :3, 3].std(axis=0).mean() for stand in stands]
+    angles = np.array([stand.q for stand in stands]).reshape(-1, 6)
+    return (angles, np.array([stand.g_mm[0] for stand in stands]), np.array(within)), doubts
+
+
+def _off(places: Array, g_mm: Array, x: Array) -> Array:
+    """Distance (m,) mm of places (m, 3) mm from the sphere x (4,)."""
+    return np.asarray(np.linalg.norm(places - x[:3], axis=1) - g_mm - x[3])
+
+
+def _sphere(places: Array, g_mm: Array) -> tuple[Array, Array]:
+    """Centre and radius (4,) mm with |p - B| = R + g, and the slopes (m, 4) of the distances by them."""
+    middle = places.mean(axis=0)
+    from_middle = places - middle
+    algebraic = np.column_stack([2 * from_middle, np.ones(len(places))])
+    x = np.linalg.lstsq(algebraic, (from_middle**2).sum(axis=1), rcond=None)[0]
+    x = np.append(middle + x[:3], np.sqrt(max(x[3] + x[:3] @ x[:3], 1.0)))
+    for _ in range(_ROUNDS):
+        design, residual = _slopes(places, g_mm, x)
+        x = x + np.linalg.lstsq(design, residual, rcond=None)[0]
+    return x, _slopes(places, g_mm, x)[0]
+
+
+def _slopes(places: Array, g_mm: Array, x: Array) -> tuple[Array, Array]:
+    away = places - x[:3]
+    distance = np.linalg.norm(away, axis=1)
+    design = np.column_stack([away / np.maximum(distance, 1e-9)[:, None], np.ones(len(places))])
+    return design, distance - g_mm - x[3]
+
+
+STANDS_S = 1.5
+"""How long the robot stands until a touch is taken: a guided arm swings for some tenths of a second when let go."""
+_MOVED_DEG = 3.0
+"""How far some joint moves between touches: the ball need not leave the socket, and the same posture again shows
+nothing but scatter."""
+_TURNED_DEG = 0.02
+"""Way of a joint beyond which it has turned back; less is the flicker of its encoder."""
+_SAME_MM = 30.0
+"""How far a ball is from the first touch of its socket by the nominal arm, at the most: arms err by 10 mm."""
+
+Seen = Literal["nothing", "seated", "elsewhere", "same posture"]
+"""What is seen: a touch was taken; the robot stands elsewhere; or it stands as at the touch before."""
+
+
+class Touching:
+    """Takes touches of one socket after the other, the same number of each."""
+
+    def __init__(self, arm: Arm, sockets: Sequence[str], touches: int) -> None:
+        """arm: with the ball as its tool; touches: of all sockets together."""
+        self._arm, self._sockets, self._each = arm, tuple(sockets), -(-touches // len(sockets))
+        self._names: list[str] = []
+        self._q: list[Array] = []
+        self._came: list[Array] = []
+        self._first_mm: Array | None = None
+        self._sides: _Sides | None = None
+        self._since_s, self._stands_at = 0.0, np.empty(0)
+        self._told = False
+
+    @property
+    def socket(self) -> str:
+        """The socket that is touched now; empty where all have their touches."""
+        done = len(self._names) // self._each
+        return self._sockets[done] if done < len(self._sockets) else ""
+
+    @property
+    def number(self) -> int:
+        """Which touch of the socket comes next, from 1."""
+        return len(self._names) % self._each + 1
+
+    @property
+    def each(self) -> int:
+        """How many touches a socket has."""
+        return self._each
+
+    @property
+    def count(self) -> int:
+        """How many touches there are."""
+        return len(self._names)
+
+    @property
+    def table(self) -> TouchTable:
+        """The touches so far; there must be one."""
+        return TouchTable(np.array(self._names), np.radians(self._q), np.radians(self._came))
+
+    def feed(self, t_s: float, joints_deg: Sequence[float] | Array) -> Seen:
+        """Take in where the joints (axes,) are, in degrees, at a time in s, and return what is seen, each once."""
+        q = np.asarray(joints_deg, dtype=float)
+        if self._sides is None:
+            self._sides, self._stands_at, self._since_s = _Sides(q), q, t_s
+        self._sides.feed(q)
+        if np.abs(q - self._stands_at).max() > FLICKER_DEG:
+            self._stands_at, self._since_s, self._told = q, t_s, False
+        if self._told or not self.socket or t_s - self._since_s < STANDS_S:
+            return "nothing"
+        self._told = True
+        if self._q and np.abs(q - self._q[-1]).max() < _MOVED_DEG:
+            return "same posture"
+        ball = forward(self._arm, np.radians(q)[None])[0, :3, 3]
+        if self.number == 1:
+            self._first_mm = ball
+        elif self._first_mm is not None and np.linalg.norm(ball - self._first_mm) > _SAME_MM:
+            return "elsewhere"
+        self._names.append(self.socket)
+        self._q.append(q)
+        self._came.append(self._sides.from_deg.copy())
+        return "seated"
+
+
+class _Sides:
+    """From where each joint came in its last move in one direction, in degrees."""
+
+    def __init__(self, q: Array) -> None:
+        self.from_deg = q.copy()
+        self._furthest = q.copy()
+        self._way = np.zeros(len(q))
+
+    def feed(self, q: Array) -> None:
+        """Take in the angles (axes,) of the joints, in degrees."""
+        back = (q - self._furthest) * np.where(self._way == 0, -np.sign(q - self._furthest), self._way)
+        turned = back < -_TURNED_DEG
+        self.from_deg = np.where(turned, self._furthest, self.from_deg)
+        self._way = np.where(turned, np.sign(q - self._furthest), self._way)
+        ahead = turned | ((q - self._furthest) * self._way > 0)
+        self._furthest = np.where(ahead, q, self._furthest)

@@ -1,0 +1,172 @@
+"""Without hardware: `rig emulate` serves a cell to try everything on, `rig replay` says again to the real daemon what a
+cell once said, and `rig simulate` writes what the gauges would read.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Annotated
+
+import typer
+
+from analysis.cli import completion
+from analysis.cli.commands import app, command
+from analysis.cli.console import say
+from analysis.cli.options import RigArgument, direction_option, maker_option
+from rigs.schema.vocabulary import CIRCLES, OF_ISO9283, Direction, MakerName, SimulatedTest, TestName
+
+HiddenEffects = Annotated[
+    str | None,
+    typer.Option(
+        "--effects",
+        metavar="FILE",
+        help="YAML file of hidden effects, or the name of a shipped rig; default: the effects of RIG.",
+    ),
+]
+
+
+@command(app, "rig emulate ur10e -o cell")
+def emulate(
+    rig_file: RigArgument,
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for rig.yaml and truth.json.")] = Path(
+        "cell"
+    ),
+    effects: HiddenEffects = None,
+    programs: Annotated[
+        Path | None,
+        typer.Option(help="Directory of robot programs that the robot drives by name; default: none."),
+    ] = None,
+    maker: Annotated[
+        MakerName | None,
+        maker_option(
+            "Maker of the controller that drives --programs",
+            "that of the robot feedback, else of the first program",
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the gauges.")] = 1,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print each line as a JSON object: event, name, text.")
+    ] = False,
+) -> None:
+    """Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.
+
+    Writes rig.yaml, the rig file with these ports in it, for rigd; and
+    truth.json, what a perfect measurement would find. Type acw, cw, roll acw,
+    roll cw, radial or repeatability to start a program of its own, run NAME to
+    start one of --programs; stop, pause and go on, as a person at the robot;
+    enter FILE to enter what rig correct wrote into its controller; quit to
+    end. show speed_percent 40, and the like, changes what the robot shows of
+    its condition, not how it drives.
+    """
+    from analysis.apps.emulate.served_cell import EmulatedCell
+    from analysis.cli.dialogue import has_keyboard
+
+    cell = EmulatedCell(rig_file, effects, programs, maker, seed)
+    exit_code = cell.serve(
+        directory, lambda event: say(event.as_line if as_json else event.text), has_person=has_keyboard()
+    )
+    raise typer.Exit(exit_code)
+
+
+@command(app, "rig replay cell.log cell.yaml -o replayed")
+def replay(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="File that `rigd --capture` wrote.")],
+    rig_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="RIG", autocompletion=completion.rig_files, help="Rig file that the capture was made with."
+        ),
+    ],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for rig.yaml.")] = Path("replayed"),
+) -> None:
+    """Serve the instruments of a capture on ptys and local ports, at the times of the capture, until its end.
+
+    Writes rig.yaml, the rig file with these ports in it, for rigd. The time
+    of all of them begins with the daemon's first word. A run that is
+    recorded while one is out of step is marked, and rig analyse refuses it.
+    """
+    from analysis.apps.emulate.served_cell import MARKS, locked_cell, rig_file_of_cell, serve
+    from daq.apps.emulate.replay import Replay
+    from daq.store import durable
+    from daq.wire.capture import read_capture
+    from rigs.errors import FileError
+    from rigs.load import load
+
+    rig, text = load(rig_file)
+    path = rig_file_of_cell(directory)
+    capture = read_capture(log)
+    lock = locked_cell(directory)
+    try:
+        played = Replay.open(rig, capture, directory / MARKS)
+        for name, content in rig.beside.items():
+            durable.replace(directory / name, content)
+        durable.replace(path, played.rig_text(text).encode())
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+
+    def attend(ends: SimpleQueue[int]) -> int:
+        for name, port in played.cell.ports.items():
+            say(f"{name}: {port}")
+        if capture.cut:
+            say(f"{log}: ends in the middle of a line; that line is ignored", err=True)
+        say(f"ready; next: rigd {path}")
+        while not played.done:
+            with suppress(Empty):
+                return ends.get(timeout=0.1)
+        return 0
+
+    exit_code, sent = serve(played.cell, lock, attend)
+    for name, count in sent.items():
+        say(f"{name}: {count} pieces sent, {played.steps[name].words()}")
+    if played.restarts:
+        say(f"restarts from the beginning, because the host left a connection before its end: {played.restarts}")
+    if played.unmarked:
+        raise FileError(
+            str(directory), f"cannot mark the runs that are out of step: {played.unmarked}", "give another --output"
+        )
+    doubt = "; was it captured with another rig file?" if played.otherwise else ""
+    say(f"{played.otherwise} pieces from the host differ from the capture{doubt}")
+    raise typer.Exit(exit_code)
+
+
+@command(app, "rig simulate ur10e --test yaw --times 3 -o simulated")
+def simulate(
+    rig_file: RigArgument,
+    test: Annotated[SimulatedTest, typer.Option(help="Test to simulate.")],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the runs to.")],
+    direction: Annotated[Direction | None, direction_option("Direction of yaw and roll; default: both")] = None,
+    times: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs in each direction.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the first run; each further run adds 1.")] = 0,
+    effects: HiddenEffects = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables instead of run directories.")] = False,
+) -> None:
+    """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run.
+
+    iso9283 are two runs: the poses of the cube and the paths, as a tracker sees them.
+    """
+    from functools import partial
+    from itertools import product
+
+    import analysis
+    from analysis.cli.console import progress_of
+    from analysis.runs.written_files import write_csv, write_new
+
+    directions: tuple[Direction | None, ...] = (direction,) if direction else ("acw", "cw")
+    if test not in CIRCLES:
+        if direction:
+            raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
+        directions = (None,)
+    tests: tuple[TestName, ...] = OF_ISO9283 if test == "iso9283" else (test,)
+    for number, way, kind in product(range(seed, seed + times), directions, tests):
+        with progress_of(f"simulating {test}, seed {number}"):
+            run = analysis.simulate(rig_file, kind, way, seed=number, effects=effects)
+            path = directory / run.path
+            if csv:
+                path = path.with_suffix(".csv")
+                directory.mkdir(parents=True, exist_ok=True)
+                write_new(path, partial(write_csv, run.to_table()))
+            else:
+                analysis.save_run(run, path)
+        say(path)

@@ -1,0 +1,332 @@
+"""The emulated controller of one maker, with its model of the arm and the parameters that a person can enter; and what
+a program makes its joints do over time: its moves, solved by that model, with the speeds and accelerations that the
+program states.
+
+A controller reads each joint by a zero of its own, and computes poses by constants of its own. Both begin as the rig
+file has them; entered corrections change them, so that the same program leads elsewhere. Names and units are those of
+the makers, and each maker's driver says how a reading follows from them.
+
+A chain of moves that do not stop is driven as one, each part at its own speed; how a controller rounds the corner
+between two of them, within the zone of its language, is not emulated. Joint moves are followed joint by joint, paths
+pose by pose from the posture in which the arm stands.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from analysis.apps.makers import maker_by
+from analysis.apps.makers.emulated import (
+    Event,
+    Held,
+    Pose,
+    Posture,
+    ProgramError,
+    Round,
+    Shown,
+    Speed,
+    Stood,
+    Straight,
+    Switched,
+    Waited,
+)
+from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.robot.kinematics.follow import follow
+from analysis.robot.kinematics.inverse import inverse
+from analysis.robot.kinematics.joint_limits import within_limits
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import MakerName
+
+_SAME_SIZE = 1e-3
+"""A length that stands at the controller is the one that is meant within so many mm: it is written with six digits."""
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A controller as it stands: arm, as it computes poses; reads_more (6,) rad: by how much each joint reads more than
+    the joint of the arm that left the factory did at the same place."""
+
+    maker: MakerName
+    arm: Arm
+    reads_more: Array
+
+    @classmethod
+    def of_rig(cls, rig: Rig, maker: MakerName) -> Controller:
+        """Return the controller of a rig's arm with nothing entered: it knows none of the effects."""
+        return cls(maker, arm_of(rig.robot), np.zeros(6))
+
+    def flange(self, q: Array) -> tuple[Array, Array]:
+        """Return rotation (3, 3) and place (3,) mm of the flange in the robot's base, at joint angles q (6,) rad."""
+        T = forward(self.with_tool(np.eye(4)), q[None])[0]
+        return T[:3, :3], T[:3, 3]
+
+    def with_tool(self, T_flange_tool: Array) -> Arm:
+        """Return the arm as the controller computes it, in its own base, with a tool's frame (4, 4) in mm."""
+        return replace(self.arm, T_world_base=np.eye(4), T_flange_tool=T_flange_tool)
+
+    def entered(self, corrections: Any, where: str) -> Controller:
+        """Return the controller after a person has entered the parameters of `rig correct`'s corrections.yaml or JSON,
+        as read from there. Raises FileError for what is none, is for another maker, or names what is not here."""
+        section = corrections.get("controller") if isinstance(corrections, Mapping) else None
+        entries = section.get("entries") if isinstance(section, Mapping) else None
+        if not isinstance(section, Mapping) or not isinstance(entries, Sequence) or isinstance(entries, str):
+            problem = "has no entries for a controller"
+            raise FileError(where, problem, f"write it with rig correct --for {self.maker}")
+        if section.get("name") != self.maker:
+            problem = f"is for a controller of {section.get('name')!r}, and this one is of {self.maker!r}"
+            raise FileError(where, problem, f"write it with rig correct --for {self.maker}")
+        changed = self
+        for number, entry in enumerate(entries, start=1):
+            changed = changed._with(entry, self, f"{where}, entry {number}")
+        return changed
+
+    def _with(self, entry: Any, before: Controller, where: str) -> Controller:
+        name, add, unit, now = (entry.get(key) if isinstance(entry, Mapping) else None for key in _KEYS)
+        candidates = [
+            (candidate, axis)
+            for candidate in maker_by(self.maker).driver.parameters
+            if (axis := candidate.axis_of(str(name)))
+        ]
+        if not candidates or candidates[0][1] > 6:
+            problem = f"{str(name)!r} is no parameter of a controller of {self.maker!r}"
+            raise FileError(where, problem, "give the file as rig correct wrote it")
+        parameter, axis = candidates[0]
+        number = isinstance(add, int | float) and not isinstance(add, bool) and math.isfinite(add)
+        if unit != parameter.unit or not number:
+            problem = f"{name} is changed by a number in {parameter.unit}, and not by {add!r} {unit!r}"
+            raise FileError(where, problem, "give the file as rig correct wrote it")
+        change = parameter.factor * float(add or 0.0)
+        if parameter.grows:
+            stands = float(getattr(before.arm, parameter.field)[axis - 1])
+            if isinstance(now, int | float) and abs(abs(stands) - now) > _SAME_SIZE * max(1.0, abs(now) * _SAME_SIZE):
+                problem = f"{name} is {abs(stands):g} mm at this controller, and the file takes it for {now:g} mm"
+                raise FileError(
+                    where, problem, "leave out what was entered before, or correct again from the nominal arm"
+                )
+            change *= np.sign(stands)
+        changes = np.zeros(6)
+        changes[axis - 1] = change
+        if parameter.field == "offset":  # of the angle that is read, which some arms count against the frame's
+            changes = self.arm.coupling @ changes
+        if parameter.field == "reading":
+            return replace(self, reads_more=self.reads_more + changes)
+        arm = replace(self.arm, **{parameter.field: getattr(self.arm, parameter.field) + changes})
+        return replace(self, arm=arm)
+
+
+_KEYS = ("parameter", "add", "unit", "now")
+
+
+_ARC_RAD, _LINE_MM, _TURN_RAD, _JOINT_RAD = np.radians([0.1, 1.0, 0.2, 0.5]) * [1, np.degrees(1), 1, 1]
+"""The longest steps between two poses: on a circle of 70 mm the joints, straight between them, leave it by 0.03 µm, on
+a line even less; joint moves are straight anyway."""
+_MM_S2 = 500.0
+"""Acceleration of the tool where the language does not state it. Chosen: gentle, as near a gauge."""
+_RAD_S = 1.0
+"""Speed of the tool's turning where the language does not state it. Chosen."""
+_TO_SPEED_S = 0.3
+"""Time in which a joint move comes to its speed where the language does not state it. Chosen."""
+_MM_PER_RAD = 500.0
+"""What a tool that only turns is counted as: the size of an arm."""
+_MOST_SAMPLES = 3_000_000
+"""A program of an hour has a tenth of it."""
+_STANDS = 1e-6
+"""Less than this, in mm or rad, is no move: a program has so many decimals."""
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What the joints of a controller do in a program: at rising times t_s (n,) s the joint angles q (n, 6) rad that
+    it commands and reads. holds_s: when the program waits for a person; outputs: when which digital output is switched
+    on or off; registers: when which output register gets which whole number."""
+
+    t_s: Array
+    q: Array
+    holds_s: tuple[float, ...]
+    outputs: tuple[tuple[float, int | str, bool], ...]
+    registers: tuple[tuple[float, int, int], ...]
+
+
+def drive(controller: Controller, events: Sequence[Event], near: Array, where: str) -> Driven:
+    """Return what the events of a program make a controller do. The arm stands at its first place when it begins, in
+    the posture nearest to `near` (6,) rad where the program gives a pose alone.
+
+    Raises FileError, PathError among them, for what the arm cannot do; `where` names the program in them. Raises
+    ProgramError for a program without a move.
+    """
+    driver = _Driver(controller, near, where)
+    for event in events:
+        driver.do(event)
+    return driver.driven()
+
+
+@dataclass
+class _Driver:
+    controller: Controller
+    near: Array
+    where: str
+    t_s: list[Array] = field(default_factory=list)
+    q: list[Array] = field(default_factory=list)
+    samples: int = 0
+    chain: list[Straight | Round] = field(default_factory=list)
+    holds_s: list[float] = field(default_factory=list)
+    outputs: list[tuple[float, int | str, bool]] = field(default_factory=list)
+    registers: list[tuple[float, int, int]] = field(default_factory=list)
+
+    @property
+    def now_s(self) -> float:
+        return float(self.t_s[-1][-1]) if self.t_s else 0.0
+
+    def do(self, event: Event) -> None:
+        if isinstance(event, Straight | Round):
+            self.chain.append(event)
+            if event.stops:
+                self.finish_chain()
+            return
+        self.finish_chain()
+        match event:
+            case Stood():
+                self.move_joints(event)
+            case Waited(seconds) if seconds > 0 and self.q:
+                self.add(np.array([seconds]), self.q[-1][-1:])
+            case Switched(output, on):
+                self.outputs.append((self.now_s, output, on))
+            case Shown(register, value):
+                self.registers.append((self.now_s, register, value))
+            case Held():
+                self.holds_s.append(self.now_s)
+
+    def driven(self) -> Driven:
+        self.finish_chain()
+        if not self.q:
+            raise ProgramError("it moves nothing")
+        t_s, q = np.concatenate(self.t_s), np.concatenate(self.q)
+        return Driven(t_s, q, tuple(self.holds_s), tuple(self.outputs), tuple(self.registers))
+
+    def add(self, seconds: Array, q: Array) -> None:
+        """Go on for rising seconds (n,) from now, through joint angles q (n, 6) rad."""
+        self.samples += len(q)
+        if self.samples > _MOST_SAMPLES:
+            raise ProgramError("it is longer than an emulated robot drives")
+        self.t_s.append(self.now_s + seconds)
+        self.q.append(q)
+
+    def move_joints(self, event: Stood) -> None:
+        arm = self.controller.with_tool(_frame(event.tool))
+        at = self.q[-1][-1] if self.q else None
+        end = event.q if event.q is not None else _standing(arm, event.pose, self.near if at is None else at)
+        outside = np.flatnonzero((end < arm.limits[:, 0] - _STANDS) | (end > arm.limits[:, 1] + _STANDS))
+        if len(outside):
+            axis = int(outside[0])
+            raise ProgramError(f"axis {axis + 1} is sent to {np.degrees(end[axis]):.2f}°, beyond its limits")
+        if at is None:
+            self.t_s.append(np.zeros(1))
+            self.q.append(end[None])
+        elif (way := float(np.abs(end - at).max())) > _STANDS:
+            seconds, accelerating = _joint_time(arm, at, end, event.speed)
+            share = np.linspace(0, 1, 50 + int(way / _JOINT_RAD))
+            times = _times(share, np.full(len(share) - 1, 1 / seconds), np.full(len(share) - 1, accelerating))
+            times *= (event.speed.seconds or times[-1]) / times[-1]
+            self.add(times[1:], (at + share[:, None] * (end - at))[1:])
+
+    def finish_chain(self) -> None:
+        """Drive the moves that wait for the one that stops."""
+        moves = [move for move in self.chain if max(move.length_mm, move.turned_rad) > _STANDS]
+        self.chain.clear()
+        if not moves:
+            return
+        parts = [_part(move) for move in moves]
+        poses, measures, speeds, accelerations = (np.concatenate(values) for values in zip(*parts, strict=True))
+        self.samples += len(poses)
+        if self.samples > _MOST_SAMPLES:
+            raise ProgramError("it is longer than an emulated robot drives")
+        arm = self.controller.with_tool(_frame(moves[0].tool))
+        begin = _frames(*moves[0].at(np.zeros(1)))
+        q = follow(arm, np.concatenate([begin, poses]), self.q[-1][-1], self.where)
+        times = _times(np.concatenate([[0.0], np.cumsum(measures)]), speeds, accelerations)
+        if len(moves) == 1 and moves[0].speed.seconds:
+            times *= moves[0].speed.seconds / times[-1]
+        self.samples -= len(poses)
+        self.add(times[1:], q[1:])
+
+
+def _part(move: Straight | Round) -> tuple[Array, Array, Array, Array]:
+    """Poses (n, 4, 4) of a move without its beginning, and of each step to them its measure (n,) in mm, where turning
+    counts, its speed and its acceleration."""
+    step_rad = _ARC_RAD if isinstance(move, Round) else _TURN_RAD
+    count = max(3, int(np.ceil(max(move.turned_rad / step_rad, move.length_mm / _LINE_MM))))
+    if count > _MOST_SAMPLES:
+        raise ProgramError("it is longer than an emulated robot drives")
+    share = np.linspace(0, 1, count + 1)[1:]
+    turns = move.turned_rad if isinstance(move, Straight) else 0.0
+    length = move.length_mm if move.length_mm > turns else _MM_PER_RAD * turns
+    seconds = max(move.length_mm / move.speed_mm_s, turns / (move.speed.rad_s or _RAD_S))
+    acceleration = move.speed.mm_s2 or _MM_S2
+    each = np.full(count, length / count)
+    return _frames(*move.at(share)), each, np.full(count, length / seconds), np.full(count, acceleration)
+
+
+def _joint_time(arm: Arm, begin: Array, end: Array, speed: Speed) -> tuple[float, float]:
+    """How long a joint move takes at its full speed, s, and its acceleration in moves a second²."""
+    way = np.abs(end - begin)
+    seconds = float((way / arm.speed).max()) / (speed.share or 1.0)
+    if speed.axis_rad_s:
+        seconds = max(seconds, float(way.max()) / speed.axis_rad_s)
+    if speed.mm_s and speed.rad_s:
+        poses = [Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) for T in forward(arm, np.stack([begin, end]))]
+        turned = float((poses[0].turn.inv() * poses[1].turn).magnitude())
+        seconds = max(seconds, float(np.linalg.norm(poses[1].place - poses[0].place)) / speed.mm_s)
+        seconds = max(seconds, turned / speed.rad_s)
+    accelerating = speed.axis_rad_s2 / float(way.max()) if speed.axis_rad_s2 else 1 / (seconds * _TO_SPEED_S)
+    return seconds, accelerating
+
+
+def _times(way: Array, speeds: Array, accelerations: Array) -> Array:
+    """Times (n,) s at rising places way (n,) of a motion from rest to rest, as fast as the speeds and accelerations
+    (n - 1,) of the steps between them allow."""
+    # Between any two places v² changes by at most 2 a ds, so the fastest is the least of what each place allows.
+    gained = np.concatenate([[0.0], np.cumsum(2 * accelerations * np.diff(way))])
+    square = np.minimum(np.concatenate([[0.0], speeds**2]), np.concatenate([speeds**2, [0.0]]))
+    square = gained + np.minimum.accumulate(square - gained)
+    square = np.minimum.accumulate((square + gained)[::-1])[::-1] - gained
+    v = np.sqrt(np.maximum(square, 0.0))
+    v[[0, -1]] = 0.0
+    return np.concatenate([[0.0], np.cumsum(2 * np.diff(way) / (v[1:] + v[:-1]))])
+
+
+def _standing(arm: Arm, pose: Pose, near: Array) -> Array:
+    """Joint angles (6,) rad at a pose, in the posture that it states: of those that are left, the nearest to `near`."""
+    solutions = inverse(arm, _frame(pose)[None])
+    allowed, _ = within_limits(arm, solutions.q[solutions.found])
+    if not len(allowed):
+        raise ProgramError(f"the place {pose.place.round(1).tolist()} mm is out of the arm's reach")
+    fitting = [q for q in allowed if pose.posture is None or _posture(q, pose.posture) == pose.posture]
+    if not fitting:
+        raise ProgramError(f"the arm cannot stand at {pose.place.round(1).tolist()} mm in the posture that is stated")
+    nearest: Array = min(fitting, key=lambda q: float(np.abs(q - near).max()))
+    return nearest
+
+
+def _posture(q: Array, stated: Posture) -> Posture:
+    """The posture at joint angles q (6,) rad, in the words of another: whether axes 4, 6 and 1 stand beyond 180°."""
+    beyond = tuple(int(not -np.pi < q[axis] <= np.pi) for axis in (3, 5, 0))
+    return Posture(bool(q[4] > 0), beyond if len(stated.counts) == len(beyond) else stated.counts)
+
+
+def _frame(pose: Pose) -> Array:
+    frame: Array = _frames(pose.place[None], Rotation.concatenate([pose.turn]))[0]
+    return frame
+
+
+def _frames(places: Array, turns: Rotation) -> Array:
+    """Frames (n, 4, 4) in mm of places (n, 3) mm and orientations."""
+    T = np.tile(np.eye(4), (len(places), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = turns.as_matrix().reshape(-1, 3, 3), places
+    return T

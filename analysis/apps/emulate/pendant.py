@@ -1,0 +1,160 @@
+"""The pendant of an emulated controller: a person chooses a program there, and enters parameters.
+
+The controller commands joint angles by its own model of the arm; the arm with its hidden effects goes where it really
+goes, and the gauges read the true ball distance there.
+
+A program is found by its name, its maker is known by the suffix of its file, whose driver runs it on a machine.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from analysis.apps.emulate.driving import Controller, Driven, drive
+from analysis.apps.emulate.robot import Trace, trace_along
+from analysis.apps.makers import maker_by, maker_of_file
+from analysis.apps.makers.emulated import Machine, Pose, ProgramError
+from analysis.apps.makers.reading import MOST_BYTES, program_texts
+from analysis.robot.kinematics.arm import Array, arm_of
+from rigs.errors import FileError
+from rigs.files import read_text
+from rigs.rig import Rig
+from rigs.schema.feedback import signal_of_outputs
+from rigs.schema.vocabulary import CIRCLES, DrivenTest, MakerName, maker_of, makers
+from rigs.yaml_text import read_yaml
+
+_SHORTEST = 8
+"""A name that was cut to what a controller takes has more characters: the test and the direction stand in it."""
+
+
+def interpret(name: MakerName, texts: Mapping[str, str], machine: Machine) -> None:
+    """Drive a machine with the texts of a program's files, by their names. Raises ProgramError for one that is
+    refused."""
+    maker = maker_by(name)
+    text = next(text for file, text in texts.items() if Path(file).suffix.lower() in maker.files.suffixes)
+    data = [text for file, text in texts.items() if Path(file).suffix.lower() == maker.files.data]
+    try:
+        maker.driver.run(text, data[0] if data else "", machine)
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+        raise ProgramError(f"it is not understood ({type(error).__name__}: {error})") from error
+
+
+def _path_of(directory: Path, name: str) -> Path:
+    """Return the file of a program by its name, with or without suffix, by the name that `rig program` prints, or by a
+    path. Raises FileError where there is none, or several."""
+    named = Path(name)
+    if named.parent != Path() and maker_of_file(named):
+        return named
+    try:
+        files = sorted(path for path in directory.iterdir() if maker_of_file(path))
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give a directory of programs") from None
+    plain_name = _plain(named.stem if maker_of_file(named) else name)
+    matching = [path for path in files if path.name == name] or [path for path in files if plain_name in _names(path)]
+    # A controller's longest name cuts that of the program.
+    matching = matching or [
+        path for path in files if any(len(stem) >= _SHORTEST and plain_name.startswith(stem) for stem in _names(path))
+    ]
+    if len(matching) == 1:
+        return matching[0]
+    if matching:
+        raise FileError(repr(name), f"is {' and '.join(path.name for path in matching)}", "give the name of the file")
+    programs = ", ".join(path.name for path in files[:8]) + (" …" if len(files) > 8 else "")
+    problem = f"is none of the programs in {directory}"
+    raise FileError(
+        repr(name), problem, f"give one of {programs}" if files else "write programs there with rig program"
+    )
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _names(path: Path) -> tuple[str, ...]:
+    """The names of a program, that of its file and what this says of the program's."""
+    name, maker = _plain(path.stem), maker_of_file(path)
+    return (name, name.removesuffix(maker.files.ending)) if maker and maker.files.ending else (name,)
+
+
+_TESTS: tuple[DrivenTest, ...] = get_args(DrivenTest)
+
+
+class Pendant:
+    """A controller that drives the programs of a directory with the arm of a rig, whose effects it does not know."""
+
+    def __init__(self, rig: Rig, programs: Path, maker: MakerName | None = None) -> None:
+        self._rig, self._programs = rig, programs
+        self._maker = maker or maker_of(rig.feedback.interface)
+        self.controller: Controller | None = None
+        """As a person has changed it; None where nothing was entered."""
+
+    def trace(self, name: str) -> Trace:
+        """Return what the robot does in a program, by the name of its file or of the program, and what its gauges read.
+        Raises FileError for a program that is not there, cannot be read or cannot be driven."""
+        path = _path_of(self._programs, name.strip())
+        maker, texts = program_texts(path)
+        controller = self._of(maker.name, str(path))
+        # The name of the program's file says for which test a person has mounted the gauges.
+        words = re.split(r"[^a-z]+", path.stem.lower())
+        tests = [candidate for candidate in _TESTS if candidate in words]
+        if len(tests) != 1:
+            problem = f"names {' and '.join(tests) or 'none'} of the tests, so it is unknown how the gauges are mounted"
+            raise FileError(str(path), problem, f"put one of the words {', '.join(_TESTS)} into its name")
+        test = tests[0]
+        try:
+            T = arm_of(self._rig.robot).T_flange_tool
+            entered = maker_by(controller.maker).driver.tool_entered
+            machine = Machine(controller.flange, Pose(T[:3, 3], Rotation.from_matrix(T[:3, :3])) if entered else None)
+            interpret(controller.maker, texts, machine)
+            place = self._rig.tests.circle if test in CIRCLES else self._rig.tests.hemisphere
+            near = np.radians(place.posture_deg) if place else np.zeros(6)
+            driven = drive(controller, machine.events, near, str(path))
+        except ProgramError as error:
+            raise FileError(str(path), f"the controller refuses it: {error}", "correct the program") from None
+        g_mm = trace_along(self._rig, test, driven.t_s, driven.q - controller.reads_more)
+        signals = self._signals(driven)
+        return Trace(driven.t_s, np.empty(0), driven.q, g_mm, signals=signals, holds_s=driven.holds_s)
+
+    def enter(self, path: Path) -> tuple[int, Array]:
+        """Enter the parameters of a file of `rig correct`; return how many, and by how much each joint of the standing
+        arm then reads more, (6,) rad. Raises FileError for a file that is none, or is for another controller; then
+        nothing is entered."""
+        try:
+            _, corrections = read_yaml(read_text(path, MOST_BYTES), str(path))
+        except OSError as error:
+            raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+        section = corrections.get("controller") if isinstance(corrections, dict) else None
+        name = section.get("name") if isinstance(section, dict) else None
+        before = self._of(next((candidate for candidate in makers() if candidate == name), None), str(path))
+        self.controller = before.entered(corrections, str(path))
+        return len(corrections["controller"]["entries"]), self.controller.reads_more - before.reads_more
+
+    def _of(self, maker: MakerName | None, where: str) -> Controller:
+        """The controller; where nothing else says it, its maker is that of the first program or entries. Raises
+        FileError for a program or entries of another."""
+        self._maker = self._maker or maker
+        if self._maker is None:
+            raise FileError(where, "does not say for which controller it is", "give --for")
+        if maker and maker != self._maker:
+            problem = f"is for a controller of {maker!r}, and this one is of {self._maker!r}"
+            raise FileError(where, problem, f"write it for {self._maker}, or start with --for {maker}")
+        return self.controller or Controller.of_rig(self._rig, self._maker)
+
+    def _signals(self, driven: Driven) -> tuple[tuple[float, float], ...]:
+        """From when on the robot shows which number: that of the outputs, the first that is switched the least, or as
+        the rig file orders them; or that of the register which it names."""
+        place = signal_of_outputs(self._rig.feedback)
+        if place and place.int_register is not None:
+            return tuple((t_s, float(value)) for t_s, at, value in driven.registers if at == place.int_register)
+        order = list(place.outputs if place else dict.fromkeys(output for _, output, _ in driven.outputs))
+        on, signals = dict[int | str, bool](), []
+        for t_s, output, state in driven.outputs:
+            on[output] = state
+            signals.append((t_s, float(sum(on.get(output, False) << bit for bit, output in enumerate(order)))))
+        return tuple(signals)

@@ -1,0 +1,408 @@
+"""The robot of an emulated cell: stands, and drives a program on command; a person may stop or pause it; and what its
+motors draw meanwhile, and how warm its joints become.
+
+Between programs it is set to the start of the next at once; a person would take the link off for that.
+
+A motor carries what gravity asks, and the friction of its joint: Coulomb's part and one that grows with speed, both
+less in a warm joint, whose grease is thin. A joint is warmed by what its motor's winding loses, and cools to the room.
+The sizes are those of no make: of arms of some 20 kg, chosen so that joints warm by some degrees in half an hour.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from analysis.procedures.circle.evaluate import planted_setup
+from analysis.procedures.circle.yaw import plain_figures
+from analysis.robot.geometry.circle import SENSE, frame_of, link_angle
+from analysis.robot.geometry.driven_programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
+from analysis.robot.kinematics.arm import Array, arm_of
+from analysis.robot.model.predict import model_of, nominal_setup, path_of, predict
+from analysis.robot.model.scene import load_of, pull
+from analysis.runs.noise.certificate import as_shown, link_excess_mm
+from analysis.runs.tables import CircleTable, RadialTable
+from daq import clock
+from daq.store import durable
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.condition import (
+    CONDITION,
+    CURRENTS,
+    PROGRAM,
+    SAFETY,
+    TEMPERATURES,
+    ProgramState,
+    SafetyState,
+    words_of,
+)
+from rigs.schema.feedback import condition_columns
+from rigs.schema.vocabulary import CIRCLES, CircleTest, Direction, DrivenTest
+
+ROOM_C = 22.0
+_TORQUE_NM_A = np.array([12.0, 12.0, 10.0, 8.0, 8.0, 8.0])
+"""Torque at the joint for a current: gear times motor."""
+COULOMB_NM = np.array([9.0, 9.0, 6.0, 2.4, 2.4, 2.4])
+"""At the room's temperature."""
+_VISCOUS_NMS = np.array([12.0, 12.0, 8.0, 3.0, 3.0, 3.0])
+_THINNER_PER_C = 0.008
+"""Share of its friction that a joint loses with each degree."""
+_WARMS_C_A2 = 1.5
+"""How much warmer a joint becomes in the end for a current squared: resistance of winding times that of its cooling."""
+_WARMING_S = 1500.0
+_HOLDS_C = 4.0
+"""How much warmer than the room the electronics of a joint keep it."""
+_CREEP_RAD_S = 1e-4
+"""Below this speed a joint begins to stick: friction goes through zero."""
+
+
+@dataclass
+class Motors:
+    """The motors of six joints. warm_c (6,): temperatures of the joints, at last_ns on the host's clock."""
+
+    warm_c: Array = field(default_factory=lambda: np.full(6, ROOM_C + _HOLDS_C))
+    last_ns: int | None = None
+
+    def shown(self, now_ns: int, torque_nm: Array, speed_rad_s: Array) -> tuple[Array, Array]:
+        """Return the currents (6,) in A and the temperatures (6,) in °C, of joints that move at speed_rad_s (6,) and
+        on which gravity acts with torque_nm (6,): their motors push the other way."""
+        friction = COULOMB_NM * np.tanh(speed_rad_s / _CREEP_RAD_S) + _VISCOUS_NMS * speed_rad_s
+        friction *= 1 - _THINNER_PER_C * (self.warm_c - ROOM_C)
+        current_a = (friction - torque_nm) / _TORQUE_NM_A
+        passed_s = 0.0 if self.last_ns is None else max(0.0, (now_ns - self.last_ns) / 1e9)
+        self.last_ns = now_ns if self.last_ns is None else max(now_ns, self.last_ns)
+        ends_c = ROOM_C + _HOLDS_C + _WARMS_C_A2 * current_a**2
+        self.warm_c = ends_c + (self.warm_c - ends_c) * np.exp(-passed_s / _WARMING_S)
+        return current_a, self.warm_c
+
+
+def friction_current_a(axis: int, warm_c: float) -> float:
+    """Return the current in A that Coulomb's friction takes of a joint's motor at a temperature."""
+    share = 1 - _THINNER_PER_C * (warm_c - ROOM_C)
+    return float(COULOMB_NM[axis - 1] * share / _TORQUE_NM_A[axis - 1])
+
+
+_DWELL_S = 1.5
+"""The stand at each target; a program for real gauges waits longer."""
+_STAND_S = 1.0
+"""Standing at the start before it moves, as a program waits for its controller."""
+
+
+_RAMP_S = 0.3
+"""Time in which a robot that is stopped or paused comes to rest on its path, and to its speed again. Chosen."""
+_LOOK_S = 0.02
+"""How often it is looked at whether a program is over."""
+State = Literal["drives", "waits", "paused", "stopped", "done"]
+"""What a program does: waits means that it waits for a person, as it was written to; done and stopped are over."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One program run, noise-free. t_s (n,); phi (n,) rad, empty off the circle; q (n, 6) rad reported; g_mm (n, k).
+
+    signals: from when on, s, the robot shows which number; holds_s: when the program waits for a person."""
+
+    t_s: Array
+    phi: Array
+    q: Array
+    g_mm: Array
+    signals: tuple[tuple[float, float], ...] = ()
+    holds_s: tuple[float, ...] = ()
+
+    @property
+    def end_s(self) -> float:
+        """How long the program takes, s, a person's part left out."""
+        return float(self.t_s[-1])
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """How the time of a program passes: from begin_s at begin_ns, the rate going from `rate` to `wanted` evenly."""
+
+    begin_ns: int
+    begin_s: float
+    rate: float
+    wanted: float
+
+    def at(self, now_ns: int) -> tuple[float, float]:
+        """Return the program's time, s, and its rate."""
+        since_s = max(0.0, (now_ns - self.begin_ns) / 1e9)
+        ramp_s = _RAMP_S * abs(self.wanted - self.rate)
+        if since_s >= ramp_s:
+            return self.begin_s + (self.rate + self.wanted) / 2 * ramp_s + self.wanted * (since_s - ramp_s), self.wanted
+        rate = self.rate + (self.wanted - self.rate) * since_s / ramp_s
+        return self.begin_s + (self.rate + rate) / 2 * since_s, rate
+
+
+def trace(rig: Rig, direction: Direction, test: CircleTest = "yaw") -> Trace:
+    """The circle of a rig with the effects of its file. Raises FileError where it cannot be driven."""
+    program = circle_program(rig, direction)
+    return Trace(program.t_s, program.phi, program.q, _readings_along(rig, test, program.t_s, program.q))
+
+
+def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
+    """A program that stops at the targets of the rig's hemisphere. Raises FileError where one is out of reach."""
+    t_s, q = stops(radial_stops(rig) if test == "radial" else repeatability_stops(rig), dwell_s=_DWELL_S)
+    return Trace(t_s, np.empty(0), q, trace_along(rig, test, t_s, q))
+
+
+def trace_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
+    """Return what the gauges, mounted for a test, read without noise, (n, k) mm, along angles q (n, 6) rad at t_s (n,)
+    s, which are reported as the arm was built."""
+    g_mm = _readings_along(rig, test, t_s, q)
+    return g_mm if test in CIRCLES else np.repeat(g_mm, len(list(rig.gauges)), axis=1) - link_excess_mm(rig)
+
+
+def _readings_along(rig: Rig, test: DrivenTest, t_s: Array, q: Array) -> Array:
+    """Noise-free readings (n, k) mm at every moment t_s (n,) of a motion q (n, 6)."""
+    model = model_of(rig)
+    if test in CIRCLES:
+        circle = CircleTable(test, "acw", t_s, q, np.empty((0, 2)))
+        return predict(model, circle, path_of(model, circle), planted_setup(rig))
+    nothing, none = np.zeros(len(q)), np.zeros(len(q), dtype=np.int64)
+    targets = RadialTable(none, nothing, nothing, none, t_s, q, nothing)
+    return predict(model, targets, path_of(model, targets), nominal_setup(rig, targets))
+
+
+PROGRAMS = ("acw", "cw", "roll acw", "roll cw", "radial", "repeatability")
+"""acw and cw alone drive the yaw circle. The robot's signal is the number of the program, counted from 1."""
+
+
+class EmulatedRobot:
+    """What its gauges and its controller show at any time; thread-safe."""
+
+    @classmethod
+    def of_rig(cls, rig: Rig, seed: int) -> EmulatedRobot:
+        """Simulate the programs of both directions, noise-free. Raises FileError where the circle cannot be driven."""
+        return cls(rig, {"acw": trace(rig, "acw"), "cw": trace(rig, "cw")}, seed)
+
+    def __init__(self, rig: Rig, traces: dict[Direction, Trace], seed: int) -> None:
+        self._rig = rig
+        self.traces = traces
+        self._gauges = {name: (place, gauge) for place, (name, gauge) in enumerate(rig.gauges)}
+        self._further = {name: gauge for name, gauge in rig.gauges.recorded.items() if name not in self._gauges}
+        self._random = np.random.default_rng(seed)
+        self._lock = threading.Lock()
+        self._trace = self.traces["acw"]
+        self._pace: _Pace | None = None
+        self._holds_s: tuple[float, ...] = ()
+        """When the program will wait for a person."""
+        self._stopped = False
+        self._signal_before = 0.0
+        """What the robot showed before the present program switched anything."""
+        self._shown: dict[str, float] = {}
+        """What a person made it show of its condition."""
+        self._motors = Motors() if {*CURRENTS, *TEMPERATURES} & {*condition_columns(rig.feedback)} else None
+        self._torque_nm: Array | None = None
+        """The torques (n, 6) of gravity along the trace, once they were asked for."""
+        self.finished = clock.Event()
+        """Set while it stands."""
+        self.finished.set()
+
+    def gauge_mm(self, name: str, now_ns: int) -> float:
+        """A reading with noise of the gauge's stated accuracy, and wrong by what its certificate says.
+
+        A gauge that no test measures with touches what stands still: it shows 0, and its noise.
+        """
+        if further := self._further.get(name):
+            with self._lock:
+                return float(self._random.normal(0.0, further.accuracy_mm))
+        place, gauge = self._gauges[name]
+        with self._lock:
+            length_mm = self._at(now_ns, self._trace.g_mm[:, place]) + self._random.normal(0.0, gauge.accuracy_mm)
+        length_mm *= gauge.sign
+        if gauge.certificate is None:
+            return float(length_mm)
+        return float(as_shown(gauge.certificate, np.asarray(length_mm), self._rig.temperature))
+
+    def joints_deg(self, now_ns: int) -> Sequence[float]:
+        """Joint angles as the controller reports them."""
+        with self._lock:
+            joints: list[float] = np.degrees(self._at(now_ns, self._trace.q)).tolist()
+            return joints
+
+    def signal(self, now_ns: int) -> float:
+        """Number of the program that runs, 0 for none, unless one was stopped before its end."""
+        with self._lock:
+            at_s = self._program_s(now_ns)[0]
+            shown = [number for since_s, number in self._trace.signals if since_s <= at_s] if self._pace else []
+            return shown[-1] if shown else self._signal_before
+
+    def condition(self, now_ns: int) -> dict[str, float]:
+        """What it shows of its condition, beyond that of a robot that drives undisturbed."""
+        states = {"drives": ProgramState.RUNNING, "waits": ProgramState.PAUSED, "paused": ProgramState.PAUSED}
+        state = states.get(self.state(now_ns), ProgramState.STOPPED)
+        of_motors: dict[str, float] = {}
+        if self._motors is not None:
+            with self._lock:
+                if self._torque_nm is None:
+                    self._torque_nm = pull(arm_of(self._rig.robot), load_of(self._rig.robot), self._trace.q).torque
+                (at_s, rate), t_s, q = self._program_s(now_ns), self._trace.t_s, self._trace.q
+                k, speed_rad_s = int(np.searchsorted(t_s, at_s)), np.zeros(q.shape[1])
+                if t_s[0] < at_s < self._trace.end_s:
+                    speed_rad_s = rate * (q[k] - q[k - 1]) / (t_s[k] - t_s[k - 1])
+                current_a, warm_c = self._motors.shown(now_ns, self._at(now_ns, self._torque_nm), speed_rad_s)
+            of_motors = dict(zip((*CURRENTS, *TEMPERATURES), [*current_a.tolist(), *warm_c.tolist()], strict=True))
+        return {PROGRAM: float(state), **of_motors, **self._shown}
+
+    def state(self, now_ns: int) -> State:
+        """What its program does; done before the first."""
+        with self._lock:
+            at_s, rate = self._program_s(now_ns)
+            if self._pace is None or (at_s >= self._trace.end_s and not self._holds_s):
+                return "done"
+            if self._stopped and not rate:
+                return "stopped"
+            if not self._stopped and not self._pace.wanted:
+                return "paused"
+            return "waits" if self._holds_s and at_s >= self._holds_s[0] else "drives"
+
+    def show(self, column: str, value: str) -> None:
+        """Show this from now on, whatever it drives. Raises FileError for what is no column, or no value of it."""
+        states: dict[str, type[IntEnum]] = {PROGRAM: ProgramState, SAFETY: SafetyState}
+        if column not in CONDITION:
+            raise FileError(repr(column), "is not of the robot's condition", f"give one of {', '.join(CONDITION)}")
+        try:
+            shown = float(states[column](int(value))) if column in states else float(value)
+        except ValueError:
+            states_in_words = ", ".join(f"{state.value} {words_of(state)}" for state in states.get(column, ()))
+            raise FileError(repr(value), f"is no {column}", f"give {states_in_words or 'a number'}") from None
+        self._shown = {**self._shown, column: shown}
+
+    def start(self, program: str) -> float:
+        """Begin a program of `PROGRAMS` now; returns how many seconds it takes.
+
+        Raises FileError for an unknown name, or a program that this rig cannot drive.
+        """
+        match program:
+            case "acw" | "cw":
+                driven = self.traces[program]
+            case "roll acw" | "roll cw":
+                driven = trace(self._rig, "acw" if program.endswith(" acw") else "cw", "roll")
+            case "radial" | "repeatability":
+                driven = target_trace(self._rig, program)
+            case _:
+                raise FileError(repr(program), "is not a program", f"type {', '.join(PROGRAMS)} or quit")
+        number = float(1 + PROGRAMS.index(program))
+        return self.play(replace(driven, signals=((-_STAND_S, number), (driven.end_s, 0.0))))
+
+    def play(self, trace: Trace) -> float:
+        """Begin to drive a trace now, from its start at once; returns how many seconds it takes, a person's part left
+        out."""
+        now_ns = clock.now_ns()
+        before = self.signal(now_ns)
+        with self._lock:
+            self._trace, self._signal_before, self._stopped = trace, before, False
+            self._torque_nm = None
+            self._holds_s = tuple(sorted(trace.holds_s))
+            self._pace = _Pace(now_ns + int(_STAND_S * 1e9), 0.0, 1.0, 1.0)
+        self.finished.clear()
+        clock.Thread(target=self._watch, name="emulated program", daemon=True).start()
+        return _STAND_S + trace.end_s
+
+    def stop(self) -> bool:
+        """Stop the program in the middle, as a person does: the arm comes to rest on its path, the outputs stay as they
+        are. Returns whether a program ran."""
+        return self._at_rate(0.0, ("drives", "waits", "paused"), stops=True)
+
+    def pause(self) -> bool:
+        """Pause the program: the arm comes to rest on its path. Returns whether a program drove."""
+        return self._at_rate(0.0, ("drives",))
+
+    def go_on(self) -> bool:
+        """Let a program go on that is paused, or waits for a person. Returns whether one did."""
+        now_ns = clock.now_ns()
+        if self.state(now_ns) != "waits":
+            return self._at_rate(1.0, ("paused",))
+        with self._lock:
+            self._pace = _Pace(now_ns, self._holds_s[0], 1.0, 1.0)
+            self._holds_s = self._holds_s[1:]
+        return True
+
+    def reads_more(self, more_rad: Array) -> None:
+        """Let each joint of the standing robot read so much more, (6,) rad: a zero was entered at its controller."""
+        with self._lock:
+            self._trace = replace(self._trace, q=self._trace.q + more_rad)
+
+    def _at_rate(self, new_rate: float, states: Sequence[State], *, stops: bool = False) -> bool:
+        """Let the program's time pass at another rate, where the program is in one of these states."""
+        now_ns = clock.now_ns()
+        state = self.state(now_ns)
+        if state not in states:
+            return False
+        with self._lock:
+            at_s, rate = self._program_s(now_ns)
+            self._pace = _Pace(now_ns, at_s, 0.0 if state == "waits" else rate, new_rate)
+            self._stopped = stops
+        return True
+
+    def _watch(self) -> None:
+        """Say when the program is over."""
+        while self.state(clock.now_ns()) not in ("done", "stopped"):
+            clock.sleep(_LOOK_S)
+        self.finished.set()
+
+    def _program_s(self, now_ns: int) -> tuple[float, float]:
+        """The time of the program, s, and the rate at which it passes; the caller holds the lock."""
+        if self._pace is None:
+            return -_STAND_S, 0.0
+        at_s, rate = self._pace.at(now_ns)
+        until_s = min([self._trace.end_s, *self._holds_s[:1]])
+        return min(at_s, until_s), rate
+
+    def _at(self, now_ns: int, values: Array) -> Any:
+        since_s, t_s = self._program_s(now_ns)[0], self._trace.t_s
+        k = int(np.clip(np.searchsorted(t_s, since_s), 1, len(t_s) - 1))
+        share = np.clip((since_s - t_s[k - 1]) / (t_s[k] - t_s[k - 1]), 0.0, 1.0)
+        row: Any = values[k - 1] + share * (values[k] - values[k - 1])
+        return row
+
+
+def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
+    """What a perfect measurement of the emulated robot would report, beside what was planted in it.
+
+    The figures follow from the noise-free trace by their definitions; the daemon, the wire and the
+    alignment have no part in them. The eccentricity is that of the ball from the circle really driven,
+    which backlash moves: it is not quite the planted one.
+    """
+    start = np.radians(circle_of(rig).start_deg)
+    figures = {}
+    for direction, trace in traces.items():
+        # The first lap: the ways back between laps pass the same angles, with every play on its other side.
+        ahead = SENSE[direction] * (trace.phi - start)
+        lap = slice(int(np.argmax(ahead >= 0)), int(np.argmax(ahead >= 2 * np.pi)))
+        y = link_angle(trace.g_mm[lap, 0], trace.g_mm[lap, 1], rig.gauges.baseline_mm)
+        figures[direction] = plain_figures(trace.phi[lap], y, frame_of(circle_of(rig)).radius)
+    planted = {
+        "eccentricity_mm": list(circle_of(rig).eccentricity_mm),
+        "effects": [effect.model_dump(mode="json") for effect in rig.effects],
+    }
+    return {"rig": rig.name, "yaw": figures, "planted": planted}
+
+
+RIG, TRUTH = "rig.yaml", "truth.json"
+"""The files of an emulated cell: its rig file, and what a perfect measurement would find in it."""
+
+
+def write_cell_files(directory: Path, rig: Rig, robot: EmulatedRobot, text: str) -> Path:
+    """Write the files of an emulated cell into a directory, in place of those of an earlier one; return the rig file.
+
+    text: of the rig file by which its daemon reads it. Raises FileError where they cannot be written.
+    """
+    path = directory / RIG
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        durable.replace(directory / TRUTH, (json.dumps(truth(rig, robot.traces), indent=2) + "\n").encode())
+        for name, content in rig.beside.items():
+            durable.replace(directory / name, content)
+        durable.replace(path, text.encode())  # the last: by the others it is known as an emulated cell's
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+    return path

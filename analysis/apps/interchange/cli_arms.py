@@ -1,0 +1,232 @@
+"""`rig arms`: the arm library, and the section of a rig file that each of its arms is; `rig import-urdf` makes that
+section of a URDF, and `rig export-urdf` writes the calibrated arm of a rig's model as what other programs read: URDF,
+xacro, MJCF, YAML.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from analysis.cli import completion
+from analysis.cli.commands import app, command
+from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson, RigArgument
+from rigs.text import plain_lines
+
+
+@command(app, "rig arms ur10e -o arm.yaml")
+def arms(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="NAME", autocompletion=completion.arms, help="An arm; default: the table of all."),
+    ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            help="The arm's own calibration.conf, from the controller of a UR (~/.urcontrol); default: as published."
+        ),
+    ] = None,
+    poses: Annotated[
+        Path | None,
+        typer.Option(
+            help="Joints and flange poses as the controller computed them, 20 or more: its own constants are read out "
+            "of them; default: none."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File to write the section to; default: the screen.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the arm library, or show one arm as the robot section of a rig file."""
+    from analysis.report.listings import arm_object, arm_section, arms_table
+    from analysis.report.plain_console import PlainConsole
+    from rigs.arms import arm_names, load_arm
+
+    if name is None:
+        if calibration or output or poses:
+            raise typer.BadParameter("name the arm", param_hint="NAME")
+        library = [load_arm(arm_name) for arm_name in arm_names()]
+        if as_json:
+            say_json({"arms": [arm_object(entry) for entry in library]})
+        else:
+            PlainConsole().print(arms_table(library))
+        return
+    if calibration and poses:
+        raise typer.BadParameter("give the calibration of the controller, or poses of it", param_hint="--poses")
+    arm = load_arm(name)
+    robot, text = arm.robot, arm_section(arm)
+    if calibration:
+        from analysis.robot.description.ros_kinematics import calibrated
+
+        calibration_of_arm = calibrated(arm, calibration)
+        robot, text = calibration_of_arm.section.robot, calibration_of_arm.section.text
+        say(f"{calibration} moves the flange by up to {calibration_of_arm.moved_mm:.3f} mm", err=True)
+        for doubt in calibration_of_arm.doubts:
+            say(doubt, err=True, mark="note: ")
+    if poses:
+        from analysis.intake.controller_constants import controller_constants
+        from analysis.intake.imports import poses_of_controller
+        from rigs.load import parse
+
+        seen = poses_of_controller([poses], parse(f"name: {name}\n{arm.text}", name))
+        R = None if seen.turn is None else seen.turn.as_matrix()
+        computed = controller_constants(arm, seen.q, seen.xyz_mm, R, str(poses))
+        robot, text = computed.robot, computed.text
+        say(computed.words, err=True)
+    if output or not as_json:
+        write_section(text, output)
+    if as_json:
+        say_json(arm_object(arm) | {"robot": robot.model_dump(mode="json")})
+
+
+def write_section(text: str, output: Path | None) -> None:
+    """Write a section into a new file, or to the screen."""
+    from analysis.runs.written_files import holding, write_new
+
+    if output is None:
+        typer.echo(plain_lines(text), nl=False)
+        return
+    write_new(output, holding(text.encode()))
+    say(f"wrote {output}", err=True)
+
+
+@command(app, "rig import-urdf arm.urdf -o arm.yaml", name="import-urdf")
+def import_urdf(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="URDF of an arm of 4 to 7 axes, on a rail or not; no meshes are needed."),
+    ],
+    base: Annotated[
+        str | None, typer.Option(help="Link that is the base frame; default: the link named base, or the root.")
+    ] = None,
+    tip: Annotated[
+        str | None,
+        typer.Option(help="Link that is the flange frame; default: the link named tool0, or the only end."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File to write the section to; default: the screen.")
+    ] = None,
+) -> None:
+    """Turn a URDF into the robot section of a rig file, equal to it within 1e-9 mm and rad."""
+    from analysis.apps.interchange.urdf import import_urdf as imported
+
+    arm = imported(file, base, tip)
+    section = arm.section
+    write_section(section.text, output)
+    for doubt in arm.doubts:
+        say(doubt, err=True, mark="note: ")
+    difference = f"differs from the URDF by at most {section.largest_mm:.0e} mm and {section.largest_rad:.0e} rad"
+    say(f"{arm.base} to {arm.tip}: {difference}", err=True)
+
+
+Reader = Literal["urdf", "xacro", "mjcf", "ur-driver", "franka", "xarm"]
+
+
+@command(app, "rig export-urdf found/cell.yaml -o arm.urdf", name="export-urdf")
+def export_urdf(
+    rig_file: RigArgument,
+    reader: Annotated[
+        Reader,
+        typer.Option(
+            "--for",
+            help="Who reads the file: urdf is any program that reads URDF, xacro a description of your own, which "
+            "includes a macro, mjcf MuJoCo, with the play of each joint and what it yields under load; ur-driver the "
+            "ROS driver of Universal Robots, which takes a calibration.yaml, franka and xarm the descriptions of these "
+            "makers, which take a kinematics.yaml.",
+        ),
+    ] = "urdf",
+    calibration_hash: Annotated[
+        str | None,
+        typer.Option(
+            "--hash",
+            metavar="CALIB",
+            help="Hash of the controller's own calibration, from the file that the driver extracted; default: one "
+            "that the driver reports as not the controller's. With --for ur-driver.",
+        ),
+    ] = None,
+    friction_of: Annotated[
+        Path | None,
+        typer.Option(
+            "--friction-of",
+            metavar="RUN",
+            help="Run whose motor currents show the friction of the joints; default: no friction. With --for mjcf.",
+        ),
+    ] = None,
+    nm_per_a: Annotated[
+        str | None,
+        typer.Option(
+            "--nm-per-a",
+            metavar="NUMBERS",
+            help="Torque at each joint for one ampere of its motor, separated by commas, from the maker's data sheet; "
+            "default: none. With --friction-of.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File to write, which must not exist; default: the screen.")
+    ] = None,
+) -> None:
+    """Write the arm of a rig file for other programs, with the joint zeros and link constants that were found.
+
+    What is not geometry stays behind (all but MJCF leave plays, too), and the command says how much that is.
+    """
+    from analysis.correction.exported_arm import geometric_share, simulated_arm
+    from analysis.robot.model.predict import geometric_arm, model_of
+    from rigs.load import load
+
+    if calibration_hash is not None and reader != "ur-driver":
+        raise typer.BadParameter("only calibration.yaml has a hash; add --for ur-driver", param_hint="--hash")
+    if friction_of is not None and reader != "mjcf":
+        raise typer.BadParameter("only MJCF has friction; add --for mjcf", param_hint="--friction-of")
+    if (friction_of is None) != (nm_per_a is None):
+        raise typer.BadParameter("give the run and the torques for each ampere together", param_hint="--friction-of")
+    rig, _ = load(rig_file)
+    model = model_of(rig)
+    arm, carried = geometric_arm(model), geometric_share(model).words
+    if reader == "ur-driver":
+        from analysis.apps.interchange.driver_kinematics import ur_driver_text
+
+        text = ur_driver_text(arm, rig_file, calibration_hash, [carried])
+    elif reader == "mjcf":
+        friction = _friction(friction_of, nm_per_a) if friction_of and nm_per_a else {}
+        text, carried = simulated_arm(rig, arm, rig_file, carried, friction)
+    elif reader == "urdf":
+        from analysis.robot.description.urdf_text import urdf_text
+
+        text = urdf_text(rig.robot, arm, rig_file, [carried])
+    elif reader == "xacro":
+        from analysis.robot.description.urdf_text import xacro_text
+
+        text = xacro_text(rig.robot, arm, rig_file, [carried])
+    else:
+        from analysis.apps.interchange.driver_kinematics import driver_kinematics
+
+        text = driver_kinematics(rig.robot, arm, reader, rig_file, [carried])
+    write_section(text, output)
+    say(carried, err=True)
+    if rig.robot.rail and reader in ("ur-driver", "franka", "xarm"):
+        say("The rail is not in this file: this is the arm where the rail stands at 0.", err=True)
+    if reader in ("franka", "xarm"):
+        say("base and tool of the rig file are not in it: it goes from the robot's base to its flange", err=True)
+    if reader == "ur-driver":
+        say("base and tool of the rig file are not in it: it goes from the controller's base to tool0", err=True)
+        if calibration_hash is None:
+            problem = "the driver will report that the calibration does not match the robot's"
+            say(f"{problem}; --hash takes the robot's own", err=True, mark="note: ")
+
+
+def _friction(run: Path, nm_per_a: str) -> dict[int, float]:
+    """The friction of the joints in Nm that the motor currents of a run show. Raises FileError where they show none."""
+    import analysis
+    from analysis.correction.exported_arm import friction_nm, torques_of
+    from rigs.errors import FileError
+
+    torques = torques_of(nm_per_a)
+    friction = friction_nm(analysis.load_run(run).condition.friction or {}, torques)
+    if not friction:
+        problem = "shows no friction: it has no motor currents, or no joint turns back in motion"
+        raise FileError(str(run), problem, "give a run of a circle with the currents of the motors")
+    return friction

@@ -1,0 +1,100 @@
+"""`rig export RUN…`: the tables of runs for other programs, or their streams for plotting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from analysis.cli.commands import app, command
+from analysis.cli.console import say
+from analysis.cli.options import Runs
+from analysis.cli.several import for_each
+
+if TYPE_CHECKING:
+    from daq.store import Run
+
+Format = Literal["csv", "parquet", "xlsx", "mcap", "map"]
+
+
+@command(app, "rig export runs/lap-acw --to parquet -o lap-acw.parquet")
+def export(
+    paths: Runs,
+    to: Annotated[
+        Format,
+        typer.Option(
+            help="Format: csv, parquet or xlsx for the table, mcap for the raw streams, map for that of an imported "
+            "table."
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="File to write; of several runs, the directory for a file named as each."),
+    ],
+) -> None:
+    """Write the table of each run as CSV, Parquet or a workbook, its raw streams as MCAP, or the map of its import.
+
+    Foxglove and PlotJuggler show an MCAP file."""
+    from rigs.errors import FileError
+
+    if len(paths) == 1:
+        _export(paths[0], to, output)
+        return
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise FileError(str(output), "is a file, and several runs need a directory", "give another --output") from None
+    except OSError as error:
+        raise FileError(str(output), error.strerror or str(error), "give another --output") from None
+    for_each(paths, lambda path: _export(path, to, output / f"{path.name}.{to}"))
+
+
+def _export(path: Path, to: Format, output: Path) -> None:
+    """Write one file, and mark the run as exported; a map is no export of its readings."""
+    from functools import partial
+
+    from analysis.apps.interchange.mcap_export import write_mcap
+    from analysis.cli.console import progress_of
+    from analysis.runs.loading import measured_of
+    from analysis.runs.written_files import holding, write_csv, write_new, write_parquet, write_xlsx
+    from daq.store import durable, mark_exported, read_run
+    from rigs.errors import CellError, RigError
+
+    doubts: tuple[str, ...] = ()
+    with progress_of(f"exporting {path}"):
+        run = read_run(path)
+        if to == "map":
+            write_new(output, holding(_map_of(run)))
+        elif to == "mcap":
+            write_new(output, partial(write_mcap, run))
+        else:
+            measured = measured_of(run)
+            doubts = measured.doubts
+            write = {"csv": write_csv, "parquet": write_parquet, "xlsx": write_xlsx}[to]
+            write_new(output, partial(write, measured.to_table()))
+    for doubt in doubts:
+        say(f"note: {doubt}", err=True)
+    if to == "map":
+        say(output)
+        return
+    try:
+        durable.persist(output)  # rigd may delete a marked run, and a power cut must not take its only copy
+    except OSError as error:
+        problem = f"cannot be made durable, so {path} is not marked as exported: {error.strerror or error}"
+        raise CellError(str(output), problem, "export it again to another disk") from None
+    try:
+        mark_exported(path, to, output)
+    except RigError as error:
+        say(f"note: {path} could not be marked as exported, so rigd will not delete it: {error.what}", err=True)
+    say(output)
+
+
+def _map_of(run: Run) -> bytes:
+    from rigs.errors import FileError
+
+    table = run.manifest.table
+    if table is None or not table.map:
+        problem = "was read without a map" if table else "is recorded, and no table was imported"
+        raise FileError(str(run.path), problem, "give a run that rig import made of a table in other columns")
+    return table.map.encode()

@@ -1,0 +1,166 @@
+"""An arm as the file of joint origins that a maker's ROS description reads: kinematics.yaml, and Universal Robots'
+calibration.yaml. The base and the tool of a rig file have no place in either.
+
+kinematics.yaml has one entry a joint, its origin in the link before it. A description draws its meshes in link frames
+of its own choice. Both chains of frames, the maker's and that of the rig file, turn about the same axes and sit on the
+same links, so that each pair differs by a frame that is constant: it is taken from the nominal arm, and the calibrated
+arm is written with it. Meshes stay where the maker put them.
+
+The nominal origins are those of the makers' own files: frankaemika/franka_description, robots/fer/kinematics.yaml,
+commit 1ddff9b (the FR3 has the same lengths); xArm-Developer/xarm_ros, xarm_description/config/kinematics/default,
+commits a083c36 and 74e75cf, with right angles in place of 1.5708. Doosan's description (doosan-robotics/doosan-robot2,
+dsr_description2/urdf) and Kinova's (Kinovarobotics/ros2_kortex) have no such file: their joints stand in the URDF.
+
+Of calibration.yaml the package ur_description makes a URDF: each entry is the origin of a joint in metres and radians,
+turning about z; the first stands in base_link_inertia, which is base_link turned half round about z and equal to the
+controller's base; tool0 is the frame of wrist_3. Source: ros-industrial/universal_robot,
+ur_description/urdf/inc/ur_macro.xacro, commit 0290bd2.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import yaml
+
+from analysis.robot.description.urdf_text import joint_origins, joint_senses, metres_and_rpy
+from analysis.robot.kinematics.arm import Arm, Array, arm_of, transform
+from rigs.errors import FileError, UseError
+from rigs.schema.robot import Pose, Robot
+from rigs.text import plain
+
+Origin = tuple[float, float, float, float, float, float]
+"""x, y, z in mm and roll, pitch, yaw in degrees."""
+_SAME_MM, _SAME_RAD = 0.5, 1e-4
+"""How far the axes of the rig file's nominal arm may be from the maker's. Data sheets round to a tenth of a mm."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a maker's description writes its joints: their nominal origins, that of the flange where the file has one,
+    and the keys above and below the name of a joint."""
+
+    origins: tuple[Origin, ...]
+    flange: Origin | None = None
+    above: str | None = None
+    below: str | None = None
+
+
+_FRANKA = Layout(
+    origins=(
+        (0, 0, 333, 0, 0, 0),
+        (0, 0, 0, -90, 0, 0),
+        (0, -316, 0, 90, 0, 0),
+        (82.5, 0, 0, 90, 0, 0),
+        (-82.5, 384, 0, -90, 0, 0),
+        (0, 0, 0, 90, 0, 0),
+        (88, 0, 0, 90, 0, 0),
+    ),
+    flange=(0, 0, 107, 0, 0, 0),
+    below="kinematic",
+)
+_XARM_6 = Layout(
+    origins=(
+        (0, 0, 267, 0, 0, 0),
+        (0, 0, 0, -90, 0, 0),
+        (53.5, -284.5, 0, 0, 0, 0),
+        (77.5, 342.5, 0, -90, 0, 0),
+        (0, 0, 0, 90, 0, 0),
+        (76, 97, 0, -90, 0, 0),
+    ),
+    above="kinematics",
+)
+_XARM_7 = Layout(
+    origins=(
+        (0, 0, 267, 0, 0, 0),
+        (0, 0, 0, -90, 0, 0),
+        (0, -293, 0, 90, 0, 0),
+        (52.5, 0, 0, 90, 0, 0),
+        (77.5, -342.5, 0, 90, 0, 0),
+        (0, 0, 0, 90, 0, 0),
+        (76, 97, 0, -90, 0, 0),
+    ),
+    above="kinematics",
+)
+LAYOUTS: dict[str, tuple[Layout, ...]] = {"franka": (_FRANKA,), "xarm": (_XARM_6, _XARM_7)}
+"""The layouts of each maker's description."""
+
+
+def driver_kinematics(robot: Robot, arm: Arm, maker: str, where: str, remarks: Sequence[str] = ()) -> str:
+    """Return kinematics.yaml of a calibrated arm for the description of a maker.
+
+    robot: the nominal arm of the rig file. arm: the calibrated arm. maker: a key of LAYOUTS. where: the rig file, for
+    errors. remarks: lines at the head. Raises FileError for an arm that is not built as one of the maker.
+    """
+    joint_senses(arm, where, "kinematics.yaml")
+    # The layout whose axes are those of the nominal arm: each pair of frames has its axis in common, and the flange of
+    # both is one. `between` has the maker's frame of each link in that of the rig file, all joints at zero; of the last
+    # link the flange of both is the same, so that its frame follows from there where the file has a flange.
+    for layout in (layout for layout in LAYOUTS[maker] if len(layout.origins) == arm.axes):
+        ours, theirs, between = np.eye(4), np.eye(4), list[Array]()
+        for T, origin in zip(joint_origins(arm_of(robot)), layout.origins, strict=True):
+            ours, theirs = ours @ T, theirs @ _frame(origin)
+            between.append(np.linalg.inv(ours) @ theirs)
+        flange = between[-1] @ (np.eye(4) if layout.flange is None else _frame(layout.flange))
+        if np.abs(flange - np.eye(4)).max() < _SAME_MM and all(
+            np.hypot(T[0, 3], T[1, 3]) < _SAME_MM and np.arccos(min(T[2, 2], 1.0)) < _SAME_RAD for T in between
+        ):
+            break
+    else:
+        problem = f"the arm is not built as one for which {maker} has a kinematics.yaml"
+        raise FileError(f"{where}, robot.axes", problem, "write a URDF or a xacro instead: they describe any arm")
+    before = [np.eye(4), *between[:-1]]
+    origins = [
+        np.linalg.inv(start) @ T @ end for start, T, end in zip(before, joint_origins(arm), between, strict=True)
+    ]
+    if layout.flange is not None:
+        origins.append(np.linalg.inv(between[-1]))
+    entries: dict[str, object] = {}
+    for number, T in enumerate(origins, start=1):
+        xyz, rpy = metres_and_rpy(T)
+        entry = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*xyz, *rpy), strict=True))
+        entries[f"joint{number}"] = {layout.below: entry} if layout.below else entry
+    head = "".join(f"# {plain(remark)}\n" for remark in remarks)
+    return head + yaml.safe_dump({layout.above: entries} if layout.above else entries, sort_keys=False)
+
+
+def _frame(origin: Origin) -> Array:
+    return transform(Pose(xyz_mm=origin[:3], rpy_deg=origin[3:]))
+
+
+LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+"""The entries of the file, from the base."""
+NOT_THE_CONTROLLERS = "rig_not_of_the_controller"
+"""The hash where none is given. The driver compares it with the checksum of the calibration inside the controller and
+reports at each start that they differ, which is true."""
+_HASH = re.compile(r"calib_\d{1,20}")
+"""As the driver makes it: a number of 64 bits."""
+_TWISTS_DEG = (0.0, 90.0, 0.0, 0.0, 90.0, -90.0)
+"""alpha of all arms of the maker (its DH parameters for calculations of kinematics and dynamics, as modified ones)."""
+_MOST_DEG = 5.0
+"""No arm is bent so far; those of other makers differ by right angles."""
+
+
+def ur_driver_text(arm: Arm, where: str, calibration_hash: str | None = None, remarks: Sequence[str] = ()) -> str:
+    """Return calibration.yaml of an arm.
+
+    where: the rig file, for errors. calibration_hash: that of the file which the driver's own tool extracted. remarks:
+    lines at the head. Raises FileError for an arm of another kind, UseError for a hash that is none.
+    """
+    if calibration_hash is not None and not _HASH.fullmatch(calibration_hash):
+        problem = f"{calibration_hash!r} is not a hash of the driver"
+        raise UseError("--hash", problem, "copy it from the file that the driver extracted: calib_ and digits")
+    off_deg = np.abs(np.degrees(arm.alpha) - _TWISTS_DEG)
+    if (off_deg > _MOST_DEG).any() or -1 in joint_senses(arm, where, "calibration.yaml"):
+        problem = "the arm is not built as one of Universal Robots, for whose driver calibration.yaml is"
+        raise FileError(f"{where}, robot.axes", problem, "leave out --for ur-driver: a URDF describes any arm")
+    kinematics: dict[str, object] = {}
+    for link, T in zip(LINKS, joint_origins(arm), strict=True):
+        xyz, rpy = metres_and_rpy(T)
+        kinematics[link] = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*xyz, *rpy), strict=True))
+    kinematics["hash"] = calibration_hash or NOT_THE_CONTROLLERS
+    head = "".join(f"# {plain(remark)}\n" for remark in remarks)
+    return head + yaml.safe_dump({"kinematics": kinematics}, sort_keys=False)

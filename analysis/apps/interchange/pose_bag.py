@@ -1,0 +1,273 @@
+"""A bag of ROS 2 as a table of poses: where the joints stood, and where an instrument saw the tool meanwhile.
+
+Joints come from a topic of JointState by their names, places from a topic of poses, points or transforms. Both by the
+stamps of their senders, or where these are missing or of other clocks, by when the bag received them. Each stand of the
+robot is a row: the mean of its settled part and its scatter. What becomes no row is counted. The table goes the way of
+every table that comes as it is (`analysis.intake.map_proposal`): units and turns are held against the arm, and a camera
+on the tool is recognised.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+import struct
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from analysis.apps.interchange.bags import (
+    JOINT_STATE,
+    NO_STAMP,
+    PLACED,
+    TF,
+    Cdr,
+    Found,
+    bag_of,
+    joint_state,
+    messages_of,
+)
+from analysis.apps.interchange.ros_bag import newest
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.runs.stands import stands_of
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.feedback import ROS2JointStates
+
+_JOINT = re.compile(r"[\w./-]{1,100}")
+_FEWEST = 3
+"""Readings of a stand, of which a mean and a scatter can be made."""
+_APART_S = 0.1
+"""Stamps of two senders that lie further apart, beside the bag's own time, are of two clocks; networks take less."""
+_UNIT_WITHIN = 0.01
+"""How far a quaternion's length may be from one: drivers publish float32, and zeros where they see nothing."""
+_LARGEST = 1e6
+"""No place in m and no angle in rad is larger."""
+_MOST_JOINTS, _LONGEST_NAME = 50, 200
+_GAP_S = 1.0
+"""A robot whose joints are unknown for so long may have moved in between."""
+_DRIFTS, _LEAST_M = 6.0, 5e-5
+"""An instrument moved in a stand where the means of its halves lie so many times their u apart, and so far."""
+
+
+@dataclass
+class _Track:
+    """Messages of one sender: when received and sent in ns, and values. placed: of a place in m, with a turn or
+    without; else of joints. lacking: how many were of no use."""
+
+    placed: bool = False
+    log_ns: list[int] = field(default_factory=list)
+    sent_ns: list[int] = field(default_factory=list)
+    values: list[tuple[float, ...]] = field(default_factory=list)
+    lacking: int = 0
+
+    def add(self, log_ns: int, sent_ns: int, values: tuple[float, ...] | None) -> None:
+        values = values or ()
+        alike = not self.values or len(values) == len(self.values[0])
+        is_turned = not self.placed or len(values) < 7 or abs(math.hypot(*values[3:]) - 1) < _UNIT_WITHIN
+        if not values or not alike or not is_turned or not all(abs(value) < _LARGEST for value in values):
+            self.lacking += 1
+            return
+        self.log_ns.append(log_ns)
+        self.sent_ns.append(sent_ns)
+        self.values.append(values)
+
+
+@dataclass(frozen=True)
+class StandTable:
+    """The table as text, the topic that it was made from, and what a person should know, in words."""
+
+    text: bytes
+    topic: str
+    doubts: tuple[str, ...]
+
+
+def stands_of_bag(data: bytes, where: str, rig: Rig, topic: str = "") -> StandTable:
+    """Return the stands of a bag's robot as a table. topic: of the poses, and of a transform `/tf:CHILD`; the only one
+    where none is given. Raises FileError."""
+    bag = bag_of(data, where)
+    names, joints, placed = _read(_of_use(messages_of(bag)), where, rig)
+    topic, poses = _chosen(placed, topic, where)
+    doubts = [] if bag.has_checksums else ["the bag was written without checksums: damage to it would not be seen"]
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    (joint_ns, q), (pose_ns, seen), notes = _timed({"joints": joints, topic: poses})
+    t_s = (joint_ns - joint_ns[0]) / 1e9
+    stands = stands_of(t_s, q, np.zeros((len(q), 0)))
+    turn = ["qx", "qy", "qz", "qw"] if seen.shape[1] == 7 else []
+    rows, lost = [], Counter[str]()
+    for stand in stands:
+        at = joint_ns[stand.settled]
+        of_stand = slice(*np.searchsorted(pose_ns, [at[0], at[-1] + 1]))
+        why = _unusable(t_s[stand.begin : stand.end], pose_ns[of_stand], seen[of_stand], topic)
+        if why:
+            lost[why] += 1
+        else:
+            read, q_scatter = seen[of_stand], np.degrees(q[stand.settled].std(axis=0).max())
+            turned = Rotation.from_quat(read[:, 3:]).mean().as_quat() if turn else ()
+            place, scatter_mm = read[:, :3].mean(axis=0), 1e3 * read[:, :3].std(axis=0, ddof=1)
+            numbers = (stand.t_s, *stand.q, *place, *turned, *scatter_mm, q_scatter)
+            rows.append([*map(float, numbers), len(read)])
+    notes += [f"left out {count} of {len(stands)} stands of the robot: {why}" for why, count in lost.items()]
+    if not rows:
+        reasons = "; ".join(notes) or "the robot stood nowhere for 0.3 s"
+        raise FileError(where, f"has no stand of the robot with a place ({reasons})", "let the robot wait at each pose")
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    scatter = ["std_x_mm", "std_y_mm", "std_z_mm", "std_joints_deg", "readings"]
+    writer.writerow(["t_s", *(f"{name}_rad" for name in names), "x_m", "y_m", "z_m", *turn, *scatter])
+    writer.writerows(rows)
+    return StandTable(text.getvalue().encode(), topic, (*doubts, *notes))
+
+
+def _of_use(messages: Iterable[Found]) -> list[Found]:
+    """The messages that are read, and of every other topic one without its data: a bag holds pictures too. Their number
+    is bounded by the size of a bag."""
+    seen = set[str]()
+    kept = []
+    for message in messages:
+        if message.kind == JOINT_STATE or message.kind in PLACED:
+            kept.append(message)
+        elif message.topic not in seen:
+            kept.append(message._replace(data=b""))
+        seen.add(message.topic)
+    return kept
+
+
+def _read(messages: Sequence[Found], where: str, rig: Rig) -> tuple[list[str], _Track, dict[str, _Track]]:
+    """Names of joints, their track, and the tracks of all that is placed, by topic."""
+    ros = rig.feedback if isinstance(rig.feedback, ROS2JointStates) else None
+    topic = "/" + (ros.topic if ros else "joint_states").lstrip("/")
+    joint_topics = {message.topic for message in messages if message.kind == JOINT_STATE}
+    if topic not in joint_topics and not ros and len(joint_topics) == 1:
+        (topic,) = joint_topics
+    if topic not in joint_topics:
+        has = ", ".join(sorted({f"{message.topic} ({message.kind})" for message in messages}))[:300] or "no messages"
+        if len(joint_topics) > 1 and not ros:
+            problem = f"holds the joints of {len(joint_topics)} arms, on {', '.join(sorted(joint_topics))[:300]}"
+            remedy = "name the topic of the one that was measured in the rig file: feedback: {interface: "
+            raise FileError(where, problem, f"{remedy}ros2_joint_states, topic: …, joints: […]}}")
+        raise FileError(where, f"has no {JOINT_STATE} on {topic}; it has {has}", "name the topic in the rig file")
+    states = [message for message in messages if message.topic == topic and message.kind == JOINT_STATE]
+    names = list(ros.joints) if ros else _names(states, len(rig.robot.axes), where)
+    if odd := [name for name in names if not _JOINT.fullmatch(name)]:
+        problem = f"names a joint {odd[0][:40]!r}, which is no name"
+        raise FileError(where, problem, "name the six joints in the rig file")
+    joints, placed = _Track(), dict[str, _Track]()
+    for message in states:
+        stamp_ns, angles = _joints(message.data)
+        values = tuple(angles[name] for name in names) if set(names) <= angles.keys() else None
+        joints.add(message.log_ns, stamp_ns, values)
+    for message in messages:
+        if message.kind not in PLACED:
+            continue
+        name = message.topic
+        try:
+            for thing in PLACED[message.kind](message.data):
+                name = f"{message.topic}:{thing.child}" if message.kind == TF else message.topic
+                if len(name) <= _LONGEST_NAME:
+                    track = placed.setdefault(name, _Track(placed=True))
+                    track.add(message.log_ns, thing.stamp_ns, (*thing.place_m, *thing.turn))
+        except (struct.error, IndexError):
+            placed.setdefault(name, _Track(placed=True)).lacking += 1
+    if len(joints.log_ns) < 2:
+        problem = f"holds fewer than two messages of {topic} with the joints {', '.join(names)}"
+        raise FileError(where, problem, "name the joints in the rig file: feedback: {interface: ros2_joint_states, …}")
+    return names, joints, placed
+
+
+def _joints(data: bytes) -> tuple[int, dict[str, float]]:
+    try:
+        return joint_state(data)
+    except (struct.error, IndexError):
+        return NO_STAMP, {}
+
+
+def _names(messages: Sequence[Found], axes: int, where: str) -> list[str]:
+    """The joints of the first message that has as many as the arm or more. Raises FileError where there is none, where
+    messages name no joints, and where they are of several arms."""
+    name_lists = [names for message in messages if axes <= len(names := list(_joints(message.data)[1])) <= _MOST_JOINTS]
+    if name_lists:
+        others = next((names for names in name_lists if not set(names) & set(name_lists[0])), None)
+        if others:
+            arms = "; ".join(", ".join(names[:_MOST_JOINTS]) for names in (name_lists[0], others))
+            problem = f"holds the joints of two arms on one topic ({arms[:300]})"
+            raise FileError(where, problem, "name those of the arm that was measured in the rig file: feedback.joints")
+        return name_lists[0]
+    for message in messages:
+        with suppress(struct.error, IndexError):
+            state = Cdr(message.data)
+            state.header()
+            if state.count() == 0 and state.count() > 0:  # positions and no names
+                problem = "holds messages of joints that name none of them: nothing says which angle is whose"
+                raise FileError(where, problem, "publish JointState with names, or give joints and places as a table")
+    problem = f"has no message with {axes} to {_MOST_JOINTS} joints"
+    raise FileError(where, problem, "give the rig file of the arm that was measured")
+
+
+def _chosen(placed: dict[str, _Track], topic: str, where: str) -> tuple[str, _Track]:
+    """The topic of the instrument: the one given, the only one, or the only one that is no transform of a tree."""
+    tracks = {name: track for name, track in placed.items() if len(track.log_ns) > 1}
+    has = ", ".join(sorted(tracks))[:300]
+    if not tracks:
+        kinds = ", ".join(kind.rpartition("/")[2] for kind in PLACED)
+        raise FileError(where, f"has no topic that places something ({kinds})", "record that of the instrument as well")
+    if topic:
+        if topic not in tracks:
+            raise FileError(where, f"places nothing on {topic!r}", f"give --topic one of {has}")
+        return topic, tracks[topic]
+    no_transforms = {name: track for name, track in tracks.items() if ":" not in name} or tracks
+    if len(no_transforms) > 1:
+        raise FileError(where, f"places {len(tracks)} things ({has})", "give the instrument's with --topic")
+    return next(iter(no_transforms.items()))
+
+
+def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Integers, Array], list[str]]:
+    """The times in ns (n,) and values (n, k) of both tracks on one clock, in order, and doubts in words."""
+    doubts: list[str] = []
+    log = {name: np.array(track.log_ns) for name, track in tracks.items()}
+    sent = {name: np.array(track.sent_ns) for name, track in tracks.items()}
+    stamped = [name for name in tracks if (sent[name] != NO_STAMP).all() and np.ptp(sent[name]) > 0]
+    late_s = [float(np.median(log[name] - sent[name])) / 1e9 for name in stamped]
+    by = sent
+    if len(stamped) < len(tracks):
+        without = " and ".join(name for name in tracks if name not in stamped)
+        doubts.append(f"{without}: its messages have no stamps; times are those at which the bag received them")
+        by = log
+    elif abs(late_s[0] - late_s[1]) > _APART_S:
+        fact = f"stamps of joints and {stamped[1]} lie {late_s[1] - late_s[0]:+.3f} s apart, so their clocks differ"
+        doubts.append(f"{fact}; times are those at which the bag received them")
+        by = log
+    timed = []
+    for name, track in tracks.items():
+        order = np.argsort(log[name], kind="stable")
+        log_ns, ns, values = log[name][order], by[name][order], np.array(track.values)[order]
+        fresh = newest(log_ns, ns)
+        timed.append((ns[fresh], values[fresh]))
+        total = len(ns) + track.lacking
+        if track.lacking:
+            doubts.append(
+                f"{name}: left out {track.lacking} of {total} messages, which lack a joint, a number or a turn"
+            )
+        if stale := int((~fresh).sum()):
+            doubts.append(f"{name}: left out {stale} of {total} messages, no later than one before")
+    return timed[0], timed[1], doubts
+
+
+def _unusable(t_s: Array, pose_ns: Integers, seen: Array, topic: str) -> str:
+    """Why a stand at times t_s (n,) with what an instrument saw (m, k) becomes no row; empty where it does."""
+    if np.diff(t_s).max() > _GAP_S:
+        return f"the joints are missing for more than {_GAP_S:g} s"
+    if len(pose_ns) < _FEWEST:
+        return f"fewer than {_FEWEST} readings of {topic}"
+    halves = np.array_split(seen[:, :3], 2)
+    apart = np.linalg.norm(halves[1].mean(axis=0) - halves[0].mean(axis=0))
+    scatter = float(np.sqrt(sum(((half - half.mean(axis=0)) ** 2).sum() for half in halves) / len(seen)))
+    if apart > max(_LEAST_M, _DRIFTS * scatter * 2 / np.sqrt(len(seen))):
+        return f"{topic} still moved; if all are, check the clocks"
+    return ""

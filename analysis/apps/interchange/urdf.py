@@ -1,0 +1,456 @@
+"""A URDF as the `robot:` section of a rig file, held against the library that read it before anyone sees it.
+
+The file is read as joints and masses in mm: bounded, without entities or macros, its frames computed by pytransform3d.
+That library reads a part of a word for a number and knows no speeds, so the numbers are checked before it sees them.
+Shapes are left out: the geometry of an arm needs none of its meshes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from analysis.robot.description.axis_lines import AxisLines
+from analysis.robot.description.rig_section import Joint, Section, checked_section
+from analysis.robot.kinematics.arm import RAIL_MM, Array
+from rigs.distribution import to_install
+from rigs.errors import CellError, FileError
+from rigs.files import read_text
+from rigs.schema.robot import Pose, Rail
+from rigs.schema.vocabulary import FEWEST_AXES, MOST_AXES
+
+if TYPE_CHECKING:
+    from pytransform3d.urdf import Joint as LibraryJoint
+
+
+_MOST_BYTES = 10_000_000
+"""The URDF of a humanoid has half a megabyte; meshes are files of their own."""
+_MOST_PARTS = 2000
+"""Links and joints; a humanoid with both hands has some hundred."""
+_MOST_ATTRIBUTES = 10_000
+"""Signs of equality in one element, or comment, of a file: an element has some three, and the time that the library for
+XML takes for attributes grows with their square, 90 s for 200,000."""
+_LARGEST = 1e6
+"""No arm has so many metres, radians or kilograms."""
+_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+_NUMBERS = {
+    ("origin", "xyz"): 3,
+    ("origin", "rpy"): 3,
+    ("axis", "xyz"): 3,
+    ("limit", "lower"): 1,
+    ("limit", "upper"): 1,
+    ("limit", "velocity"): 1,
+    ("mass", "value"): 1,
+}
+"""How many numbers the attributes have that are used."""
+_GIVE_URDF = "give a URDF file, as xacro writes it"
+_XACRO = "expand the macros first: xacro FILE > arm.urdf"
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint. T_parent_child (4, 4): its frame at zero, lengths in mm; axis (3,) in that frame, of any length;
+    lower, upper (rad) and velocity (rad/s): infinite where the file has none; follows: the joint that it mimics."""
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    T_parent_child: Array
+    axis: Array
+    lower: float
+    upper: float
+    velocity: float
+    follows: str | None
+
+    @property
+    def moves(self) -> bool:
+        return self.type != "fixed"
+
+
+@dataclass(frozen=True)
+class Mass:
+    """Mass of a link in kg, and its centre (3,) mm in the link's frame."""
+
+    kg: float
+    centre_mm: Array
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """A file: a forest of links, whose masses are by their names, and joints."""
+
+    name: str
+    masses: dict[str, Mass]
+    joints: tuple[UrdfJoint, ...]
+
+
+def read_urdf(path: Path) -> Urdf:
+    """Return the links and joints of a file. Raises FileError, or CellError where the library is missing."""
+    try:
+        from pytransform3d.urdf import UrdfException, parse_urdf  # noqa: PLC0415 - an extra of the package
+    except ModuleNotFoundError as error:
+        problem = f"needs {error.name}, which is missing"
+        raise CellError("import-urdf", problem, to_install("pytransform3d")) from None
+    from lxml import etree  # noqa: PLC0415 - comes with it
+
+    where = str(path)
+    root = _xml_root(path)
+    for part in root:
+        _require_numbers(part, where)
+    for joint in root.findall("joint"):
+        if (kind := joint.get("type")) not in _TYPES:
+            problem = f"joint {joint.get('name')} " + (f"is {kind}" if kind else "has no type")
+            raise FileError(where, problem, "write type revolute, or remove the joint")
+    try:
+        name, links, joints = parse_urdf(etree.tostring(root, encoding="unicode"))
+    except UrdfException as error:
+        raise FileError(where, f"not readable as URDF: {str(error).rstrip('.')}", "correct it") from None
+    for kind, names in (("link", [link.name for link in links]), ("joint", [joint.joint_name for joint in joints])):
+        if twice := _twice(names):
+            raise FileError(where, f"has two {kind}s named {twice}", "rename one of them")
+    if twice := _twice([joint.child for joint in joints]):
+        raise FileError(where, f"link {twice} is the child of two joints", "remove one of them: a URDF is a tree")
+    masses = {str(link.name): Mass(link.mass, _in_mm(link.inertial_frame)[:3, 3]) for link in links}
+    return Urdf(name, masses, tuple(map(_joint, joints, root.findall("joint"))))
+
+
+def _xml_root(path: Path) -> Any:
+    """The <robot> of a URDF, bounded, without macros and shapes."""
+    from lxml import etree  # noqa: PLC0415
+
+    where = str(path)
+    try:
+        text = read_text(path, _MOST_BYTES)
+    except OSError as error:
+        raise FileError(where, error.strerror or str(error), _GIVE_URDF) from None
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # a few lines of entities of entities make gigabytes
+        raise FileError(where, "declares a document type or entities, which no URDF needs", "remove <!DOCTYPE …>")
+    if max(part.count("=") for part in text.split("<")) > _MOST_ATTRIBUTES:
+        raise FileError(where, f"has an element of more than {_MOST_ATTRIBUTES} attributes", _GIVE_URDF)
+    parser = etree.XMLParser(
+        encoding="utf-8", resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True
+    )
+    try:
+        root = etree.fromstring(text.encode(), parser)
+    except etree.XMLSyntaxError as error:
+        raise FileError(where, f"not XML: {error.msg}", _GIVE_URDF) from None
+    if root.tag != "robot":
+        raise FileError(where, f"is not a URDF: it is a <{root.tag}>, not a <robot>", _GIVE_URDF)
+    if any("xacro" in str(part.tag) for part in root.iter()):
+        raise FileError(where, "is xacro, not URDF", _XACRO)
+    if (count := len(root.findall("link")) + len(root.findall("joint"))) > _MOST_PARTS:
+        raise FileError(where, f"has {count} links and joints, more than {_MOST_PARTS}", "give that of one arm")
+    # All is left out that is not a link with its mass, or a joint.
+    for parent, kept in ((root, ("link", "joint")), *((link, ("inertial",)) for link in root.findall("link"))):
+        for part in list(parent):
+            if part.tag not in kept:
+                parent.remove(part)
+    for inertial in root.findall("link/inertial"):
+        for inertia in inertial.findall("inertia"):
+            inertial.remove(inertia)
+    return root
+
+
+def _require_numbers(part: Any, where: str) -> None:
+    """Refuse a link or joint with a number that no arm has; write each as the library reads it."""
+    for element in part.iter():
+        for key, words in element.attrib.items():
+            if "${" in words or "$(" in words:
+                raise FileError(where, "is xacro, not URDF: it has ${…} for numbers", _XACRO)
+            if not (count := _NUMBERS.get((element.tag, key))):
+                continue
+            try:
+                numbers = [float(word) for word in words.split()]
+            except ValueError:
+                numbers = []
+            possible = len(numbers) == count and all(abs(number) < _LARGEST for number in numbers)
+            if not possible or (element.tag == "mass" and numbers[0] < 0):
+                fact = f"{part.tag} {part.get('name')} has {element.tag} {key}={words!r}"
+                raise FileError(where, fact, f"write {'three numbers' if count == 3 else 'a number'} that an arm has")
+            element.set(key, " ".join(map(repr, numbers)))
+
+
+def _twice(names: Sequence[str | None]) -> str | None:
+    return next((name for name in names if names.count(name) > 1), None)
+
+
+def _joint(joint: LibraryJoint, element: Any) -> UrdfJoint:
+    """A joint of the library, with what it does not read from the element."""
+    limit, mimic = element.find("limit"), element.find("mimic")
+    return UrdfJoint(
+        name=str(joint.joint_name),
+        type=joint.joint_type,
+        parent=str(joint.parent),
+        child=str(joint.child),
+        T_parent_child=_in_mm(joint.child2parent),
+        axis=np.asarray(joint.joint_axis, dtype=float),
+        lower=joint.limits[0],
+        upper=joint.limits[1],
+        velocity=math.inf if limit is None else float(limit.get("velocity", math.inf)),
+        follows=None if mimic is None else mimic.get("joint", ""),
+    )
+
+
+def _in_mm(T: Array) -> Array:
+    """A frame (4, 4) with its place in mm instead of metres."""
+    T = T.copy()
+    T[:3, 3] *= 1000.0
+    return T
+
+
+_SLIDES = "only a rail below all turning joints can slide: leave it out, with --base or --tip"
+_ENDLESS_RAD = 2 * np.pi
+"""Limits of a joint that turns without end: a turn to either side, as most controllers that show such a joint count."""
+_REMEDY = "choose the ends of the arm with --base and --tip"
+_GRIPPER = ("gripper", "jaw", "finger", "claw")
+"""What joints and links of a gripper are called; SO-100, SO-101, WidowX and Robotiq's are."""
+_LISTED = 5
+_DECIMALS, _MM = 9, 1000.0
+"""Decimals of metres as written."""
+_NONE = 1e-13
+"""A part of a direction below this is the rounding of zero."""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Joints from one link of a URDF to another: up, from the base to where the ways part, which are fixed, and down
+    from there to the tip."""
+
+    base: str
+    tip: str
+    up: tuple[UrdfJoint, ...]
+    down: tuple[UrdfJoint, ...]
+
+    @property
+    def rail(self) -> UrdfJoint | None:
+        """The joint that slides below all that turn."""
+        first = next((joint for joint in self.down if joint.moves), None)
+        return first if first is not None and first.type == "prismatic" else None
+
+    @property
+    def turning(self) -> tuple[UrdfJoint, ...]:
+        """The joints that are neither fixed nor the rail, from the base."""
+        return tuple(joint for joint in self.down if self.turns(joint))
+
+    def turns(self, joint: UrdfJoint) -> bool:
+        """Whether a joint is an axis of the arm."""
+        return joint.moves and joint is not self.rail
+
+
+def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain:
+    """Return the chain of four to seven turning joints between two links.
+
+    base: default is the link `base`, or else the root; tip: default is `tool0`, or else the only link at an end.
+    Raises FileError for any other chain.
+    """
+    above = {joint.child: joint for joint in urdf.joints}
+    start, end = _ends(urdf, base, tip, above, where)
+    up, down = _path(start, above, where), _path(end, above, where)
+    while up and down and up[0] is down[0]:
+        up, down = up[1:], down[1:]
+    chain = Chain(start, end, tuple(reversed(up)), tuple(down))
+    moving = [joint for joint in down if joint.moves]
+    last = moving[-1] if moving else None
+    if tip is None and last and any(word in f"{last.name} {last.child}".lower() for word in _GRIPPER):
+        problem = f"its last joint, {last.name} to {last.child}, moves a gripper by its name"
+        remedy = f"choose the flange: --tip {last.parent}, or --tip {last.child} if it is an axis"
+        raise FileError(where, problem, remedy)
+    if loose := next((joint for joint in chain.up if joint.moves), None):
+        raise FileError(where, f"joint {loose.name} moves the base {start} itself", _REMEDY)
+    for joint in moving:
+        _require_an_axis(joint, where, rail=joint is chain.rail)
+    if not FEWEST_AXES <= (count := len(chain.turning)) <= MOST_AXES:
+        problem = f"{count} turning joints from {start} to {end}, where an arm has {FEWEST_AXES} to {MOST_AXES}"
+        raise FileError(where, problem, _REMEDY)
+    return chain
+
+
+def axes_of(chain: Chain) -> AxisLines:
+    """Return the axes of a chain in its base frame, in mm, all joints at zero, and its rail."""
+    T, rail = _T_base_parting(chain), None
+    points, directions = [], []
+    for joint in chain.down:
+        T = T @ joint.T_parent_child
+        if not joint.moves:
+            continue
+        direction = T[:3, :3] @ joint.axis / np.linalg.norm(joint.axis)
+        if joint is chain.rail:
+            x, y, z = (0.0 if abs(part) < _NONE else float(part) for part in direction)
+            low, high = (_MM * round(end, _DECIMALS) for end in (joint.lower, joint.upper))
+            rail = Rail(direction=(x, y, z), limits_mm=(low, high))
+        else:
+            points.append(T[:3, 3])
+            directions.append(direction)
+    return AxisLines(np.array(points), np.array(directions), T, rail)
+
+
+def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
+    """Return what the URDF says of each joint: limits, speed, and the mass of all links that are fixed behind it."""
+    T = _T_base_parting(chain)
+    joints = []
+    for joint in chain.down:
+        T = T @ joint.T_parent_child
+        if not chain.turns(joint):
+            continue
+        # Of its link and of all that is fixed to it, in the base frame.
+        kg, moment, todo = 0.0, np.zeros(3), [(joint.child, T)]
+        while todo:
+            link, T_link = todo.pop()
+            part = urdf.masses[link]
+            kg += part.kg
+            moment += part.kg * (T_link[:3, :3] @ part.centre_mm + T_link[:3, 3])
+            fixed = (rigid for rigid in urdf.joints if rigid.parent == link and not rigid.moves)
+            todo += [(rigid.child, T_link @ rigid.T_parent_child) for rigid in fixed]
+        limits = [-_ENDLESS_RAD, _ENDLESS_RAD] if joint.type == "continuous" else [joint.lower, joint.upper]
+        low, high = np.degrees(limits).round(9).tolist()
+        speed = round(float(np.degrees(joint.velocity)), 9)
+        joints.append(Joint(joint.name, (low, high), speed, kg, moment / (kg or 1.0)))
+    return tuple(joints)
+
+
+def _ends(urdf: Urdf, base: str | None, tip: str | None, above: dict[str, UrdfJoint], where: str) -> tuple[str, str]:
+    """The links between which the chain of an arm is: those that are asked for, or that go by the usual names, or else
+    the root and the only link at an end that a joint moves."""
+    names = list(urdf.masses)
+    for name in (base, tip):
+        if name is not None and name not in names:
+            raise FileError(where, f"has no link {name}", f"its links are {listed(names)}")
+    start = base or "base"
+    if start not in names:
+        if not names:
+            raise FileError(where, "has no links", "give the URDF of an arm, with its xacro macros expanded")
+        roots = [name for name in names if name not in above]
+        if len(roots) != 1:
+            problem = f"has {len(roots)} links that hang on no other" + (f": {listed(roots)}" if roots else "")
+            raise FileError(where, problem, "choose the arm's own with --base")
+        start = roots[0]
+    if tip or "tool0" in names:
+        return start, tip or "tool0"
+    parents = {joint.parent for joint in urdf.joints}
+    leaves = [name for name in names if name not in parents and name != start]
+    moved = [name for name in leaves if any(joint.moves for joint in _path(name, above, where))]
+    if not moved:
+        raise FileError(where, "has no moving joint", f"give the URDF of an arm of {FEWEST_AXES} to {MOST_AXES} axes")
+    if len(moved) > 1:
+        raise FileError(where, f"has {len(moved)} ends: {listed(moved)}", "choose one with --tip")
+    return start, moved[0]
+
+
+def _require_an_axis(joint: UrdfJoint, where: str, *, rail: bool) -> None:
+    """One joint as a rig file can have it, or the rail."""
+    place = f"joint {joint.name}"
+    if joint.follows is not None:
+        raise FileError(where, f"{place} follows joint {joint.follows}", "write it as a joint of its own")
+    if joint.type == "prismatic" and not rail:
+        raise FileError(where, f"{place} is prismatic", _SLIDES)
+    if np.linalg.norm(joint.axis) < 1e-6:
+        raise FileError(where, f"{place} has an axis of no length", "write its direction, as 0 0 1")
+    endless = joint.type == "continuous"
+    if not np.isfinite([joint.velocity, *(() if endless else (joint.lower, joint.upper))]).all():
+        raise FileError(where, f"{place} has no limits", "write <limit> with lower, upper and velocity")
+    if (not endless and joint.lower >= joint.upper) or joint.velocity <= 0:
+        problem = f"{place} has lower {joint.lower:g}, upper {joint.upper:g} and velocity {joint.velocity:g}"
+        raise FileError(where, problem, "write the limits in order, and a velocity above 0")
+
+
+def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]:
+    """The joints from the root to a link."""
+    path: list[UrdfJoint] = []
+    while joint := above.get(link):
+        if len(path) > len(above):
+            raise FileError(where, f"the links above {link} form a circle", "correct it: a URDF is a tree")
+        path.append(joint)
+        link = joint.parent
+    return path[::-1]
+
+
+def _T_base_parting(chain: Chain) -> Array:  # noqa: N802 - a frame's name
+    """The frame (4, 4) mm of the link where the ways to base and tip part, in the base frame."""
+    T = np.eye(4)
+    for joint in chain.up:
+        T = T @ np.linalg.inv(joint.T_parent_child)
+    return T
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the first few names, and how many more there are."""
+    return ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+
+
+_EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
+"""Axes are parallel or at right angles to a micrometre a metre, or say so where they are nearly so, within a degree."""
+
+
+@dataclass(frozen=True)
+class UrdfArm:
+    """An arm of a URDF, from the link base to the link tip. doubts: what a person should look at."""
+
+    section: Section
+    base: str
+    tip: str
+    doubts: tuple[str, ...]
+
+
+def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> UrdfArm:
+    """Return the arm between two links of a URDF. Raises FileError for what has no four to seven axes."""
+    urdf = read_urdf(path)
+    chain = chain_of(urdf, base, tip, str(path))
+    axes = axes_of(chain)
+    head = (
+        f"From {path.name}: {chain.base} to {chain.tip}. Joints count as in the URDF, which may not be as the",
+        "controller counts: compare zeros, signs, and J3 of a FANUC, and correct offset_deg and coupling.",
+    )
+    section = checked_section(urdf.name, axes, joints_of(urdf, chain), head, lambda q: library_poses(chain, q), path)
+    doubts, robot, pairs = list[str](), section.robot, []
+    for z, z_next, *joints in zip(
+        axes.directions[:-1], axes.directions[1:], chain.turning[:-1], chain.turning[1:], strict=True
+    ):
+        sine, cosine = float(np.linalg.norm(np.cross(z, z_next))), abs(float(z @ z_next))
+        if _EXACT_RAD < (off := min(sine, cosine)) < _SLIGHT_RAD:
+            kind = "parallel" if sine < cosine else "a right angle"
+            pairs.append(f"{' and '.join(joint.name for joint in joints)} {np.degrees(off):.4f} degrees off {kind}")
+    if pairs:
+        remedy = "they are kept so; if the URDF was rounded (1.571 for 1.5707963267948966), correct it there"
+        doubts.append(f"axes are nearly, and not quite, as they are built: {', '.join(pairs)}; {remedy}")
+    # A person who writes another base or tool loses what is between.
+    if robot.base != Pose():
+        doubts.append(
+            "axis 1 does not go through the base's origin: the way there is in base; keep it as part of yours"
+        )
+    if robot.tool != Pose():
+        doubts.append(
+            f"the tip is not on axis {len(robot.axes)}: the way there is in tool; keep it as part of yours, or choose "
+            "another --tip"
+        )
+    within = {joint.name for joint in chain.down}
+    if others := [joint.name for joint in urdf.joints if joint.moves and joint.name not in within]:
+        doubts.append(f"further moving joints are left out, with the masses on them: {listed(others)}")
+    if endless := [joint.name for joint in chain.turning if joint.type == "continuous"]:
+        limits = "limits_deg are a turn to either side; correct them where the controller counts otherwise"
+        doubts.append(f"joints turn without end: {listed(endless)}; {limits}")
+    return UrdfArm(section, chain.base, chain.tip, tuple(doubts))
+
+
+def library_poses(chain: Chain, q: Array) -> Array:
+    """Return the poses (n, 4, 4) mm of the tip in the base frame as pytransform3d computes them; q (n, axes) rad, with
+    where the rail stands in m, of a chain that has one."""
+    from pytransform3d.urdf import UrdfTransformManager  # noqa: PLC0415 - an extra of the package
+
+    frames = UrdfTransformManager()
+    for joint in (*chain.up, *chain.down):
+        kind = "revolute" if chain.turns(joint) else "prismatic" if joint is chain.rail else "fixed"
+        frames.add_joint(joint.name, joint.child, joint.parent, joint.T_parent_child, joint.axis, joint_type=kind)
+    poses = []
+    for angles in q.tolist():
+        for joint, angle in zip(chain.turning, angles, strict=False):
+            frames.set_joint(joint.name, angle)
+        if chain.rail:
+            frames.set_joint(chain.rail.name, RAIL_MM * angles[-1])
+        poses.append(frames.get_transform(chain.tip, chain.base))
+    return np.array(poses, dtype=float)

@@ -1,0 +1,154 @@
+"""The live cell: `rig live` shows what the daemon reads on the screen, ten times a second, in a process of its own, or
+a run, played; `rig window` serves the cell, its session and its runs to browsers.
+
+A process of its own, since a screen that renders in the daemon would delay its readers by milliseconds.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import completion
+from analysis.cli.commands import app, command
+from analysis.cli.console import say
+from analysis.cli.record import RigName
+
+
+@command(app, "rig live --run runs/lap-acw --speed 4")
+def live(
+    rig: RigName = None,
+    run: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--run",
+            metavar="RUN",
+            autocompletion=completion.runs,
+            help="Recorded run to play; repeatable; default: none.",
+        ),
+    ] = None,
+    speed: Annotated[
+        float | None,
+        typer.Option(min=0.125, max=64, help="Speed of --run, as a multiple of real time; default: 1."),
+    ] = None,
+    plain: Annotated[bool, typer.Option("--plain", help="Print a line each second instead of a screen.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object each second.")] = False,
+) -> None:
+    """Show gauges, angle, lap, joints, faults and recording until q or Ctrl-C.
+
+    The screen fills the terminal and shows its keys. It comes back when the
+    daemon does. Without a terminal, and without --plain or --json, the state
+    of the daemon is printed once.
+    """
+    from analysis.apps.live.terminal import is_terminal
+    from rigs.errors import UseError
+
+    if plain and as_json:
+        raise UseError("--plain and --json", "exclude each other", "give one of them")
+    if speed is not None and not run:
+        raise UseError("--speed", "is allowed only with --run", "give the run to play")
+    in_lines = plain or as_json
+    if run:
+        from analysis.apps.live.loop import RunPlayer, print_lines, watch
+        from analysis.apps.live.played_run import played_run
+
+        runs = [played_run(path, speed or 1.0) for path in run]
+        player, view = RunPlayer(runs), runs[0].begun()
+        if in_lines or not is_terminal():
+            print_lines(player, view, say, as_json=as_json)
+        else:
+            watch(player, view, runs[0].zero_mm)
+        return
+
+    from daq.service.client import Client, find_socket
+
+    socket = find_socket(rig)
+    if not in_lines and not is_terminal():
+        from analysis.report.daemon_screen import screen
+        from analysis.report.plain_console import PlainConsole
+
+        with Client(socket) as client:
+            PlainConsole().print(screen(client.ask("status")))
+        return
+
+    from analysis.apps.live.daemon_source import DaemonSource
+    from analysis.apps.live.loop import DaemonPlayer, print_lines, watch
+    from analysis.apps.live.view import LiveView
+
+    with DaemonSource(socket) as source:
+        daemon = DaemonPlayer(source)
+        if in_lines:
+            print_lines(daemon, LiveView(), say, as_json=as_json)
+        else:
+            watch(daemon, LiveView())
+
+
+_PORT = 8700
+
+
+@command(app, "rig window cell.yaml")
+def window(
+    rig_file: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="CELL",
+            autocompletion=completion.rig_files,
+            help="Rig file of the cell; default: the only daemon that runs, without a session.",
+        ),
+    ] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to serve at; 0: any that is free.")] = _PORT,
+    listen: Annotated[
+        str,
+        typer.Option(metavar="ADDRESS", help="Address to listen on; any but this computer's own needs --token."),
+    ] = "127.0.0.1",
+    token: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="File with the token that a browser must show; default: none is needed."),
+    ] = None,
+    name: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Host name under which it is reached, as behind a proxy; repeatable; default: --listen.",
+        ),
+    ] = None,
+    control: Annotated[
+        bool,
+        typer.Option("--control", help="Allow to start and stop recordings, to zero, and to go on with the session."),
+    ] = False,
+    foxglove: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=65535, metavar="PORT", help="Also serve gauges and joints to Foxglove at this port; default: no."
+        ),
+    ] = None,
+    runs: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Directory of the runs; default: that of the session if there is one, or runs."
+        ),
+    ] = None,
+    session: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Directory of the session; default: session-NAME.")
+    ] = None,
+) -> None:
+    """Serve the live cell, its session, runs, reports and history to browsers, until Ctrl-C.
+
+    It is a client of rigd, as rig live is, and only this computer reaches
+    it unless --listen says otherwise. It reads only, unless --control is
+    given; the robot is never commanded.
+    """
+    from rigs.distribution import to_install
+    from rigs.errors import CellError
+
+    try:
+        from analysis.apps.window.serve import Asked, run_window
+    except ModuleNotFoundError as error:
+        if error.name not in ("starlette", "uvicorn"):
+            raise
+        problem = f"needs {error.name}, which is not installed"
+        raise CellError("rig window", problem, to_install("starlette", "uvicorn")) from None
+    asked = Asked(rig_file, port, listen, token, tuple(name or ()), control, foxglove, runs, session)
+    run_window(asked, say)

@@ -1,0 +1,190 @@
+"""What the keys do: the state that a person sets, a key in, the next state and what is to be done out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import get_args
+
+from analysis.apps.live.view import LiveView, Reading
+from rigs.schema.vocabulary import CIRCLES, OF_ISO9283, Direction, TestName
+
+REDRAW = "\x0c"
+"""Ctrl-L."""
+_ESCAPE = "\x1b"
+_LONGEST_PROMPT = 200
+
+
+@dataclass(frozen=True)
+class Units:
+    """A unit of length; decimals: of a reading, down to 0.1 µm."""
+
+    name: str
+    per_mm: float
+    decimals: int
+
+
+UNITS = (Units("mm", 1.0, 4), Units("µm", 1000.0, 1), Units("inch", 1 / 25.4, 6))
+KEYS = (
+    ("s", "start a recording (asks for its label once)"),
+    ("e", "end the recording"),
+    ("l", "label: name, test, direction"),
+    ("z  Z", "zero both gauges in this view; show the readings again"),
+    ("u", "units: mm, µm, inch"),
+    ("r", "restart min, max, curves and reversals"),
+    ("space", "pause and go on, where a run is played"),
+    ("+  -", "play faster, slower"),
+    ("?  h", "this help"),
+    ("q", "quit"),
+)
+_TESTS = tuple(test for test in get_args(TestName) if test not in OF_ISO9283)
+_ZEROED = "zero: an offset of this view, noted in a run that s starts; recorded readings stay as they are"
+_LABEL = "a label is NAME TEST [acw or cw], for example: monday yaw acw"
+
+
+@dataclass(frozen=True)
+class Label:
+    """What a recording is called, and what it measures."""
+
+    name: str
+    test: str
+    direction: Direction | None
+
+    def fields(self) -> dict[str, str | None]:
+        """Return the label as a request to the daemon names it."""
+        return {"name": self.name, "test": self.test, "direction": self.direction}
+
+    def __str__(self) -> str:
+        return " ".join(filter(None, (self.name, self.test, self.direction)))
+
+
+@dataclass(frozen=True)
+class Quit:
+    """Leave."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Start a recording. zero_mm: what the view takes off each gauge, None where it shows the readings."""
+
+    label: Label
+    zero_mm: tuple[float, float] | None = None
+
+    def request(self) -> dict[str, object]:
+        """Return the request to the daemon."""
+        return {**self.label.fields(), **({"view_zero_mm": self.zero_mm} if self.zero_mm else {})}
+
+
+@dataclass(frozen=True)
+class Stop:
+    """End the recording."""
+
+
+@dataclass(frozen=True)
+class Restart:
+    """Begin extremes, curves and counts again."""
+
+
+@dataclass(frozen=True)
+class Redraw:
+    """Draw everything again."""
+
+
+@dataclass(frozen=True)
+class Pause:
+    """Pause a run that is played, or go on with it."""
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Play so many times as fast as now."""
+
+    factor: float
+
+
+Action = Quit | Start | Stop | Restart | Redraw | Pause | Speed
+_ACTIONS: dict[str, Action] = {
+    "q": Quit(),
+    "e": Stop(),
+    "r": Restart(),
+    " ": Pause(),
+    "+": Speed(2.0),
+    "-": Speed(0.5),
+    REDRAW: Redraw(),
+}
+
+
+@dataclass(frozen=True)
+class Controls:
+    """zero_mm: what is subtracted from each gauge in this view; prompt: the label as it is typed, None if it is not;
+    starts: whether a recording begins once it is entered."""
+
+    units: Units = UNITS[0]
+    zero_mm: tuple[float, float] = (0.0, 0.0)
+    shows_help: bool = False
+    prompt: str | None = None
+    starts: bool = False
+    label: Label | None = None
+    message: str = ""
+
+    def pressed(self, key: str, readings: Mapping[str, Reading]) -> tuple[Controls, Action | None]:
+        """Return the controls after a key, and what is to be done."""
+        if self.prompt is not None:
+            return self._typed(key, self.prompt)
+        controls = replace(self, message="", shows_help=False)
+        match key:
+            case "s" if self.label is not None:
+                return controls, controls._start(self.label)
+            case "s" | "l":
+                controls = replace(controls, prompt=str(self.label or ""), starts=key == "s")
+            case "u":
+                controls = replace(controls, units=UNITS[(UNITS.index(self.units) + 1) % len(UNITS)])
+            case "z":
+                g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
+                controls = replace(controls, zero_mm=(g1, g2), message=_ZEROED)
+            case "Z":
+                controls = replace(controls, zero_mm=(0.0, 0.0))
+            case "?" | "h":
+                controls = replace(controls, shows_help=not self.shows_help)
+        return controls, _ACTIONS.get(key)
+
+    def told(self, notice: str, before: LiveView, view: LiveView) -> Controls:
+        """Return the controls with a notice for their message. Without one, a message is dropped once the daemon has
+        gone or come back, or a recording has begun or ended: it speaks of what was before."""
+        if notice:
+            return replace(self, message=notice)
+        changed = (bool(before.lost), before.name) != (bool(view.lost), view.name)
+        return replace(self, message="") if changed else self
+
+    def _start(self, label: Label) -> Start:
+        return Start(label, self.zero_mm if any(self.zero_mm) else None)
+
+    def _typed(self, key: str, prompt: str) -> tuple[Controls, Action | None]:
+        match key:
+            case _ if key == _ESCAPE:
+                return replace(self, prompt=None, message=""), None
+            case "\r" | "\n":  # Enter
+                label, wrong = label_of(prompt)
+                if label is None:
+                    return replace(self, message=wrong), None
+                entered = replace(self, prompt=None, label=label, message="")
+                return entered, entered._start(label) if self.starts else None
+            case "\x7f" | "\b":  # Backspace
+                return replace(self, prompt=prompt[:-1]), None
+        typed = prompt + key if key.isprintable() and len(prompt) < _LONGEST_PROMPT else prompt
+        return replace(self, prompt=typed, message=""), None
+
+
+def label_of(text: str) -> tuple[Label | None, str]:
+    """Return the label that was typed, or None and what is wrong; the daemon looks at the name."""
+    words = text.split()
+    if not 2 <= len(words) <= 3 or words[1] not in _TESTS:
+        return None, f"{_LABEL}; tests: {', '.join(_TESTS)}"
+    name, test, *direction_words = words
+    direction: Direction | None = next((way for way in get_args(Direction) if direction_words == [way]), None)
+    if (test in CIRCLES) != (direction is not None) or len(direction_words) != (direction is not None):
+        problem = (
+            f"a {test} test needs its direction, acw or cw" if test in CIRCLES else f"a {test} test has no direction"
+        )
+        return None, problem
+    return Label(name, test, direction), ""

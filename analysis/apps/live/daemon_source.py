@@ -1,0 +1,222 @@
+"""What a running daemon sends, asked for ten times a second in a thread of its own, so that keys and screen never wait;
+or its joints alone, gathered until Ctrl-C, while a person jogs the robot or leads it around.
+
+A daemon that goes is waited for, and asked again when it is back. Only the daemon speaks to the robot, and asking costs
+its readers little: what an answer may hold is bounded (`daq.service.daemon`), and its whole state is asked for twice a
+second only.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import numpy as np
+
+from analysis.apps.live.live_rows import GAUGES, NO_TRACKS, ROBOT, Joiner, Track, cell_of
+from analysis.apps.live.view import Reading, Update
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.loading import RobotMotion
+from daq.service.client import Client
+from rigs.errors import CellError, RigError
+from rigs.load import parse
+from rigs.schema.vocabulary import FURTHER
+
+_ASK_S, _STATE_S = 0.1, 0.5
+_RETRY_S = 0.5
+_MOST_WAITING = 100
+"""Updates that are kept for a screen that cannot be drawn."""
+_JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
+
+
+class Asking:
+    """One connection to a daemon and what it has sent: answers in, updates out."""
+
+    def __init__(self, client: Client, rig_lines: list[str] | None = None, signs: Sequence[int] = (1, 1)) -> None:
+        """rig_lines: the rig file of the connection before, which need not be read again if it is the same; signs: of
+        its gauges."""
+        self._client, self.rig_lines, self.signs = client, rig_lines, signs
+        self._after: dict[str, int] = {}
+        self._joiner: Joiner = NO_TRACKS
+        self._further: dict[str, tuple[float, float]] = {}
+        """Time in s and reading in mm of the last sample of each gauge beside the two."""
+        self._knows_rig = False
+        self._state_due_s = 0.0
+
+    def update(self, now_s: float) -> Update:
+        """Ask, and return what is new. Raises CellError where the daemon does not answer."""
+        answer = self._client.ask("samples", after=self._after, rig=not self._knows_rig)
+        self._after = {name: stream["newest"] for name, stream in answer["streams"].items()}
+        cell, notice = None, ""
+        if not self._knows_rig and answer["rig_lines"] != self.rig_lines:
+            try:
+                cell = cell_of(parse("\n".join(answer["rig_lines"]), "the rig file of rigd"))
+            except RigError as error:
+                notice = f"no circle and no angle: {error}"
+            self.rig_lines, self.signs = answer["rig_lines"], cell.signs if cell else (1, 1)
+        self._knows_rig = True
+        state = None
+        if now_s >= self._state_due_s:
+            state, self._state_due_s = self._client.ask("status"), now_s + _STATE_S
+        self._joiner, rows = self._joiner.joined(tracks_of(answer["streams"], self.signs))
+        now_ns = answer["now_ns"]
+        readings = {
+            name: Reading(float(track.values[-1, 0]), max(0.0, now_ns / 1e9 - float(track.t_s[-1])))
+            for name, track in self._joiner.tracks.items()
+            if name in GAUGES
+        }
+        # Of gauges beside the two that tests take, the last reading is shown; no row waits for them.
+        for stream in answer["streams"].values():
+            for place, column in enumerate(stream["columns"], start=1):
+                name = column.removesuffix("_mm")
+                last = next((row for row in reversed(stream["rows"]) if row[place] is not None), None)
+                if name in FURTHER and last is not None and np.isfinite(last[place]):
+                    self._further[name] = (last[0] / 1e9, float(last[place]))
+        readings |= {name: Reading(mm, max(0.0, now_ns / 1e9 - t_s)) for name, (t_s, mm) in self._further.items()}
+        return Update(rows=rows, readings=readings, state=state, cell=cell, notice=notice)
+
+
+class DaemonSource:
+    """A daemon by its socket, or by what finds it each time; it may go and come back."""
+
+    def __init__(self, socket: Path | Callable[[], Path]) -> None:
+        """socket: where it is; a function raises CellError while there is none."""
+        self._find = socket if callable(socket) else lambda: socket
+        self._updates: SimpleQueue[Update] = SimpleQueue()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._ask, name="ask rigd", daemon=True)
+        self._heard_s = time.monotonic()
+
+    def __enter__(self) -> DaemonSource:
+        """Begin to ask. Raises CellError where no daemon answers now."""
+        with Client(self._find()):
+            pass
+        return self.begun()
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def begun(self) -> DaemonSource:
+        """Begin to ask, also where no daemon answers yet."""
+        self._thread.start()
+        return self
+
+    def end(self) -> None:
+        """Ask no more."""
+        self._ended.set()
+
+    def updates(self) -> list[Update]:
+        """Return what has come since the last call; after some seconds of nothing, that nothing comes."""
+        updates: list[Update] = []
+        with suppress(Empty):
+            while True:
+                updates.append(self._updates.get_nowait())
+        now_s = time.monotonic()
+        if updates:
+            self._heard_s = now_s
+        elif now_s - self._heard_s > 2.0:
+            return [Update(lost=f"rigd has not answered for {now_s - self._heard_s:.0f} s")]
+        return updates
+
+    def request(self, command: str, fields: Mapping[str, Any], notice_of: Callable[[dict[str, Any]], str]) -> None:
+        """Send a request of a person; its answer, or the error, comes as a notice."""
+
+        def ask() -> None:
+            try:
+                with Client(self._find()) as client:
+                    notice = notice_of(client.ask(command, **fields))
+            except RigError as error:
+                notice = str(error)
+            self._updates.put(Update(notice=notice))
+
+        threading.Thread(target=ask, name=f"ask rigd to {command}", daemon=True).start()
+
+    def _ask(self) -> None:
+        rig_lines: list[str] | None = None
+        signs: Sequence[int] = (1, 1)
+        while not self._ended.is_set():
+            try:
+                with Client(self._find()) as client:
+                    asking = Asking(client, rig_lines, signs)
+                    while not self._ended.wait(_ASK_S):
+                        if self._updates.qsize() > _MOST_WAITING:  # the terminal takes nothing: held by Ctrl-S
+                            continue
+                        self._updates.put(asking.update(time.monotonic()))
+                        rig_lines, signs = asking.rig_lines, asking.signs
+            except CellError as error:
+                self._updates.put(Update(lost=f"waiting for rigd: {error.what}"))
+            except RigError as error:
+                self._updates.put(Update(lost=f"{error.what}: this rigd is older than rig live; restart it"))
+            self._ended.wait(_RETRY_S)
+
+
+def tracks_of(streams: Mapping[str, Any], signs: Sequence[int] = (1, 1)) -> dict[str, Track]:
+    """Return the samples of a `samples` answer by instrument, in mm and rad. signs: by which the readings of the gauges
+    grow with the distance from the ball."""
+    tracks = {}
+    for stream in streams.values():
+        if not stream["rows"]:
+            continue
+        values = np.array(stream["rows"], dtype=float)
+        columns = dict(zip(stream["columns"], values.T[1:], strict=True))
+        for name, sign in zip(GAUGES, signs, strict=False):
+            if f"{name}_mm" in columns:
+                tracks[name] = _track(values[:, 0], sign * columns[f"{name}_mm"][:, None])
+        if all(joint in columns for joint in _JOINTS):
+            tracks[ROBOT] = _track(values[:, 0], np.radians(np.stack([columns[joint] for joint in _JOINTS], axis=1)))
+    return {name: track for name, track in tracks.items() if len(track.t_s)}
+
+
+def _track(t_ns: Array, values: Array) -> Track:
+    complete = np.isfinite(values).all(axis=1)
+    return Track(t_ns[complete] / 1e9, values[complete])
+
+
+_SHOW_S = 2.0
+_SILENT_DAEMON_S = 5.0
+
+
+def watched_motion(client: Client, where: str, show: Callable[[RobotMotion], None]) -> RobotMotion:
+    """The motion of the robot from now until Ctrl-C; show: called every two seconds with what there is.
+
+    Raises CellError where the daemon goes, or the robot sends no joints."""
+    times: list[Array] = []
+    angles: list[Array] = []
+    after: dict[str, int] = {name: stream["newest"] for name, stream in _samples(client, {}).items()}
+    begun_s = heard_s = shown_s = time.monotonic()
+    try:
+        while True:
+            time.sleep(_ASK_S)
+            streams = _samples(client, after)
+            after = {name: stream["newest"] for name, stream in streams.items()}
+            now_s = time.monotonic()
+            if track := tracks_of(streams).get(ROBOT):
+                times.append(track.t_s)
+                angles.append(track.values)
+                heard_s = now_s
+            if now_s - heard_s > _SILENT_DAEMON_S:
+                problem = f"the robot has sent no joints for {now_s - heard_s:.0f} s"
+                raise CellError(where, problem, "check its connection with rig status, and begin again")
+            if now_s - shown_s > _SHOW_S and times:
+                shown_s = now_s
+                show(_motion(times, angles, where))
+    except KeyboardInterrupt:
+        if not times:
+            problem = f"no joints came within {time.monotonic() - begun_s:.0f} s"
+            raise CellError(where, problem, "check the robot's connection with rig status") from None
+        return _motion(times, angles, where)
+
+
+def _samples(client: Client, after: dict[str, int]) -> dict[str, Any]:
+    streams: dict[str, Any] = client.ask("samples", after=after, rig=False)["streams"]
+    return streams
+
+
+def _motion(times: list[Array], angles: list[Array], where: str) -> RobotMotion:
+    t_s, first = np.unique(np.concatenate(times), return_index=True)
+    return RobotMotion(where, t_s - t_s[0], np.concatenate(angles)[first])

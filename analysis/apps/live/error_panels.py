@@ -1,0 +1,157 @@
+"""Panels of curves in braille dots: the error around the circle and laid out straight, and the gauges over time.
+
+The circle is seen against its normal, phi = 0 to the right and growing anticlockwise, as in docs/conventions.md; the
+error grows around it as it comes, acw and cw over each other, magnified.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from analysis.apps.live.canvas import ACW_COLOUR, CW_COLOUR, GAUGE_COLOURS, Area, Dots, direction_colour
+from analysis.apps.live.controls import Controls
+from analysis.apps.live.lap import ErrorCurve, pieces
+from analysis.apps.live.view import LiveView
+from analysis.robot.kinematics.arm import Array
+
+_MIDDLE, _REACH = 0.66, 0.3
+"""Radius of the nominal circle and the largest error drawn, as shares of half the panel."""
+_OUTSIDE = 1.1
+"""Where reversals are marked, in shares of the reach."""
+_INSIDE = 0.3
+"""Where the start of the lap is marked."""
+_MARKS = 24
+"""Reversals that are marked: the last of some two laps."""
+_SCALES = (1.0, 2.0, 5.0)
+_SMALLEST = 1e-4
+"""The smallest scale, in degrees or mm: as fine as a gauge resolves."""
+
+
+def scale_of(curves: tuple[ErrorCurve, ErrorCurve]) -> float:
+    """Return the error at full deflection: 1, 2 or 5 times a power of ten, above the largest error."""
+    largest = max((float(np.abs(curve.error).max()) for curve in curves if len(curve.error)), default=0.0)
+    power = 10.0 ** math.floor(math.log10(max(largest, _SMALLEST)))
+    return next(scale * power for scale in (*_SCALES, 10.0) if scale * power >= largest)
+
+
+def unit_of(view: LiveView, controls: Controls) -> tuple[str, float]:
+    """Return the unit in which the error is shown, and the factor from degrees or mm."""
+    if view.cell is not None and view.cell.has_angle:
+        return "°", 1.0
+    return f" {controls.units.name}", controls.units.per_mm
+
+
+def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
+    """Draw the circle with its errors, the tool's place, and the places where joints turned back."""
+    if view.cell is None or view.cell.frame is None:
+        area.put(area.height // 2, 1, "no circle test" if view.cell else "no rig file yet", "dim")
+        return
+    dots = Dots(area)
+    middle_x, middle_y = dots.width_dots / 2, dots.height_dots / 2
+    size = min(middle_x, middle_y) - 1
+
+    def placed(phi: Array, share: Array | float) -> tuple[Array, Array]:
+        radius = size * (_MIDDLE + _REACH * np.asarray(share))
+        return middle_x + radius * np.cos(phi), middle_y - radius * np.sin(phi)
+
+    around = np.linspace(0, 2 * np.pi, max(8, int(size)), endpoint=False)
+    dots.points(*placed(around, 0.0), "dim")
+    scale = scale_of(curves)
+    for curve, colour, every in zip(curves, (ACW_COLOUR, CW_COLOUR), (1, 2), strict=True):
+        for piece in pieces(curve):
+            dots.polyline(*placed(curve.phi[piece], curve.error[piece] / scale), colour, every)
+
+    def mark(phi_rad: float, share: float, character: str, style: str) -> None:
+        x, y = placed(np.array([phi_rad]), share)
+        area.put(int(y[0] // 4), int(x[0] // 2), character, style)
+
+    for reversal in view.reversals[-_MARKS:]:
+        if math.isfinite(reversal.phi_rad):
+            mark(reversal.phi_rad, _OUTSIDE, f"{reversal.axis}", direction_colour(reversal.sense))
+    mark(view.cell.start_rad, -_INSIDE, "┼", "dim")
+    for row, words in enumerate(_legend(view, controls, curves, scale)):
+        area.put(
+            (area.height - 4) // 2 + row,
+            (area.width - len(words)) // 2,
+            words,
+            (ACW_COLOUR, CW_COLOUR, "dim", "dim")[row],
+        )
+    if len(view.phi) and math.isfinite(view.phi[-1]):
+        mark(float(view.phi[-1]), 0.0, "●", "bold")
+
+
+def _legend(view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve], scale: float) -> list[str]:
+    """Bands and scale, as far as the middle of the circle has room."""
+    unit, factor = unit_of(view, controls)
+    words = []
+    for name, curve in zip(("acw", "cw"), curves, strict=True):
+        ending = "" if curve.is_whole or not len(curve.phi) else "…"
+        words.append(f"{name} {curve.band * factor:.4f}{unit}{ending}" if len(curve.phi) else f"{name} –")
+    if not any(len(curve.phi) for curve in curves):
+        return words
+    less = "sine" if all(curve.less_sine for curve in curves if len(curve.phi)) else "mean"
+    return [*words, f"less {less}", f"reach {scale * factor:g}{unit}"]
+
+
+_LABEL = 15
+"""Columns at the left for the scale."""
+_SECONDS_A_COLUMN = 0.25
+_LEAST_MM = 0.001
+"""The smallest span of a trace: below it, only the last digits of a gauge flicker."""
+_QUARTERS = 4
+
+
+def draw_trace(area: Area, view: LiveView, controls: Controls) -> None:
+    """Draw the readings of the last seconds, each gauge less its mean over them, on one scale."""
+    plot = area.part(0, _LABEL, area.width - _LABEL, area.height)
+    seconds = max(5.0, plot.width * _SECONDS_A_COLUMN)
+    recent, units = view.since(seconds), controls.units
+    area.put(0, 1, "trace", "bold")
+    if not len(recent) or not plot.width:
+        return
+    with_values = [k for k in range(2) if np.isfinite(recent.g_mm[:, k]).any()]
+    lines = {k: recent.g_mm[:, k] - np.nanmean(recent.g_mm[:, k]) for k in with_values}
+    reach_mm = max([_LEAST_MM / 2, *(float(np.nanmax(np.abs(line))) for line in lines.values())])
+    area.put(area.height // 2, 1, f"±{reach_mm * units.per_mm:.{max(1, units.decimals - 1)}f} {units.name}", "dim")
+    area.put(area.height - 1, 1, f"{seconds:.0f} s", "dim")
+    dots = Dots(plot)
+    x = dots.width_dots - 1 - (recent.t_s[-1] - recent.t_s) / seconds * dots.width_dots
+    for k, line in lines.items():
+        y = (dots.height_dots - 1) * (0.5 - 0.48 * line / reach_mm)
+        # The stretches of a line (n,) without nan
+        finite = np.concatenate([[False], np.isfinite(line), [False]])
+        begins, ends = np.flatnonzero(finite[1:] & ~finite[:-1]), np.flatnonzero(finite[:-1] & ~finite[1:])
+        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+            dots.polyline(x[begin:end], y[begin:end], GAUGE_COLOURS[k])
+
+
+def draw_straight(area: Area, view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
+    """Draw the errors acw and cw over the circle angle, on the scale of the circle."""
+    unit, factor = unit_of(view, controls)
+    scale = scale_of(curves)
+    words = "error over φ"
+    if any(len(curve.phi) and not curve.less_sine for curve in curves):
+        words += ", less its mean"
+    elif any(len(curve.phi) for curve in curves):
+        words += ", less its sine"
+    area.put(0, 1, words, "bold")
+    plot = area.part(1, _LABEL, area.width - _LABEL - 1, area.height - 2)
+    dots = Dots(plot)
+    if dots.width_dots < 4 or dots.height_dots < 4:
+        return
+    if any(len(curve.phi) for curve in curves):
+        area.put(1, 1, f"{scale * factor:+g}{unit}", "dim")
+        area.put(area.height - 2, 1, f"{-scale * factor:+g}{unit}", "dim")
+    for quarter in range(_QUARTERS + 1):
+        label = f"{90 * quarter}°"
+        column = _LABEL + round(quarter / _QUARTERS * (plot.width - 1)) - (len(label) if quarter == _QUARTERS else 0)
+        area.put(area.height - 1, column + (quarter == _QUARTERS), label, "dim")
+    zero = np.arange(0.0, dots.width_dots, 4.0)
+    dots.points(zero, np.full(len(zero), dots.height_dots / 2), "dim")
+    for curve, colour, every in zip(curves, (ACW_COLOUR, CW_COLOUR), (1, 2), strict=True):
+        for piece in pieces(curve):
+            x = curve.phi[piece] / (2 * math.pi) * dots.width_dots
+            y = (dots.height_dots - 1) * (0.5 - 0.5 * curve.error[piece] / scale)
+            dots.polyline(x, y, colour, every)

@@ -1,0 +1,163 @@
+"""The present figures of a view as plain values and as one line, for `--json` and `--plain`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from analysis.apps.live.controls import Units
+from analysis.apps.live.lap import ErrorCurve, moves, speeds
+from analysis.apps.live.view import LiveView
+from analysis.robot.geometry.circle import link_angle
+from rigs.schema.vocabulary import CIRCLES
+
+OLD_S = 2.0
+"""A reading that is older is marked: a frozen number must not look alive."""
+
+
+def angle_deg(view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> float | None:
+    """Return the angle between link and tool by the last readings less their zeros; None where there is none."""
+    if view.cell is None or not view.cell.has_angle or not {"g1", "g2"} <= view.readings.keys():
+        return None
+    g1, g2 = (np.array(view.readings[name].mm - zero) for name, zero in zip(("g1", "g2"), zero_mm, strict=True))
+    return float(np.degrees(link_angle(g1, g2, view.cell.baseline_mm)))
+
+
+def angle_name(view: LiveView) -> str:
+    """Return what the angle is called: yaw or roll while such a test is recorded or played."""
+    return view.test if view.test in CIRCLES else "angle"
+
+
+def phi_deg(view: LiveView) -> float | None:
+    """Return the circle angle now; None off the circle."""
+    return None if not len(view.phi) or math.isnan(view.phi[-1]) else math.degrees(view.phi[-1])
+
+
+def lap_share(view: LiveView) -> float | None:
+    """Return how much of the present lap is driven; None where the tool does not move along the circle."""
+    return None if view.cell is None else view.lap.share(view.cell.start_rad, view.cell.lead_rad)
+
+
+@dataclass(frozen=True)
+class LapState:
+    """Where the tool is in its laps. place: `lap` and `lead_in` have the number of the lap, from 1, and its share that
+    is driven; `stands`: on the circle, without motion along it; `off`: not on the circle."""
+
+    place: Literal["no_circle", "off", "stands", "way_back", "lead_in", "lap", "lead_out"]
+    number: int = 0
+    share: float = 0.0
+
+
+def lap_state(view: LiveView) -> LapState:
+    """Return where the tool is in its laps."""
+    if view.cell is None or view.cell.frame is None:
+        return LapState("no_circle")
+    if phi_deg(view) is None:
+        return LapState("off")
+    share, sense = lap_share(view), view.lap.sense
+    other_way = view.direction is not None and sense != {"acw": 1, "cw": -1}[view.direction]
+    if view.lap.goes_back or (share is not None and other_way):
+        return LapState("way_back")
+    if share is None:
+        return LapState("stands")
+    number = 1 + (view.lap.acw if sense > 0 else view.lap.cw) + max(0, math.floor(share))
+    if view.direction is not None and number > view.cell.laps:
+        return LapState("lead_out")
+    return LapState("lead_in", number) if share < 0 else LapState("lap", number, share % 1)
+
+
+def shown_curves(view: LiveView) -> tuple[ErrorCurve, ErrorCurve]:
+    """Return the error curves acw and cw in degrees, or in mm where the rig has one gauge."""
+    per = math.degrees(1.0) if view.cell is not None and view.cell.has_angle else 1.0
+    curves = [sweep.curve() for sweep in (view.acw, view.cw)]
+    acw, cw = (
+        ErrorCurve(
+            sweep_curve.phi,
+            sweep_curve.error * per,
+            sweep_curve.is_whole,
+            sweep_curve.less_sine,
+            sweep_curve.band * per,
+        )
+        for sweep_curve in curves
+    )
+    return acw, cw
+
+
+def figures(view: LiveView) -> dict[str, Any]:
+    """Return the present figures; None where one cannot be had."""
+    state, gauges = view.state, {}
+    for k, name in enumerate(("g1", "g2")):
+        if name in view.readings:
+            reading, extremes = view.readings[name], view.extremes_mm
+            low, high = (
+                (None, None) if extremes is None else (_finite_or_none(extremes[k, 0]), _finite_or_none(extremes[k, 1]))
+            )
+            gauges[name] = {
+                "mm": reading.mm,
+                "age_s": round(reading.age_s, 3),
+                "min_mm": low,
+                "max_mm": high,
+                "trend_mm_s": _finite_or_none(float(view.trends_mm_s[k])),
+            }
+    for name in sorted(view.readings.keys() - gauges.keys()):
+        gauges[name] = {"mm": view.readings[name].mm, "age_s": round(view.readings[name].age_s, 3)}
+    return {
+        "rig": view.cell.name if view.cell else None,
+        "lost": view.lost or None,
+        "recording": view.name,
+        "cut": view.cut or None,
+        "test": view.test,
+        "direction": view.direction,
+        "played_s": view.played.at_s if view.played else None,
+        "gauges": gauges,
+        "angle_deg": angle_deg(view),
+        "phi_deg": phi_deg(view),
+        "sense": {1: "acw", -1: "cw", 0: None}[view.lap.sense],
+        "lap_share": lap_share(view),
+        f"band_{'deg' if view.cell is not None and view.cell.has_angle else 'mm'}": {
+            name: _finite_or_none(curve.band) if len(curve.phi) else None
+            for name, curve in zip(("acw", "cw"), shown_curves(view), strict=True)
+        },
+        "joints_deg": [_finite_or_none(float(np.degrees(q))) for q in view.rows.q[-1]] if len(view.rows) else [],
+        "joints_sense": [moves(float(speed)) for speed in speeds(view.rows)],
+        "reversals": sum(view.reversal_counts),
+        "joints_reversals": list(view.reversal_counts),
+        "connected": {name: stream["connected"] for name, stream in state["streams"].items()} if state else {},
+        "rate_hz": {name: round(stream["rate_hz"], 2) for name, stream in state["streams"].items()} if state else {},
+    }
+
+
+def plain_line(view: LiveView, units: Units, zero_mm: tuple[float, float] = (0.0, 0.0)) -> str:
+    """Return the present figures in one line for a screen reader or a log, less the zeros of both gauges in mm."""
+    if view.lost:
+        return view.lost
+    parts = [f"at {view.played.at_s:.1f} s"] if view.played else []
+    zeros = dict(zip(("g1", "g2"), zero_mm, strict=True))
+    for name, reading in view.readings.items():
+        old = f" ({reading.age_s:.0f} s old)" if reading.age_s > OLD_S else ""
+        zero = zeros.get(name, 0.0)
+        less = f" less {zero * units.per_mm:.{units.decimals}f}" if zero else ""
+        parts.append(f"{name} {(reading.mm - zero) * units.per_mm:.{units.decimals}f} {units.name}{less}{old}")
+    if (degrees := angle_deg(view, zero_mm)) is not None:
+        parts.append(f"{angle_name(view)} {degrees:.4f}°")
+    if (phi := phi_deg(view)) is not None:
+        share, sense = lap_share(view), {1: " acw", -1: " cw", 0: ""}[view.lap.sense]
+        lap = ", way back" if lap_state(view).place == "way_back" else ""
+        if share is not None and not lap:
+            lap = f", {100 * share:.0f} % of the lap"
+        parts.append(f"φ {phi:.1f}°{sense}{lap}")
+    parts.append(f"{sum(view.reversal_counts)} reversals")
+    if view.state and (lost := [name for name, stream in view.state["streams"].items() if not stream["connected"]]):
+        parts.append(f"lost: {', '.join(lost)}")
+    if view.name and not view.played:
+        parts.append(f"recording {view.name}")
+    if view.cut:
+        parts.append(view.cut)
+    return "; ".join(parts)
+
+
+def _finite_or_none(value: float) -> float | None:
+    return round(float(value), 6) if math.isfinite(value) else None

@@ -1,0 +1,244 @@
+"""A lap as it is driven: the sense of motion, how far it is, how many were driven, where the joints turn back, and the
+error around the circle as it grows.
+
+A lap begins at the start angle, after the lead-in, as in `analysis.runs.laps`. The sense is known 2° after the tool
+has begun to move or turned back, which is more than the noise of any feedback.
+
+Few wrists have two turns to give, so a robot goes back after a lap before it drives the next. What goes back over the
+way of a whole lap, without having left the circle, is that way back and no lap of the other direction.
+
+Joints turn back by the rule of `analysis.procedures.circle.joint_reversals`, row by row.
+
+The error is one curve for each direction, over 720 circle angles: what is left of the angle (of the distance, with one
+gauge) without its least-squares sine, as in `analysis.procedures.circle.evaluate`. Before a lap is whole the sine is
+fitted to what there is; over less than half a lap it would take the error with it, and only the mean is taken off.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from analysis.apps.live.live_rows import Rows
+from analysis.procedures.circle.evaluate import Sine, sine_of
+from analysis.procedures.circle.joint_reversals import PROMINENCE_RAD
+from analysis.procedures.shared.lap_curve import at_resolution
+from analysis.procedures.shared.reduction import PHI
+from analysis.robot.kinematics.arm import Array, Mask
+from analysis.runs.noise.spectrum import NODES
+
+_TURNS_BACK_RAD = math.radians(2.0)
+_EARLY_RAD = math.radians(20.0)
+"""A program may begin so much before its lead-in, as `analysis.runs.laps` allows for one that finds its start."""
+_TURN = 2 * math.pi
+_WHOLE_RAD = _TURN - math.radians(2.0)
+"""A lap that was driven so far is counted: the row at its very end may be missing."""
+
+
+@dataclass(frozen=True)
+class LapProgress:
+    """phi_rad: unwrapped circle angle of the last row, nan off the circle; sense: 1 acw, -1 cw, 0 unknown; extreme_rad:
+    the furthest in this sense; from_rad: where the motion in this sense began; acw, cw: laps completed of each sense;
+    forward: the sense of the first whole lap since the tool came to the circle, 0 before it, and origin_rad: where that
+    began."""
+
+    phi_rad: float = math.nan
+    sense: int = 0
+    extreme_rad: float = math.nan
+    from_rad: float = math.nan
+    acw: int = 0
+    cw: int = 0
+    forward: int = 0
+    origin_rad: float = math.nan
+
+    @property
+    def goes_back(self) -> bool:
+        """Whether the tool goes back over the way of its laps."""
+        unwinds = self.forward != 0 and self.sense == -self.forward
+        return unwinds and self.forward * (self.phi_rad - self.origin_rad) > 0
+
+    def after(self, phi: Array, start_rad: float, lead_rad: float) -> tuple[LapProgress, Array, Array]:
+        """Return the progress after rows at circle angles phi (n,) rad, and at each row the sense of motion (n,) and
+        the share (n,) of the lap that is driven, nan where the tool does not move along the circle."""
+        state, senses, shares = self, [], []
+        for angle in phi.tolist():
+            state = state._moved(angle)
+            share = state.share(start_rad, lead_rad)
+            senses.append(state.sense)
+            shares.append(math.nan if share is None else share)
+        return state, np.array(senses, dtype=float), np.array(shares)
+
+    def share(self, start_rad: float, lead_rad: float) -> float | None:
+        """Return how much of the present lap is driven, below 0 in the lead-in and above 1 after it; None where the
+        tool does not move along the circle, or goes back."""
+        if self.sense == 0 or math.isnan(self.phi_rad) or self.goes_back:
+            return None
+        ahead = self.sense * (self.phi_rad - start_rad)
+        begun = self.sense * (self._begun_rad - start_rad)
+        # A way begins at the lead-in, or anywhere in the lap where the view was begun late.
+        return (ahead - _TURN * math.floor((begun + lead_rad + _EARLY_RAD) / _TURN)) / _TURN
+
+    def _moved(self, phi: float) -> LapProgress:
+        if math.isnan(phi):
+            return self.ended()
+        if math.isnan(self.phi_rad):
+            return replace(self, phi_rad=phi, sense=0, extreme_rad=phi, from_rad=phi)
+        turned_to = self.phi_rad + math.remainder(phi - self.phi_rad, _TURN)
+        away = turned_to - self.extreme_rad
+        moved = replace(self, phi_rad=turned_to)
+        if self.sense * away > 0:
+            return replace(moved, extreme_rad=turned_to)
+        if abs(away) <= _TURNS_BACK_RAD:
+            return moved
+        from_rad = self.extreme_rad if self.sense else self.from_rad
+        return replace(moved.counted(), sense=1 if away > 0 else -1, extreme_rad=turned_to, from_rad=from_rad)
+
+    @property
+    def _begun_rad(self) -> float:
+        """Where laps of the present sense can begin: where the motion does, or where the way back ends."""
+        return self.origin_rad if self.forward and self.sense == -self.forward else self.from_rad
+
+    def counted(self) -> LapProgress:
+        """Return the progress with the whole laps of the motion that ends now counted."""
+        driven_rad = max(0.0, self.sense * (self.extreme_rad - self._begun_rad)) if self.sense else 0.0
+        laps = int((driven_rad + _TURN - _WHOLE_RAD) / _TURN)
+        counted = replace(self, acw=self.acw + laps * (self.sense > 0), cw=self.cw + laps * (self.sense < 0))
+        if laps and not self.forward:
+            return replace(counted, forward=self.sense, origin_rad=self.from_rad)
+        return counted
+
+    def ended(self) -> LapProgress:
+        """Return the progress after the tool has left the circle."""
+        off = replace(self.counted(), phi_rad=math.nan, sense=0, extreme_rad=math.nan, from_rad=math.nan)
+        return replace(off, forward=0, origin_rad=math.nan)
+
+
+_MOVES_RAD_S = float(np.radians(0.05))
+"""A joint that turns more slowly stands: the noise of a feedback of 0.01° over a third of a second."""
+_SPEED_S = 0.35
+"""The time over which a speed is taken."""
+
+
+@dataclass(frozen=True)
+class JointReversal:
+    """A joint (1 … 6) turned back at t_s; phi_rad: circle angle, nan off the circle; upper: from rising to falling;
+    sense: of the lap, 1 for acw, -1 for cw, 0 if it is unknown."""
+
+    axis: int
+    t_s: float
+    phi_rad: float
+    upper: bool
+    sense: int
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """sense (6,): 1 rising, -1 falling, 0 unknown; extreme (6,) rad: the furthest in that sense, with its time
+    extreme_t_s (6,) and circle angle extreme_phi (6,) rad."""
+
+    sense: Array = field(default_factory=lambda: np.zeros(6))
+    extreme: Array = field(default_factory=lambda: np.full(6, np.nan))
+    extreme_t_s: Array = field(default_factory=lambda: np.full(6, np.nan))
+    extreme_phi: Array = field(default_factory=lambda: np.full(6, np.nan))
+
+    def after(self, rows: Rows, phi: Array, senses: Array) -> tuple[JointMotion, list[JointReversal]]:
+        """Return the motion after rows at circle angles phi (n,) rad, and the reversals among them. senses (n,): of
+        the lap."""
+        sense, extreme = self.sense.copy(), self.extreme.copy()
+        at_t_s, at_phi = self.extreme_t_s.copy(), self.extreme_phi.copy()
+        reversals: list[JointReversal] = []
+        for t_s, q, angle, lap_sense in zip(rows.t_s.tolist(), rows.q, phi.tolist(), senses.tolist(), strict=True):
+            if not math.isfinite(q.sum()):
+                continue
+            away = q - extreme
+            turned = (sense != 0) & (-sense * away > PROMINENCE_RAD)
+            for axis in np.flatnonzero(turned).tolist():
+                upper = bool(sense[axis] > 0)
+                reversals.append(
+                    JointReversal(axis + 1, float(at_t_s[axis]), float(at_phi[axis]), upper, int(lap_sense))
+                )
+            begins = (sense == 0) & (np.abs(away) > PROMINENCE_RAD)
+            sense = np.where(turned, -sense, np.where(begins, np.sign(away), sense))
+            further = np.isnan(extreme) | turned | begins | (sense * away > 0)
+            extreme, at_t_s = np.where(further, q, extreme), np.where(further, t_s, at_t_s)
+            at_phi = np.where(further, angle, at_phi)
+        return JointMotion(sense, extreme, at_t_s, at_phi), reversals
+
+
+def speeds(rows: Rows) -> Array:
+    """Return the speed (6,) rad/s of each joint over the last rows; nan where it is unknown."""
+    if not len(rows):
+        return np.full(6, np.nan)
+    recent = rows.taken(slice(int(np.searchsorted(rows.t_s, rows.t_s[-1] - _SPEED_S)) - 1, None))
+    if len(recent) < 2 or recent.t_s[-1] <= recent.t_s[0]:
+        return np.full(6, np.nan)
+    speed: Array = (recent.q[-1] - recent.q[0]) / (recent.t_s[-1] - recent.t_s[0])
+    return speed
+
+
+def moves(speed_rad_s: float) -> int:
+    """Return 1 for a joint that rises, -1 for one that falls and 0 for one that stands."""
+    return 0 if not abs(speed_rad_s) > _MOVES_RAD_S else int(math.copysign(1, speed_rad_s))
+
+
+_WIDEST_RAD = float(np.radians(10.0))
+"""A gap that is wider is not bridged: `rig analyse` accepts no wider one."""
+_HALF = np.pi
+
+
+@dataclass(frozen=True)
+class ErrorCurve:
+    """phi (n,) rad in order and error (n,) in rad or mm there. is_whole: over a whole lap, and then at the stated
+    resolution; less_sine: whether the sine is off, else the mean alone; band: largest less smallest error, 0 where
+    there is no curve."""
+
+    phi: Array
+    error: Array
+    is_whole: bool
+    less_sine: bool
+    band: float
+
+
+NO_CURVE = ErrorCurve(np.empty(0), np.empty(0), False, False, 0.0)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """last (NODES,): what was measured last at each circle angle since the curve was begun, nan where nothing was."""
+
+    last: Array = field(default_factory=lambda: np.full(NODES, np.nan))
+
+    def after(self, phi: Array, values: Array) -> Sweep:
+        """Return the sweep with newer values (n,) at circle angles phi (n,) rad, which take the place of older ones."""
+        good: Mask = np.isfinite(phi) & np.isfinite(values)
+        if not good.any():
+            return self
+        last = self.last.copy()
+        last[(phi[good] / (2 * np.pi) * NODES).astype(np.int64) % NODES] = values[good]
+        return replace(self, last=last)
+
+    def curve(self) -> ErrorCurve:
+        """Return the error over the circle angles that were measured."""
+        measured = np.isfinite(self.last)
+        if measured.sum() < 2:
+            return NO_CURVE
+        phi, values = PHI[measured] + np.pi / NODES, self.last[measured]
+        gaps = np.diff(phi, append=phi[0] + 2 * np.pi)
+        if gaps.max() <= _WIDEST_RAD:
+            nodes = np.interp(PHI, phi, values, period=2 * np.pi)
+            sine = Sine(*(float(part) for part in sine_of(nodes)))
+            error = at_resolution(nodes - sine(PHI))
+            return ErrorCurve(PHI, error, True, True, float(np.ptp(error)))
+        less_sine = bool(gaps[gaps <= _WIDEST_RAD].sum() > _HALF)
+        design = np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi)], axis=1)[:, : 3 if less_sine else 1]
+        error = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
+        return ErrorCurve(phi, error, False, less_sine, float(np.ptp(error)))
+
+
+def pieces(curve: ErrorCurve) -> list[slice]:
+    """Return the stretches of a curve without gaps, in order; one that spans phi = 0 comes as two."""
+    ends = [*(np.flatnonzero(np.diff(curve.phi) > _WIDEST_RAD) + 1).tolist(), len(curve.phi)]
+    begins = [0, *ends[:-1]]
+    return [slice(begin, end) for begin, end in zip(begins, ends, strict=True) if end - begin > 1]

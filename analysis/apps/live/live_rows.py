@@ -1,0 +1,173 @@
+"""What a live view is made of: samples of several streams as rows, both gauges and the joints at the instants of gauge
+1, as they come; and what the rig file says of the cell: where on the circle the tool is, and what the two gauges show
+there.
+
+`analysis.runs.align` does the same of a whole run, with fitted clocks. Here a sample's time is when its first byte
+came, which is enough to watch by. A stream that is silent is not waited for; its values are nan. Place and angle come
+from the functions that `rig analyse` uses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.robot.geometry.circle import CircleFrame, frame_of, link_angle
+from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.runs.laps import is_on_circle
+from rigs.rig import Rig
+from rigs.schema.gauges import Gauge
+
+GAUGES = ("g1", "g2")
+ROBOT = "robot"
+_SILENT_S = 1.0
+"""A stream this far behind the others is not waited for; an instrument that is asked answers several times a second."""
+_GAP_S = 0.5
+"""No row is made between two samples that are further apart: a line across missing data is not a measurement."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """t_s (n,) in order; g_mm (n, 2) and q (n, 6) rad, nan where there is no value."""
+
+    t_s: Array
+    g_mm: Array
+    q: Array
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def taken(self, rows: slice) -> Rows:
+        """Return some of the rows."""
+        return Rows(self.t_s[rows], self.g_mm[rows], self.q[rows])
+
+    def followed_by(self, newer: Rows, most: int) -> Rows:
+        """Return the last `most` of these rows and newer ones."""
+        if not len(newer):
+            return self
+        parts = ((self.t_s, newer.t_s), (self.g_mm, newer.g_mm), (self.q, newer.q))
+        return Rows(*(np.concatenate(pair)[-most:] for pair in parts))
+
+
+NO_ROWS = Rows(np.empty(0), np.empty((0, 2)), np.empty((0, 6)))
+
+
+@dataclass(frozen=True)
+class Track:
+    """Samples of one instrument: t_s (n,) in order, values (n, k) in mm or rad."""
+
+    t_s: Array
+    values: Array
+
+
+@dataclass(frozen=True)
+class Joiner:
+    """What is kept of each instrument until all of them have samples as late; until_s: time of the last row."""
+
+    tracks: Mapping[str, Track]
+    until_s: float = -np.inf
+
+    def joined(self, new: Mapping[str, Track]) -> tuple[Joiner, Rows]:
+        """Return the joiner with new samples of the instruments, and the rows that can be made now."""
+        tracks = {**self.tracks, **new}
+        for name, newer in new.items():
+            if (track := self.tracks.get(name)) is not None and len(track.t_s):
+                later = newer.t_s > track.t_s[-1]  # what is out of order is left out
+                values = np.concatenate([track.values, newer.values[later]], axis=0)
+                tracks[name] = Track(np.concatenate([track.t_s, newer.t_s[later]]), values)
+        tracks = {name: track for name, track in tracks.items() if len(track.t_s)}
+        if not tracks:
+            return self, NO_ROWS
+        newest_s = max(float(track.t_s[-1]) for track in tracks.values())
+        awake = {name: track for name, track in tracks.items() if track.t_s[-1] > newest_s - _SILENT_S}
+        lead = next(awake[name] for name in (*GAUGES, ROBOT) if name in awake)
+        ready_s = min(float(track.t_s[-1]) for track in awake.values())
+        t_s = lead.t_s[(lead.t_s > self.until_s) & (lead.t_s <= ready_s)]
+        gauges = [_at(t_s, awake.get(name), 1) for name in GAUGES]
+        rows = Rows(t_s, np.concatenate(gauges, axis=1), _at(t_s, awake.get(ROBOT), 6))
+        until_s = float(t_s[-1]) if len(t_s) else self.until_s
+        kept = {}
+        for name, track in tracks.items():
+            # The last sample before the others, from which the next rows are interpolated, stays as well.
+            first = max(0, int(np.searchsorted(track.t_s, ready_s - _SILENT_S)) - 1)
+            kept[name] = Track(track.t_s[first:], track.values[first:])
+        return replace(self, tracks=kept, until_s=until_s), rows
+
+
+NO_TRACKS = Joiner({})
+
+
+def _at(t_s: Array, track: Track | None, count: int) -> Array:
+    """Values (n, count) at times t_s (n,); nan outside a track and in its gaps."""
+    if track is None:
+        return np.full((len(t_s), count), np.nan)
+    values = np.stack([np.interp(t_s, track.t_s, column) for column in track.values.T], axis=1)
+    after = np.searchsorted(track.t_s, t_s).clip(0, len(track.t_s) - 1)
+    before = (np.searchsorted(track.t_s, t_s, side="right") - 1).clip(0)
+    values[track.t_s[after] - track.t_s[before] > _GAP_S] = np.nan
+    values[(t_s < track.t_s[0]) | (t_s > track.t_s[-1])] = np.nan
+    return values
+
+
+@dataclass(frozen=True)
+class Cell:
+    """name: of the rig; axes: names of the joints; baseline_mm: 0 without a second gauge; frame, start_rad, lead_rad,
+    laps: of the circle test, frame None where the rig file has none; range_mm: of each gauge by its certificate, None
+    where it has none; signs: by which its readings grow with the distance from the ball."""
+
+    name: str
+    arm: Arm
+    axes: tuple[str, ...]
+    baseline_mm: float
+    frame: CircleFrame | None
+    start_rad: float
+    lead_rad: float
+    laps: int
+    range_mm: tuple[tuple[float, float] | None, ...]
+    signs: tuple[int, ...]
+
+    def phi(self, q: Array) -> Array:
+        """Circle angle (n,) rad, 0 … 2 pi, of joints q (n, 6) rad; nan where the tool is not on the circle."""
+        phi = np.full(len(q), np.nan)
+        known_rows = np.isfinite(q).all(axis=1)
+        if self.frame is not None and known_rows.any():
+            tool = forward(self.arm, q[known_rows])[:, :3, 3]
+            phi[known_rows] = np.where(is_on_circle(tool, self.frame), self.frame.angle(tool) % (2 * np.pi), np.nan)
+        return phi
+
+    def error_source(self, g_mm: Array) -> Array:
+        """What is drawn around the circle, (n,) of readings (n, 2) mm: the angle in rad where there are two gauges,
+        else the distance in mm."""
+        return link_angle(g_mm[:, 0], g_mm[:, 1], self.baseline_mm) if self.has_angle else g_mm[:, 0]
+
+    @property
+    def has_angle(self) -> bool:
+        """Whether the rig has the two gauges that an angle needs."""
+        return self.baseline_mm != 0
+
+
+def cell_of(rig: Rig) -> Cell:
+    """Return what a rig file says of the cell."""
+    circle = rig.tests.circle
+    return Cell(
+        rig.name,
+        arm_of(rig.robot),
+        tuple(axis.name for axis in rig.robot.axes),
+        rig.gauges.baseline_mm if rig.gauges.g2 else 0.0,
+        frame_of(circle) if circle else None,
+        float(np.radians(circle.start_deg)) if circle else 0.0,
+        float(np.radians(circle.lead_deg)) if circle else 0.0,
+        circle.laps if circle else 0,
+        tuple(_range_mm(gauge) for _, gauge in rig.gauges),
+        tuple(gauge.sign for _, gauge in rig.gauges),
+    )
+
+
+def _range_mm(gauge: Gauge) -> tuple[float, float] | None:
+    """The range of a gauge's certificate, in readings that grow with the distance from the ball."""
+    if gauge.certificate is None or gauge.certificate.valid_mm is None:
+        return None
+    low, high = sorted(gauge.sign * end for end in gauge.certificate.valid_mm)
+    return low, high

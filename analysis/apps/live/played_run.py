@@ -1,0 +1,104 @@
+"""A recorded run as it is played: its rows by the alignment that `rig analyse` uses, up to a time that grows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from analysis.apps.live.live_rows import Cell, Rows, cell_of
+from analysis.apps.live.view import LiveView, Played, Reading, Update
+from analysis.runs.align import align
+from analysis.runs.csv_tables import table_from
+from analysis.runs.tables import CircleTable
+from daq.store import read_run
+from rigs.errors import FileError
+from rigs.load import parse
+from rigs.schema.vocabulary import Direction, TestName
+
+_MOST_HZ = 100.0
+"""Rows a second that are shown; a screen shows ten."""
+_BETWEEN_S = 1.0
+"""From one run to the next in the view."""
+SPEEDS = (0.125, 64.0)
+"""The slowest and the quickest play."""
+
+
+@dataclass(frozen=True)
+class PlayedRun:
+    """A run and where it is played. rig_sha256: of its rig file; zero_mm: of the view that recorded it; at_s: since its
+    first row; shown: how many rows have been shown; begins_s: time of its first row in the view."""
+
+    name: str
+    test: TestName
+    direction: Direction | None
+    cell: Cell
+    rig_sha256: str
+    rows: Rows
+    speed: float
+    zero_mm: tuple[float, float] = (0.0, 0.0)
+    begins_s: float = 0.0
+    at_s: float = 0.0
+    shown: int = 0
+    paused: bool = False
+
+    @property
+    def ended(self) -> bool:
+        """Whether all of it has been shown."""
+        return self.shown >= len(self.rows)
+
+    def followed_by(self, following: PlayedRun) -> tuple[PlayedRun, Update]:
+        """Return another run at the time, speed and pause of this one, and what is new with it."""
+        begins_s = self.begins_s + float(self.rows.t_s[-1]) + _BETWEEN_S
+        cell = following.cell if following.rig_sha256 != self.rig_sha256 else None
+        label = (following.name, following.test, following.direction)
+        return replace(following, begins_s=begins_s, speed=self.speed, paused=self.paused), Update(
+            cell=cell, label=label
+        )
+
+    def begun(self) -> LiveView:
+        """Return the view before the first row."""
+        return LiveView(self.cell).labelled(self.name, self.test, self.direction)
+
+    def after(self, seconds: float) -> tuple[PlayedRun, Update]:
+        """Return the run after so many seconds of watching, and what is new."""
+        at_s = self.at_s if self.paused or self.ended else self.at_s + self.speed * seconds
+        until = int(np.searchsorted(self.rows.t_s, at_s, side="right"))
+        at_s = min(at_s, float(self.rows.t_s[-1]))
+        new = self.rows.taken(slice(self.shown, until))
+        new = replace(new, t_s=new.t_s + self.begins_s)
+        run = replace(self, at_s=at_s, shown=max(until, self.shown))
+        played = Played(self.name, at_s, float(self.rows.t_s[-1]), self.speed, self.paused, run.ended)
+        last = self.rows.g_mm[run.shown - 1] if run.shown else ()
+        readings = {f"g{k}": Reading(float(mm), 0.0) for k, mm in enumerate(last, start=1) if np.isfinite(mm)}
+        return run, Update(rows=new, readings=readings, played=played)
+
+    def sped(self, factor: float) -> PlayedRun:
+        """Return the run at another speed, within `SPEEDS`."""
+        return replace(self, speed=float(np.clip(self.speed * factor, *SPEEDS)))
+
+
+def played_run(path: Path, speed: float) -> PlayedRun:
+    """Read a run to be played. Raises FileError where it cannot be read, or holds no times."""
+    run = read_run(path)
+    rig = parse(run.manifest.rig_text, f"{path}, rig file")
+    if run.table is None:
+        aligned = align(path, run, rig)
+        t_s, q, readings = aligned.t_s, aligned.q, aligned.g_mm
+    else:
+        table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
+        if not isinstance(table, CircleTable):
+            problem = f"is a {run.manifest.test} table, which holds targets and no motion"
+            raise FileError(str(path), problem, "play a circle, or a run that rigd recorded")
+        t_s, q, readings = table.t_s, table.q, table.g_mm
+    g_mm = np.full((len(readings), 2), np.nan)  # nan for a gauge that the test does not use
+    g_mm[:, : readings.shape[1]] = readings
+    rows = Rows(t_s, g_mm, q)
+    step = max(1, int(np.ceil(len(rows) / max(float(np.ptp(rows.t_s)), 1e-9) / _MOST_HZ)))
+    rows = rows.taken(slice(None, None, step))
+    rows = replace(rows, t_s=rows.t_s - rows.t_s[0])
+    manifest = run.manifest
+    zero_mm = manifest.view_zero_mm or (0.0, 0.0)
+    label = (manifest.name, manifest.test, manifest.direction)
+    return PlayedRun(*label, cell_of(rig), manifest.rig_sha256, rows, speed, zero_mm)

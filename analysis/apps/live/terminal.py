@@ -1,0 +1,129 @@
+"""The terminal: its size, a screen of its own that is drawn without fragments, and keys.
+
+Only rows that have changed are sent, which is kind to ssh; after a change of size everything is. Long lines are cut by
+the terminal while it is smaller than what is drawn. Where the system has no POSIX terminals there are no keys, and
+Ctrl-C ends the program.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from types import TracebackType
+from typing import TextIO
+
+from analysis.apps.live.canvas import Canvas
+from analysis.report.plain_console import PlainConsole
+
+_ENTER = "\x1b[?1049h\x1b[?25l\x1b[?7l"
+"""Own screen, no cursor, no wrapped lines (xterm control sequences)."""
+_LEAVE = "\x1b[?7h\x1b[?25h\x1b[?1049l"
+_BEGIN, _END = "\x1b[?2026h", "\x1b[?2026l"
+"""Around a picture, so that no half of it is shown: synchronised output, which other terminals ignore."""
+_CLEAR = "\x1b[0m\x1b[2J"
+_FALLBACK = (80, 24)
+_NO_CHARACTER = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|O.)")
+"""What arrows and the like send: control sequences of ECMA-48, section 5.4, and of the keypad."""
+
+
+class Painter:
+    """Draws canvases over each other."""
+
+    def __init__(self, out: TextIO) -> None:
+        self._out = out
+        self._shown: list[str] = []
+        self._size = (0, 0)
+
+    def __enter__(self) -> Painter:
+        self._out.write(_ENTER)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with suppress(OSError):
+            self._out.write(_LEAVE)
+            self._out.flush()
+
+    def paint(self, canvas: Canvas) -> None:
+        """Draw a canvas; what has not changed is not sent again."""
+        console = PlainConsole(width=canvas.width)
+        with console.capture() as captured:
+            console.print(canvas, end="", crop=False, soft_wrap=True)
+        lines = captured.get().split("\n")
+        size = (canvas.width, canvas.height)
+        changed = range(len(lines))
+        cleared = size != self._size
+        if not cleared:
+            changed = [row for row in changed if lines[row] != self._shown[row]]  # type: ignore[assignment]
+        if cleared or changed:
+            rows = "".join(f"\x1b[{row + 1};1H{lines[row]}" for row in changed)
+            self._out.write(_BEGIN + _CLEAR * cleared + rows + _END)
+            self._out.flush()
+        self._shown, self._size = lines, size
+
+    def forget(self) -> None:
+        """Draw everything at the next picture."""
+        self._size = (0, 0)
+
+
+def size_of(out: TextIO) -> tuple[int, int]:
+    """Return columns and rows of a terminal as they are now."""
+    try:
+        size = os.get_terminal_size(out.fileno())
+    except (OSError, ValueError):
+        return _FALLBACK
+    return (size.columns, size.lines) if size.columns and size.lines else _FALLBACK
+
+
+class Keys:
+    """Keys as they are pressed. descriptor: of a terminal that hands on each key at once, None where there is none."""
+
+    def __init__(self, descriptor: int | None) -> None:
+        self._descriptor = descriptor
+
+    def within(self, seconds: float) -> list[str]:
+        """Return the keys pressed within a time, at once if there are any; arrows and the like are left out."""
+        if self._descriptor is None:
+            time.sleep(seconds)
+            return []
+        if not select.select([self._descriptor], [], [], seconds)[0]:
+            return []
+        typed = os.read(self._descriptor, 1024)
+        if not typed:  # the terminal has gone
+            raise KeyboardInterrupt
+        return list(_NO_CHARACTER.sub("", typed.decode("utf-8", "ignore")))
+
+
+@contextmanager
+def keys_of(terminal: TextIO) -> Iterator[Keys]:
+    """Give the keys of a terminal, which is as before afterwards; no keys where it is none, or the system has none."""
+    try:
+        import termios  # noqa: PLC0415 - Windows lacks it
+        import tty  # noqa: PLC0415
+    except ModuleNotFoundError:
+        yield Keys(None)
+        return
+    if not terminal.isatty():
+        yield Keys(None)
+        return
+    descriptor = terminal.fileno()
+    before = termios.tcgetattr(descriptor)
+    try:
+        tty.setcbreak(descriptor)
+        attributes = termios.tcgetattr(descriptor)
+        attributes[6][termios.VSUSP] = b"\0"  # Ctrl-Z would leave the shell with this screen
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, attributes)
+        yield Keys(descriptor)
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def is_terminal() -> bool:
+    """Whether standard output is a terminal that can be drawn on."""
+    return sys.stdout.isatty() and os.environ.get("TERM") != "dumb"

@@ -1,0 +1,267 @@
+"""The model behind the screen: samples and states in, what is to be shown out. No terminal, no clock, no socket."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from analysis.apps.live.lap import JointMotion, JointReversal, LapProgress, Sweep
+from analysis.apps.live.live_rows import NO_ROWS, Cell, Rows
+from analysis.robot.kinematics.arm import Array, Mask
+from rigs.schema.vocabulary import Direction, TestName
+
+_KEPT_ROWS = 6000
+"""A minute at 100 Hz."""
+_KEPT_EVENTS = 200
+_TREND_S = 2.0
+_LEAST_TREND = 4
+"""Rows for a trend."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The last value of a gauge, mm, and its age."""
+
+    mm: float
+    age_s: float
+
+
+@dataclass(frozen=True)
+class Played:
+    """Where a recorded run is played: its name, time and length in s, speed, and whether it stands or has ended."""
+
+    name: str
+    at_s: float
+    of_s: float
+    speed: float
+    paused: bool = False
+    ended: bool = False
+
+
+@dataclass(frozen=True)
+class Update:
+    """What came since the last one. state: a `status` answer; cell: a rig file that was read; lost: why nothing comes;
+    notice: what a person should know once; label: name, test and direction of a run that is played from here on. None
+    and empty: nothing new."""
+
+    rows: Rows = NO_ROWS
+    readings: Mapping[str, Reading] | None = None
+    state: dict[str, Any] | None = None
+    cell: Cell | None = None
+    lost: str = ""
+    notice: str = ""
+    label: tuple[str, TestName, Direction | None] | None = None
+    played: Played | None = None
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened: a reversal of a joint, or words about a fault, a recording or the daemon."""
+
+    t_s: float
+    words: str
+    reversal: JointReversal | None = None
+
+
+@dataclass(frozen=True)
+class LiveView:
+    """Everything that a screen can show.
+
+    extremes_mm (2, 2): smallest and largest reading of each gauge, nan before the first. test, direction and name are
+    those of the recording, or of the run that is played; shown_test: that of the curves. reversal_counts: of each
+    joint since the view began, however many events are kept; last_reversals: the last one by joint (1 … 6). cut: what
+    is said of a recording whose daemon went while it ran, until the next begins.
+    """
+
+    cell: Cell | None = None
+    rows: Rows = NO_ROWS
+    phi: Array = field(default_factory=lambda: np.empty(0))
+    readings: Mapping[str, Reading] = field(default_factory=dict)
+    extremes_mm: Array | None = None
+    lap: LapProgress = field(default_factory=LapProgress)
+    acw: Sweep = field(default_factory=Sweep)
+    cw: Sweep = field(default_factory=Sweep)
+    joints: JointMotion = field(default_factory=JointMotion)
+    events: tuple[Event, ...] = ()
+    reversal_counts: tuple[int, ...] = (0,) * 6
+    last_reversals: Mapping[int, JointReversal] = field(default_factory=dict)
+    state: dict[str, Any] | None = None
+    lost: str = ""
+    cut: str = ""
+    played: Played | None = None
+    name: str | None = None
+    test: str | None = None
+    direction: Direction | None = None
+    shown_test: str | None = None
+
+    def after(self, update: Update) -> LiveView:
+        """Return the view after an update."""
+        # Only what the daemon reads shows that it is back: a refused request comes while it is lost as well.
+        lost = self.lost if not update.lost and update.readings is None else update.lost
+        view = replace(self, lost=lost, played=update.played)
+        if bool(lost) != bool(self.lost):
+            during = f" while {self.name} is recorded" if self.name else ""
+            view = view._with_words([f"rigd does not answer{during}" if lost else "rigd answers again"])
+        if update.cell is not None:
+            events = tuple(event for event in view.events if event.reversal is None)
+            view = LiveView(update.cell, state=self.state, cut=self.cut, events=events, played=update.played)
+        if update.label is not None:
+            view = view.labelled(*update.label)
+        if (state := update.state) is not None:
+            words = [*_recording_changes(view.state, state), *_new_faults(view.state, state)]
+            cut = _cut(view.state, state) or ("" if state["recording"] or state.get("last_end") else view.cut)
+            view = replace(view, state=state, cut=cut)._with_words(words)
+            is_recording = state["recording"] is not None
+            view = view.labelled(*(state[key] if is_recording else None for key in ("recording", "test", "direction")))
+        if update.readings is not None:
+            view = replace(view, readings=update.readings)
+        return view._with_rows(update.rows) if len(update.rows) else view
+
+    def labelled(self, name: str | None, test: str | None, direction: Direction | None) -> LiveView:
+        """Return the view of a recording: its laps are counted from now, and its curve takes the place of the last of
+        its direction."""
+        if (name, test, direction) == (self.name, self.test, self.direction):
+            return self
+        view = replace(self, name=name, test=test, direction=direction)
+        if name is None:
+            return view
+        kept = test == self.shown_test
+        return replace(
+            view,
+            shown_test=test,
+            lap=LapProgress(),
+            joints=JointMotion(),
+            acw=self.acw if kept and direction == "cw" else Sweep(),
+            cw=self.cw if kept and direction == "acw" else Sweep(),
+        )
+
+    def restarted(self) -> LiveView:
+        """Return the view with extremes, curves and counts begun again; rows and state stay."""
+        return replace(
+            self,
+            extremes_mm=None,
+            lap=LapProgress(),
+            acw=Sweep(),
+            cw=Sweep(),
+            joints=JointMotion(),
+            events=(),
+            reversal_counts=(0,) * 6,
+            last_reversals={},
+        )
+
+    @property
+    def trends_mm_s(self) -> Array:
+        """Least-squares slope (2,) mm/s of each gauge over the last two seconds; nan where it is unknown."""
+        recent = self.since(_TREND_S)
+        slopes = np.full(2, np.nan)
+        for k in range(2):
+            finite = np.isfinite(recent.g_mm[:, k])
+            if finite.sum() >= _LEAST_TREND and np.ptp(recent.t_s[finite]) > 0:
+                t_s = recent.t_s[finite] - recent.t_s[finite].mean()
+                slopes[k] = float(t_s @ recent.g_mm[finite, k] / (t_s @ t_s))
+        return slopes
+
+    def since(self, seconds: float) -> Rows:
+        """Return the rows of the last seconds."""
+        if not len(self.rows):
+            return self.rows
+        return self.rows.taken(slice(int(np.searchsorted(self.rows.t_s, self.rows.t_s[-1] - seconds)), None))
+
+    @property
+    def reversals(self) -> list[JointReversal]:
+        """The reversals among the events, in order."""
+        return [event.reversal for event in self.events if event.reversal]
+
+    def _with_events(self, events: Iterable[Event]) -> LiveView:
+        return replace(self, events=(*self.events, *events)[-_KEPT_EVENTS:])
+
+    def _with_words(self, words: Iterable[str]) -> LiveView:
+        at_s = float(self.rows.t_s[-1]) if len(self.rows) else 0.0
+        return self._with_events(Event(at_s, sentence) for sentence in words)
+
+    def _with_rows(self, rows: Rows) -> LiveView:
+        extremes = np.stack([np.fmin.reduce(rows.g_mm, axis=0), np.fmax.reduce(rows.g_mm, axis=0)], axis=1)
+        if self.extremes_mm is not None:
+            smallest = np.fmin(self.extremes_mm[:, 0], extremes[:, 0])
+            extremes = np.stack([smallest, np.fmax(self.extremes_mm[:, 1], extremes[:, 1])], axis=1)
+        kept = self.rows.followed_by(rows, _KEPT_ROWS)
+        view = replace(self, rows=kept, extremes_mm=extremes)
+        if self.cell is None:
+            return replace(view, phi=np.full(len(kept), np.nan))
+        phi = self.cell.phi(rows.q)
+        lap, sense, share = self.lap.after(phi, self.cell.start_rad, self.cell.lead_rad)
+        joints, turned = self.joints.after(rows, phi, sense)
+        # Whether rows at shares (n,) of a lap belong to it. The lead-in does not, nor does what may be the lead-out:
+        # there joints have turned back that had not at the same place of the lap
+        lead = self.cell.lead_rad / (2 * np.pi)
+        inside: Mask = (share >= 0) & ((share < 1) | (share % 1 > lead))
+        values = np.where(inside, self.cell.error_source(rows.g_mm), np.nan)
+        counts = tuple(
+            count + sum(reversal.axis == axis for reversal in turned)
+            for axis, count in enumerate(self.reversal_counts, start=1)
+        )
+        return replace(
+            view._with_events(Event(reversal.t_s, "", reversal) for reversal in turned),
+            reversal_counts=counts,
+            last_reversals={**self.last_reversals, **{reversal.axis: reversal for reversal in turned}},
+            lap=lap,
+            joints=joints,
+            phi=np.concatenate([self.phi, phi])[-_KEPT_ROWS:],
+            acw=self._swept(self.acw, "acw", phi, np.where(sense > 0, values, np.nan)),
+            cw=self._swept(self.cw, "cw", phi, np.where(sense < 0, values, np.nan)),
+        )
+
+    def _swept(self, sweep: Sweep, direction: Direction, phi: Array, values: Array) -> Sweep:
+        """A way back between two laps is no measurement in the other direction."""
+        return sweep if self.direction not in (None, direction) else sweep.after(phi, values)
+
+
+def _recording_changes(before: dict[str, Any] | None, state: dict[str, Any]) -> list[str]:
+    """What has become of the recording, in words."""
+    if before is None or _run_of(before) == _run_of(state):
+        return []
+    words = []
+    if before["recording"]:
+        why = f": {state['last_end']}" if state.get("last_end") else ""
+        words.append(_cut(before, state) or f"recording {before['recording']} ended{why}")
+    if state["recording"]:
+        words.append(f"recording {state['recording']} began: {_run_of(state)}")
+    return words
+
+
+def _cut(before: dict[str, Any] | None, state: dict[str, Any]) -> str:
+    """What is said of a recording whose daemon has gone: one that knows of no end has been started since it began."""
+    if before is None or not before["recording"] or state["recording"] or state["last_end"]:
+        return ""
+    return f"recording {before['recording']} was cut: rigd was started again"
+
+
+def _run_of(state: dict[str, Any]) -> str | None:
+    """The run that is recorded; of two recordings of one name, it differs."""
+    run: str | None = state.get("run", state["recording"])
+    return run
+
+
+def _new_faults(before: dict[str, Any] | None, state: dict[str, Any]) -> list[str]:
+    """What the counters of faults have gained, in words; nothing of what was counted before the view began."""
+    if before is None:
+        return []
+    words = []
+    for name, stream in state["streams"].items():
+        old = before["streams"].get(name)
+        if old is None:
+            continue
+        gained = {
+            kind: count - old["counters"].get(kind, 0)
+            for kind, count in stream["counters"].items()
+            if kind != "samples" and count > old["counters"].get(kind, 0)
+        }
+        if gained:
+            listed = ", ".join(f"{count} {kind}" for kind, count in gained.items())
+            words.append(f"{name}: {listed}: {stream['last_fault']}")
+        elif old["connected"] != stream["connected"]:
+            words.append(f"{name}: {'connected' if stream['connected'] else 'connection lost'}")
+    return words

@@ -1,0 +1,27 @@
+"""ABB: RAPID, and the topic Motion.
+
+An axis reads (motor angle - calibration offset) / gear ratio, so the calibration offset falls.
+"""
+
+import math
+
+from analysis.apps.makers import Controller, ProgramFiles
+
+FILES = ProgramFiles("ABB", (".mod",), ending="_m")
+CONTROLLER = Controller(
+    "ABB",
+    "the topic Motion (MOC.cfg)",
+    "MOTOR_CALIB rob1_{axis} cal_offset",
+    "rad",
+    -math.radians(1),
+    "gear ratio",
+    (
+        "Change the calibration offset in the topic Motion (MOC.cfg), then restart the controller.",
+        "Where the new offset leaves the turn of the motor (± 2π rad), update the revolution counters as well.",
+    ),
+    "a service article (W): industrialmonitordirect.com/blogs/knowledgebase/"
+    "abb-irb-6400-axis-3-encoder-drift-after-fine-calibration",
+    "the sign of the offset and gear ratios were not found in public; a robot with the option Absolute Accuracy "
+    "has values of its links in MOC.cfg, whose frames are not public (W: "
+    "github.com/ros-industrial/abb/discussions/195), so corrected targets are the way to the rest",
+)

@@ -1,0 +1,160 @@
+"""Targets in RAPID: jointtarget in degrees, robtarget in mm with a quaternion, declared or within a move.
+
+Source: ABB, Technical reference manual, RAPID Instructions, Functions and Data types (3HAC050917). Confdata says the
+posture, unless ConfL\\Off or ConfJ\\Off: then lines, or joint moves, keep the one in which the arm stands. tool0 and
+wobj0 are the flange and the world, which is taken for the robot's base. Modules beside the program are read for the
+routines, tools and work objects that they declare. What an instruction does stands in `statements`.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Literal
+
+import numpy as np
+
+from analysis.apps.makers.abb.statements import Reader, literal_frames, read_module
+from analysis.apps.makers.numbers import Decimals
+from analysis.apps.makers.points import Points, as_value
+from analysis.apps.makers.program_machine import OFF, Call, Program, Set, Unknown, Value
+from analysis.apps.makers.reading import ProgramReader, Remark
+from analysis.apps.makers.target import Left, Named, Parsed, Texts, blanked, lines_of, with_newlines
+
+_DECIMALS = Decimals(place=(4, 7), turn=(8, 12))
+"""0.1 µm and 1e-8 of a quaternion or of a degree: a num has about seven digits."""
+_BLANK = re.compile(r"\"[^\"\n]*\"|![^\n]*|%%%[^%]*%%%")
+_DATA = re.compile(
+    r"(?<![\w\\])(?P<local>LOCAL\s+|TASK\s+)?(?P<storage>CONST|PERS|VAR)\s+(?P<kind>\w+)\s+(?P<name>\w+)\s*"
+    r"(?P<array>\{[^{};]*\}\s*)?(?::=(?P<value>[^;]*))?;",
+    re.IGNORECASE,
+)
+_ELEMENT = re.compile(r"\[(?=\s*\[\s*[-+.\d])")
+"""Where a target begins in the value of an array: [[x, y, z], …] or [[q1, …, q6], …]."""
+_PARAMETERS = re.compile(r"\b(?:PROC|FUNC\s+\w+)\s+\w+\s*\(([^()]*)\)", re.IGNORECASE)
+_LAST = re.compile(r",\s*([A-Za-z]\w*)\s*(?=[\\;])")
+_WOBJ = re.compile(r"\\\s*WObj\s*:=\s*(\w+)", re.IGNORECASE)
+"""Where a tool, or a work object, stands in a move."""
+_WORD = re.compile(r"[A-Za-z]\w*")
+_NULL = {"tool tool0": np.eye(4), "frame wobj0": np.eye(4)}
+
+
+def parse(texts: Texts) -> Parsed:
+    """Return the targets of a module."""
+    blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
+    reader = Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
+    stated: dict[str, Value] = {key: as_value(frame) for key, frame in _NULL.items()}
+    reader.of |= dict.fromkeys(_NULL, len(blank))  # of a module of the system, BASE.sys, which may stand beside
+    for file in range(len(blank)):
+        _declare(reader, file, stated)
+    for text in blank:
+        reader.frames |= {f"tool {name.lower()}" for name in _LAST.findall(text)}
+        reader.frames |= {f"frame {name.lower()}" for name in _WOBJ.findall(text)}
+    for file, text in enumerate(blank):
+        for parameters in _PARAMETERS.finditer(text):
+            for word in _WORD.finditer(text, parameters.start(1), parameters.end(1)):
+                why = Unknown(file, reader.lines[file].at(word.start()), f"{word[0]} is what a routine is given")
+                reader.shadowed |= {f"{kind} {word[0].lower()}": why for kind in ("tool", "frame")}
+    for file in range(len(blank)):
+        read_module(reader, file)
+    _other_tasks(reader)
+    for file, text in enumerate(blank):
+        for word in _WORD.finditer(text):
+            key = word[0].lower()
+            if not reader.points.knows(key) or (file, word.start()) in reader.spent:
+                continue
+            if file < texts.own or (key in reader.shared and key not in reader.declares[file]):
+                reader.points.change(key, file, reader.lines[file].at(word.start()))
+    if reader.by_name:
+        for key in list(reader.points.keys()):
+            reader.points.change(key, reader.by_name.file, reader.by_name.line)
+
+    def initial(part: str) -> Value:
+        kind, _, name = part.partition(" ")
+        if kind in ("tool", "frame"):
+            return stated.get(part, name)
+        return "on" if kind == "conf" else OFF
+
+    return reader.points.parsed(
+        Program(reader.routines, initial, tuple(reader.beside), tuple(reader.broken), ("tool ", "frame "), cycles=True)
+    )
+
+
+def _other_tasks(reader: Reader) -> None:
+    """Take the tools and work objects that modules beside set, whose own main begins another task or another program:
+    persistent data of one name may be one for all of them."""
+    if not any(f"{file}:main" in reader.routines for file in range(reader.points.files)):
+        return
+    for file in range(reader.points.files, len(reader.texts)):
+        todo, seen = [f"{file}:main"], set[str]()
+        while todo:
+            name = todo.pop()
+            body = () if name in seen else reader.routines.get(name, ())
+            seen.add(name)
+            todo += [statement.name for statement in body if isinstance(statement, Call)]
+            sets = tuple(
+                statement
+                for statement in body
+                if isinstance(statement, Set) and statement.part.startswith(("tool ", "frame "))
+            )
+            if sets:
+                key = f"\0{file} {name}"
+                reader.routines[key] = sets
+                reader.beside.append(Call(key, Unknown(file, 1, f"the main of {reader.names[file]} may run beside")))
+
+
+def _declare(reader: Reader, file: int, stated: dict[str, Value]) -> None:
+    """Take the points, tools and work objects that a module declares; those of the program itself come first."""
+    text, declares = reader.texts[file], set()
+    for declared in _DATA.finditer(text):
+        kind, name = declared["kind"].lower(), declared["name"].lower()
+        declares.add(name)
+        local = bool(declared["local"]) and declared["local"].strip().upper() == "LOCAL"
+        of_program = file < reader.points.files
+        if kind not in ("robtarget", "jointtarget"):
+            if kind in ("tooldata", "wobjdata"):
+                _declare_frame(reader, file, kind, declared, stated, shares=not local)
+        elif of_program and declared["value"] and declared["array"]:
+            for element in _ELEMENT.finditer(declared["value"]):
+                line = reader.lines[file].at(declared.start("value") + element.end() - 1)
+                reader.points.leave(Left(file, line, declared["name"], "array"))
+        elif of_program and declared["value"]:
+            begin = declared.start("value")
+            target, reason = reader.literal(file, kind, begin, declared.end("value"), declared["name"])
+            if target:
+                reader.spent.add((file, declared.start("name")))
+                reader.points.declare(name, target, reason)
+                if not local:
+                    reader.shared.add(name)
+    reader.declares.append(declares)
+
+
+def _declare_frame(
+    reader: Reader, file: int, kind: str, declared: re.Match[str], stated: dict[str, Value], *, shares: bool
+) -> None:
+    """Take a tool or work object; one without numbers is that of its name, which a person can state. A name for two is
+    unknown, unless it stands for persistent data that tasks share, with the same numbers."""
+    family: Literal["tool", "frame"] = "tool" if kind == "tooldata" else "frame"
+    name, line = declared["name"].lower(), reader.lines[file].at(declared.start("name"))
+    part = f"{family} {name}"
+    reader.frames.add(part)
+    frames = literal_frames(kind, declared["value"] or "")
+    value: Value = Unknown(file, line, f"{declared['name']} is not one that is written in numbers, on the robot")
+    if frames is not None:
+        value = as_value(frames)
+    elif declared["value"] is None:
+        value = name
+    shared_by = file if shares and declared["storage"].upper() == "PERS" else -1
+    if part not in stated:
+        stated[part], reader.of[part] = value, shared_by
+        if frames is not None:
+            reader.points.state(Named(declared["name"], family, file, line, as_value(frames)))
+    elif value != stated[part] or -1 in (shared_by, reader.of.get(part, -1)) or file == reader.of[part]:
+        reader.shadowed[part] = Unknown(file, line, f"{declared['name']} is declared twice")
+
+
+READER = ProgramReader(
+    parse,
+    _DECIMALS,
+    Remark("  ! ", before={".mod": re.compile(rb"^[ \t]*ENDMODULE\b", re.MULTILINE | re.IGNORECASE)}),
+    beside=(".mod", ".sys"),
+)

@@ -1,0 +1,541 @@
+"""What the instructions of RAPID do to tool, work object, displacement and arm: the closed list of the dialect.
+
+Source: ABB, Technical reference manual, RAPID Instructions, Functions and Data types (3HAC050917). PDispOn and PDispSet
+displace poses, not joint angles. Handlers (ERROR, UNDO) and traps may run at any moment, and a routine with a handler
+may be left at any place.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from analysis.apps.makers.numbers import frame_of, is_frame
+from analysis.apps.makers.points import Points, as_value
+from analysis.apps.makers.program_machine import (
+    OFF,
+    Blocks,
+    Call,
+    Elsewhere,
+    End,
+    Forget,
+    Jump,
+    Label,
+    Move,
+    Ref,
+    Set,
+    Statement,
+    Unknown,
+    Value,
+)
+from analysis.apps.makers.programs.posture import beyond_stretch, wrist_in_front
+from analysis.apps.makers.target import (
+    NUMBER,
+    Flags,
+    Left,
+    Lines,
+    Number,
+    Reason,
+    Target,
+    arguments,
+    brackets,
+    words,
+)
+from analysis.robot.kinematics.arm import Arm, Array, Mask
+
+_NUMBER = re.compile(NUMBER)
+_WORD = re.compile(r"[A-Za-z]\w*")
+_CALL = re.compile(r"(?<![\w\\])([A-Za-z]\w*)\s*\(")
+_WOBJ = re.compile(r"\\\s*WObj\s*(?P<given>:=|\?)\s*(?P<name>[^\\,;]+)", re.IGNORECASE)
+_TRACKED = re.compile(r"\\\s*(?:Corr|Track)\b", re.IGNORECASE)
+_ASSIGNED = re.compile(
+    r"\s*(?P<name>[A-Za-z]\w*)(?P<part>\s*(?:\{[^{};]*\}|\.\w+)(?:\s*\{[^{};]*\}|\.\w+)*)?\s*:=(?P<right>.*)", re.DOTALL
+)
+_INSTRUCTION = re.compile(r"\s*(?P<name>[A-Za-z]\w*)(?P<rest>.*)", re.DOTALL)
+_OFFSET = re.compile(r"(Offs|RelTool)\s*\(", re.IGNORECASE)
+_DATA = re.compile(r"\s*(?:(?:LOCAL|TASK)\s+)?(?:CONST|PERS|VAR)\b", re.IGNORECASE)
+_HANDED = re.compile(r"\[\s*\[[^\[\]]*\](?:\s*,\s*\[[^\[\]]*\])+\s*\]")
+"""What a literal target looks like among the arguments of a routine."""
+_SHAPE = {"robtarget": (3, 4, 4, 6), "jointtarget": (6, 6)}
+_NO_AXIS = 8.9e9
+"""9E9 stands for an axis that is not there."""
+_HEAD = re.compile(
+    r"\s*(?:(?P<routine>(?:LOCAL\s+)?(?:PROC|FUNC\s+\w+|TRAP))\s+(?P<name>\w+)"
+    r"|(?P<word>IF|ELSEIF|ELSE|ENDIF|WHILE|ENDWHILE|FOR|ENDFOR|TEST|CASE|DEFAULT|ENDTEST|ENDPROC|ENDFUNC|ENDTRAP|"
+    r"MODULE|ENDMODULE|ERROR|UNDO|BACKWARD|RECORD)\b(?!\s*:=)|(?P<label>[A-Za-z]\w*)\s*:(?!=))",
+    re.IGNORECASE,
+)
+_UNTIL = {
+    "IF": re.compile(r"\bTHEN\b|;", re.IGNORECASE),
+    "ELSEIF": re.compile(r"\bTHEN\b|;", re.IGNORECASE),
+    "WHILE": re.compile(r"\bDO\b|;", re.IGNORECASE),
+    "FOR": re.compile(r"\bDO\b|;", re.IGNORECASE),
+    "TEST": re.compile(r"\bCASE\b|\bDEFAULT\b|\bENDTEST\b|;", re.IGNORECASE),
+    "CASE": re.compile(r":(?!=)|;"),
+    "DEFAULT": re.compile(r":|;"),
+    "MODULE": re.compile(r"\n|\)"),
+    "RECORD": re.compile(r"\bENDRECORD\b", re.IGNORECASE),
+}
+"""Where a header ends that has no semicolon."""
+_OPERATORS = ("AND", "OR", "XOR", "NOT", "DIV", "MOD")
+_MOVE = re.compile(
+    r"(?:Move(?P<move>AbsJ|J|L|C)(?:DO|AO|GO|Sync)?|Trigg(?P<trigg>J|L|C)(?:IOs)?|Arc(?P<arc>L|C)(?:Start|End)?|"
+    r"Spot(?P<spot>L|J))",
+    re.IGNORECASE,
+)
+_TOOL_THIRD = re.compile(r"Move(?:J|L|C)(?:DO|AO|GO|Sync)", re.IGNORECASE)
+"""These have more arguments after the tool."""
+_NOTHING = words("""
+    set reset setdo setao setgo pulsedo invertdo waittime waitdi waitdo waituntil waitai waitao waitgi waitgo waitrob
+    waitsynctask waittestandset waitload waitsensor tpwrite tperase tpreadfk tpreadnum tpreaddnum tpshow uimsgbox uishow
+    uimsgwrite stop stopmovereset systemstopaction accset velset pathacclim worldacclim speedrefresh gripload clkstart
+    clkstop clkreset incr decr add clear bitclear bitset tryint errwrite errlog errraise raise retry trynext write
+    writebin writestrbin writeanybin writerawbytes readanybin readrawbytes readblock writeblock open close rewind
+    openbin clearrawbytes copyrawbytes packrawbytes unpackrawbytes packdnheader socketcreate socketconnect socketsend
+    socketreceive socketclose socketbind socketlisten socketaccept socketsendto socketreceivefrom idelete isleep iwatch
+    ienable idisable ierror isignaldi isignaldo isignalai isignalao isignalgi isignalgo itimer ipers ivarvalue connect
+    triggio triggequip triggint triggcheckio triggrampao triggspeed triggdatareset triggdatacopy motionsup pathresol
+    cirpathmode actunit deactunit eoffson eoffsoff eoffsset mechunitload load unload startload checkprogref erasemodule
+    save aliasio aliasioreset bookerrno copyfile renamefile removefile makedir removedir setsysdata ioenable iodisable
+    iobusstart iobusstate wzboxdef wzcyldef wzsphdef wzhomejointdef wzlimjointdef wzlimsup wzdoset wzenable wzdisable
+    wzfree spystart spystop pathlengthreset pathlengthstart pathlengthstop procerrrecovery
+    moveextj break swapbytes egmreset egmgetid egmsetupuc egmsetupai egmsetupao egmsetupgi
+    egmsetupltapp egmstreamstart egmstreamstop egmactpose egmactjoint egmactmove
+    textget texttabinstall
+    testsigndefine testsignreset sensdevice startmove stopmove cornerpathwarning
+    """)
+"""Instructions that change neither tool, work object nor displacement, nor where the arm stands: signals, waiting, the
+pendant, files, sockets, interrupts, speeds, loads, world zones."""
+_WRITES = words("strtoval unpackrawbytes testandset readrawbytes")
+"""Functions that write what they are given."""
+_SWITCHES: dict[str, tuple[str, str]] = {
+    "pdispon": ("shift", "on"), "pdispset": ("shift", "on"), "pdispoff": ("shift", OFF),
+    "softact": ("tracking", "on"), "softdeact": ("tracking", OFF),
+}  # fmt: skip
+_FUNCTIONS = words("""
+    offs reltool crobt cjointt cpos ctool cwobj calcrobt calcjointt posemult poseinv posevect defframe defdframe
+    defaccframe orobt mirpos orientzyx eulerzyx norient abs acos asin atan atan2 cos sin tan exp pow sqrt
+    round trunc max min bitand bitor bitxor bitneg bitlsh bitrsh bitcheck numtodnum dnumtonum valtostr numtostr
+    dnumtostr strtoval strtobyte bytetostr strlen strfind strmap strmatch strmemb strorder strpart strformat
+    decstrtohex hexstrtodec strdigcalc strdigcmp ctime cdate clkread gettime dim present testdi doutput diinput
+    goutput aoutput aointput ginput ginputdnum goutputdnum ainput aintput isfile filesize fssize readnum readstr
+    readbin readstrbin readdir opendir uimessagebox uinumentry uinumtune uialphaentry uilistview uidnumentry
+    uidnumtune socketgetstatus socketpeek opmode runmode robos roboname robname gettaskname getmecunitname
+    getnextmechunit ismechunitactive isstopmoveact isstopstateevent execlevel execevent eventtype errorinfo
+    cspeedoverride maxrobspeed motionplannerno pathlevel pathlengthget taskruns taskrunmec taskrunrob
+    rawbyteslen ispers isvar issysid validio iounitstate iobusstate getservicetime getsysinfo testandset triggdatavalid
+    testsignread unpackrawbytes distance dotprod vectmagn crossprod egmgetstate tasksinsync modexist modtime
+    getsysdata ipers and or xor not if then elseif while for case test return from to step do
+    """)
+"""Functions of RAPID, which change nothing, and words of the language before a bracket."""
+
+
+def literal_frames(kind: str, text: str) -> Array | None:
+    """Return the frame (4, 4), in mm, of a literal of tooldata or wobjdata that the robot holds, or does not, as it
+    should."""
+    shape = {
+        "tooldata": "[TRUE,[[000],[0000]],[0,[000],[0000],000]]",
+        "wobjdata": '[FALSE,TRUE,"",[[000],[0000]],[[000],[0000]]]',
+    }[kind]
+    if re.sub(r"\s", "", _NUMBER.sub("0", text)).replace("0,0", "00").replace("0,0", "00").upper() != shape:
+        return None
+    values = [float(number[0]) for number in _NUMBER.finditer(text)]
+    sets = [values[k : k + 7] for k in range(0, 7 * shape.count("[[000],[0000]]"), 7)]
+    if not all(is_frame("quaternion", components) for components in sets):
+        return None
+    frames = [frame_of("quaternion", components) for components in sets]
+    return frames[0] if kind == "tooldata" else frames[0] @ frames[1]
+
+
+@dataclass
+class Reader:
+    """A program while it is read: names in lower case."""
+
+    names: tuple[str, ...]
+    texts: tuple[str, ...]
+    lines: tuple[Lines, ...]
+    points: Points
+    spent: set[tuple[int, int]] = field(default_factory=set)
+    shared: set[str] = field(default_factory=set)
+    declares: list[set[str]] = field(default_factory=list)
+    frames: set[str] = field(default_factory=set)
+    of: dict[str, int] = field(default_factory=dict)
+    routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
+    beside: list[Call] = field(default_factory=list)
+    broken: list[Call] = field(default_factory=list)
+    shadowed: dict[str, Unknown] = field(default_factory=dict)
+    """Tools and work objects whose name stands for something else in a routine."""
+    by_name: Unknown | None = None
+    """Where the program writes data that it names in a text."""
+    file: int = 0
+    blocks: Blocks | None = None
+    routine: str = ""
+    _defined: dict[str, list[str]] | None = None
+
+    def why(self, begin: int, fact: str) -> Unknown:
+        """Return a reason at a place of the module that is read."""
+        return Unknown(self.file, self.lines[self.file].at(begin), " ".join(fact.split())[:80])
+
+    def defined(self, name: str) -> list[str]:
+        """Return the routines that a name can stand for: that of the module, or those that all modules see."""
+        if self._defined is None:
+            self._defined = {}
+            for file, text in enumerate(self.texts):
+                for routine in re.finditer(r"\b(LOCAL\s+)?(?:PROC|FUNC\s+\w+)\s+(\w+)\s*\(", text, re.IGNORECASE):
+                    key = routine[2].lower()
+                    self._defined.setdefault(f"{file}:{key}", []).append(f"{file}:{key}")
+                    if not routine[1]:
+                        self._defined.setdefault(key, []).append(f"{file}:{key}")
+        key = name.lower()
+        return self._defined.get(f"{self.file}:{key}") or self._defined.get(key) or []
+
+    def called(self, begin: int, name: str) -> Statement:
+        """Return the call of a routine, if its name stands for one."""
+        routines = self.defined(name)
+        why = self.why(begin, f"{name} is called" if len(routines) == 1 else f"{name} is not known here")
+        return Call(routines[0], why) if len(routines) == 1 else Forget(why)
+
+    def literal(self, file: int, kind: str, begin: int, end: int, name: str) -> tuple[Target | None, Reason | None]:
+        """Return the target of [[…],[…]…], with the reason why it cannot be corrected; None for what is no such
+        literal."""
+        text = self.texts[file]
+        groups = list(re.compile(r"\[([^\[\]]*)\]").finditer(text, begin, end))
+        outside = re.sub(r"\s", "", re.sub(r"\[[^\[\]]*\]", "g", text[begin:end]))
+        if outside != "[" + ",".join("g" * len(_SHAPE[kind])) + "]":
+            return None, None
+        numbers: list[Number] = []
+        for group, count in zip(groups, _SHAPE[kind], strict=True):
+            places = arguments(text, group.start(1), group.end(1))
+            matches = [(_NUMBER.fullmatch(text, *place), place) for place in places]
+            if len(matches) != count or not all(match for match, _ in matches):
+                return None, None
+            numbers += [Number(*place, float(match[0])) for match, place in matches if match]
+        line = self.lines[file].at(begin + len(text[begin:end]) - len(text[begin:end].lstrip()))
+        reason: Reason | None = "external_axes" if any(number.value < _NO_AXIS for number in numbers[-6:]) else None
+        if kind == "jointtarget":
+            return Target(name, file, line, "joints_deg", tuple(numbers[:6])), reason
+        flags = Flags(tuple(int(max(-99, min(99, number.value))) for number in numbers[7:11]), agreeing)
+        return Target(name, file, line, "quaternion", tuple(numbers[:7]), flags=flags), reason
+
+
+def read_module(reader: Reader, file: int) -> None:
+    """Read the routines of a module."""
+    reader.file = file
+    for begin, end, head in _statements(reader.texts[file]):
+        if head is not None and head["routine"]:
+            _close(reader)
+            reader.routine = f"{reader.file}:{head['name'].lower()}"
+            if head["routine"].upper().endswith("TRAP"):
+                reader.beside.append(
+                    Call(reader.routine, reader.why(head.start("name"), f"the trap {head['name']} may run"))
+                )
+            elif reader.routine in reader.routines:  # which one is called is not certain
+                reader.routine = f"{reader.routine} {len(reader.routines)}"
+            reader.blocks = Blocks()
+        elif reader.blocks is None:
+            continue
+        elif head is not None and head["label"]:
+            reader.blocks.add(Label(head["label"].lower()))
+        elif head is not None:
+            _flow(reader, reader.blocks, head["word"].upper(), head.end(), end)
+        else:
+            _statement(reader, begin, end)
+    _close(reader)
+
+
+def _statements(text: str) -> Iterator[tuple[int, int, re.Match[str] | None]]:
+    """Yield the places of statements, and of headers with their match."""
+    at = 0
+    while at < len(text):
+        head = _HEAD.match(text, at)
+        if head is None:
+            end = text.find(";", at)
+            end = len(text) if end < 0 else end
+            if text[at:end].strip():
+                yield at, end, None
+            at = end + 1
+            continue
+        end = head.end()
+        if head["routine"]:
+            opening = re.compile(r"\s*\(").match(text, end)
+            close = text.find(")", end) if opening else -1
+            end = close + 1 if close >= 0 else end
+        elif head["word"] and (until := _UNTIL.get(head["word"].upper())):
+            ended = until.search(text, end)
+            stop = len(text) if ended is None else ended.start() if head["word"].upper() == "TEST" else ended.end()
+            end = max(end, stop)
+        yield at, end, head
+        at = end
+
+
+def _close(reader: Reader) -> None:
+    if reader.blocks is not None:
+        reader.routines[reader.routine] = reader.blocks.done()
+    reader.blocks = None
+
+
+def _flow(reader: Reader, blocks: Blocks, word: str, begin: int, end: int) -> None:
+    """Take a header, from `begin` to `end` what it says, or a word that ends a block."""
+    text = reader.texts[reader.file]
+    match word:
+        case "IF":
+            compact = text[end - 1 : end] == ";"
+            start = _after_condition(text, begin, end) if compact else end
+            _functions(reader, begin, start)
+            blocks.branch()
+            if compact:
+                _statement(reader, start, end - 1)
+                blocks.close()
+        case "TEST":
+            _functions(reader, begin, end)
+            blocks.cases()
+        case "ELSEIF" | "CASE":
+            blocks.other()
+            _functions(reader, begin, end)
+            blocks.guard()
+        case "ELSE" | "DEFAULT":
+            blocks.other()
+        case "WHILE" | "FOR":
+            _functions(reader, begin, end)
+            blocks.loop()
+            _functions(reader, begin, end)
+            blocks.may_leave()
+        case "ENDIF" | "ENDTEST" | "ENDWHILE" | "ENDFOR":
+            blocks.close()
+        case "ENDPROC" | "ENDFUNC" | "ENDTRAP" | "ENDMODULE":
+            _close(reader)
+        case "ERROR" | "UNDO" | "BACKWARD":
+            _handler(reader, begin, word)
+        case _:
+            pass
+
+
+def _handler(reader: Reader, begin: int, word: str) -> None:
+    """End the routine before its handler, which may run at any moment, and after which the routine may go on
+    anywhere."""
+    routine = reader.routine.removesuffix(" handler")
+    _close(reader)
+    reader.routine = f"{routine} handler"
+    if reader.routine in reader.routines:
+        reader.routine += f" {len(reader.routines)}"
+    why = reader.why(begin, f"the handler {word} may run")
+    reader.beside.append(Call(reader.routine, why))
+    reader.broken.append(Call(routine, why))
+    reader.blocks = Blocks()
+
+
+def _after_condition(text: str, begin: int, end: int) -> int:
+    """Return where the statement of IF condition statement; begins: at the word that follows a value."""
+    value, depth = False, 0
+    for token in re.compile(r"[A-Za-z]\w*|[\d.]+|\"|[()\[\]{}]|[^\s]").finditer(text, begin, end):
+        part = token[0]
+        if part in "([{":
+            depth, value = depth + 1, False
+        elif part in ")]}":
+            depth, value = depth - 1, True
+        elif part[0].isalpha():
+            if value and depth == 0 and part.upper() not in _OPERATORS:
+                return token.start()
+            value = part.upper() not in _OPERATORS
+        else:
+            value = part[0].isdigit() or part == '"'
+    return end
+
+
+def _functions(reader: Reader, begin: int, end: int) -> None:
+    """Take the calls of functions with a value."""
+    assert reader.blocks is not None  # noqa: S101 - within a routine
+    text = reader.texts[reader.file]
+    closes = brackets(text[begin:end])
+    for call in _CALL.finditer(text, begin, end):
+        closing = begin + closes.get(call.end() - 1 - begin, end - begin)
+        if reader.defined(call[1]) or call[1].lower() not in _FUNCTIONS:
+            reader.blocks.evaluated(text[begin : call.start()], reader.called(call.start(), call[1]))
+            _handed(reader, call.end(), closing)
+        elif call[1].lower() in _WRITES:
+            _handed(reader, call.end(), closing)
+
+
+def _handed(reader: Reader, begin: int, end: int) -> None:
+    """Tools and work objects that a routine is given may be written by it, where they are not constants, and it may
+    move to targets."""
+    assert reader.blocks is not None  # noqa: S101 - within a routine
+    text = reader.texts[reader.file]
+    for handed in _HANDED.finditer(text, begin, end):
+        if any(reader.literal(reader.file, kind, handed.start(), handed.end(), "")[0] for kind in _SHAPE):
+            _list(reader, handed.start(), "handed", handed[0])
+    for word in _WORD.finditer(text, begin, end):
+        for kind in ("tool", "frame"):
+            if f"{kind} {word[0].lower()}" in reader.frames:
+                why = reader.why(begin, f"{word[0]} is handed to a routine")
+                reader.blocks.add(Set(f"{kind} {word[0].lower()}", why))
+
+
+def _statement(reader: Reader, begin: int, end: int) -> None:
+    """Take an instruction, an assignment or a call."""
+    assert reader.blocks is not None  # noqa: S101 - within a routine
+    text, blocks = reader.texts[reader.file], reader.blocks
+    begin += len(text[begin:end]) - len(text[begin:end].lstrip())
+    if _DATA.match(text, begin, end) or not text[begin:end].strip():
+        _functions(reader, begin, end)
+        return
+    if assigned := _ASSIGNED.fullmatch(text, begin, end):
+        _functions(reader, assigned.start("right"), end)
+        _assigned(reader, begin, assigned)
+        return
+    instruction = _INSTRUCTION.fullmatch(text, begin, end)
+    if instruction is None:
+        blocks.add(Forget(reader.why(begin, f"{text[begin:end]} is not known here")))
+        return
+    name, at = instruction["name"].lower(), instruction.start("name")
+    _functions(reader, instruction.start("rest"), end)
+    if reader.defined(instruction["name"]):
+        blocks.add(reader.called(at, instruction["name"]))
+        _handed(reader, instruction.start("rest"), end)
+    elif move := _MOVE.fullmatch(instruction["name"]):
+        _move(reader, at, instruction, move)
+    elif switch := _switch(name, instruction["rest"]):
+        blocks.add(switch)
+    elif name == "goto":
+        blocks.add(Jump((instruction["rest"].strip().lower(),)))
+    elif name in ("return", "exit", "exitcycle"):
+        blocks.add(End(halts=name != "return"))
+    elif name in ("setdataval", "setalldataval"):
+        reader.by_name = reader.why(at, "data are written by a name in a text")
+        blocks.add(Forget(reader.by_name))
+    elif name in _NOTHING:
+        _handed(
+            reader, instruction.start("rest"), end
+        )  # Incr, Add, UnpackRawBytes and others write what they are given
+    else:
+        blocks.add(Forget(reader.why(at, f"{instruction['name']} is not known here")))
+
+
+def _switch(name: str, rest: str) -> Set | None:
+    """Return what an instruction switches, if it does."""
+    if name in ("confl", "confj"):
+        off = re.search(r"\\\s*Off\b", rest, re.IGNORECASE)
+        return Set(f"conf {name[-1]}", "off" if off else "on")
+    if name == "singarea":
+        lock = re.search(r"\\\s*LockAxis4\b", rest, re.IGNORECASE)
+        return Set("switch", "on" if lock else OFF)
+    return Set(*_SWITCHES[name]) if name in _SWITCHES else None
+
+
+def _assigned(reader: Reader, begin: int, assignment: re.Match[str]) -> None:
+    """Take an assignment to a tool or a work object; points are watched where they stand."""
+    assert reader.blocks is not None  # noqa: S101 - within a routine
+    name, right = assignment["name"].lower(), assignment["right"].strip()
+    for kind, data in (("tool", "tooldata"), ("frame", "wobjdata")):
+        part = f"{kind} {name}"
+        if part not in reader.frames:
+            continue
+        value: Value | Ref = reader.why(begin, f"{assignment['name']} is assigned there")
+        if not assignment["part"]:
+            frames = literal_frames(data, right)
+            if frames is not None:
+                value = as_value(frames)
+            elif f"{kind} {right.lower()}" in reader.frames or right.lower() in ("tool0", "wobj0"):
+                value = Ref(f"{kind} {right.lower()}")
+        reader.blocks.add(Set(part, value))
+
+
+def _move(reader: Reader, at: int, instruction: re.Match[str], move: re.Match[str]) -> None:
+    assert reader.blocks is not None  # noqa: S101 - within a routine
+    text = reader.texts[reader.file]
+    kind = (move["move"] or move["trigg"] or move["arc"] or move["spot"]).upper()
+    places = arguments(text, instruction.start("rest"), instruction.end("rest"))
+    places = [place for place in places if not text.startswith("\\", place[0])]  # \Conc, and \WObj after a comma
+    count = 2 if kind == "C" else 1
+    if len(places) < count + 3:
+        _leave(reader, at, "computed", instruction[0])
+        return
+    of_tool = places[count + 2 if _TOOL_THIRD.fullmatch(instruction["name"]) else -1]
+    wobj = _WOBJ.search(text, instruction.start("rest"), instruction.end("rest"))
+    names = {
+        "tool": text[slice(*of_tool)].partition("\\")[0].strip(),
+        "frame": wobj["name"].strip() if wobj else "wobj0",
+    }
+    active: dict[str, Unknown | Ref] = {}
+    for family, name in names.items():
+        part = f"{family} {name.lower()}"
+        active[family] = reader.shadowed.get(part) or Ref(part)
+        if not _WORD.fullmatch(name):  # parts of records and elements of arrays are not followed
+            active[family] = reader.why(at, f"{name} is a part of other data")
+    if wobj and wobj["given"] == "?":
+        active["frame"] = reader.why(at, f"{names['frame']} is what a routine may be given")
+    way = "joint" if kind in ("J", "ABSJ") else "line"
+    tracked = _TRACKED.search(text, instruction.start("rest"), instruction.end("rest"))
+    reader.blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
+    for begin, end in places[:count]:
+        line = reader.lines[reader.file].at(begin)
+        needs, trusts = ("shift", "tracking here", "switch"), "conf j" if way == "joint" else "conf l"
+        state = Move("", way, reader.file, line, active["tool"], active["frame"], needs, trusts)
+        _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", instruction["name"])
+    if instruction["name"].lower().endswith("sync"):
+        reader.blocks.add(Forget(reader.why(at, f"{instruction['name']} runs a procedure that a text names")))
+
+
+def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruction: str) -> None:
+    """Take a target of a move: a point, numbers, or a point with an offset."""
+    assert reader.blocks is not None  # noqa: S101 - within a routine
+    text, of_program = reader.texts[reader.file], reader.file < reader.points.files
+    name = text[begin:end].partition("\\")[0].strip() if not _OFFSET.match(text, begin, end) else text[begin:end]
+    key = name.lower()
+    offset: tuple[str, Value] | None = None
+    if wrapped := _OFFSET.match(text, begin, end):
+        places = arguments(text, wrapped.end(), text.rfind(")", begin, end))
+        key = text[slice(*places[0])].lower()
+        values = [_NUMBER.fullmatch(text, *place) for place in places[1:]]
+        value: Value = reader.why(begin, "the offset is not written in numbers")
+        if len(values) == 3 and all(values):
+            T = np.eye(4)
+            T[:3, 3] = [float(value[0]) for value in values if value]
+            value = as_value(T)
+        offset = ("frame" if wrapped[1].lower() == "offs" else "tool", value)
+        begin = places[0][0]
+    if name.startswith("[") and offset is None and of_program:
+        target, reason = reader.literal(reader.file, kind, begin, begin + len(name), instruction)
+        key = f"[{reader.file}:{begin}"
+        if target:
+            reader.points.declare(key, target, reason)
+    visible = of_program or (key in reader.shared and key not in reader.declares[reader.file])
+    if not visible or not reader.points.knows(key):
+        _leave(reader, begin, "not_literal" if _WORD.fullmatch(name) else "computed", name)
+        return
+    if not key.startswith("["):
+        reader.spent.add((reader.file, begin))
+    if offset and isinstance(offset[1], Unknown) and of_program:
+        reader.points.leave(Left(reader.file, move.line, " ".join(name.split())[:60], "offset", (offset[1],)))
+    if reader.points.joints(key):
+        move = replace(move, needs=())
+    point_key = f"{key}@{reader.file}:{begin}" if offset else key
+    reader.blocks.add(replace(move, key=point_key, base=key if offset else "", offset=offset))
+
+
+def _leave(reader: Reader, begin: int, reason: Reason, name: str) -> None:
+    assert reader.blocks is not None  # noqa: S101 - within a routine
+    _list(reader, begin, reason, name)
+    reader.blocks.add(Elsewhere())
+
+
+def _list(reader: Reader, begin: int, reason: Reason, name: str) -> None:
+    if reader.file < reader.points.files:
+        line = reader.lines[reader.file].at(begin)
+        reader.points.leave(Left(reader.file, line, " ".join(name.split())[:60], reason))
+
+
+def agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
+    """Return which solutions q (n, 6) rad agree with confdata: the quadrants of axes 1, 4, 6. cfx, which some arms do
+    not have and then show as 0, only decides between what is left: 4 for a wrist behind axis 1, 2 for one behind the
+    lower arm, 1 for a negative axis 5."""
+    low = np.array(values[:3]) * np.pi / 2
+    turned = q[:, [0, 3, 5]]
+    good: Mask = np.all((turned > low - slack_rad) & (turned < low + np.pi / 2 + slack_rad), axis=1)
+    if good.sum() > 1 or values[3]:
+        sides = [(not wrist_in_front(arm, angles), not beyond_stretch(arm, angles), angles[4] < 0) for angles in q]
+        good &= np.array(sides) @ [4, 2, 1] == values[3]
+    return good

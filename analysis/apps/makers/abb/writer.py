@@ -1,0 +1,134 @@
+"""RAPID of ABB: one module with its targets and one procedure.
+
+Source: ABB, Technical reference manual, RAPID Instructions, Functions and Data types (3HAC050917). MoveC turns the tool
+relative to its path, unless CirPathMode says otherwise, so that a tool that points to the centre keeps doing so. With
+ConfL\\Off lines and arcs keep the arm's posture, whatever a target's confdata says; joint moves have joint targets.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from analysis.apps.makers.programs.motion_plan import (
+    ACCELERATION_MM_S2,
+    Arc,
+    Demand,
+    JointMove,
+    Line,
+    Move,
+    Plan,
+    Turn,
+    start_of,
+    turns_with_path,
+)
+from analysis.apps.makers.programs.program_text import (
+    DEG_DECIMALS,
+    MM_DECIMALS,
+    Words,
+    fixed,
+    heading,
+    identifier,
+    listed,
+)
+from analysis.apps.makers.writing import ProgramWriter
+from analysis.robot.kinematics.arm import Array
+from rigs.schema.feedback import ABBEGM
+
+_NAME_LENGTH = 30
+"""A name has 32 characters, and the module's has two more than the procedure's."""
+_WORDS = Words("WaitTime\\InPos,{};", 3, "SetDO rig_do{},1;", "SetDO rig_do{},0;", "! {}", 76, "Stop;")
+"""A line of RAPID has 80 characters in the editor of the FlexPendant."""
+_QUATERNION_DECIMALS = 12
+_NO_EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+_TURN_DEG_S, _OTHER_AXES = 500, "5000,1000"
+"""Reorientation and external axes of the predefined speeddata."""
+_LIGHTEST_KG = 0.001
+"""The mass of tool0; RAPID refuses a tool without one."""
+_JOINT_MOVE_MM_S = 250.0
+"""Greatest speed of the tool in joint moves, that of manual mode at reduced speed (ISO 10218-1)."""
+
+
+def write(plan: Plan, demand: Demand) -> dict[str, str]:
+    """The module, with LOCAL data, so that several can be loaded together."""
+    name = identifier(plan.name, _NAME_LENGTH)
+    data: dict[str, str] = {}
+    T = start_of(plan).T
+    x, y, z = T[:3, 3]
+    quaternion = " ".join(f"{value:.4f}" for value in _quaternion(T))
+    begin = f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, q1..q4 {quaternion}"
+    comments = [f"  {line}" for line in _WORDS.remarks(*heading(plan, demand, begin))]
+    moves = [f"    {line}" for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, data))]
+    declared = [f"  LOCAL CONST {text.replace('@', item)};" for text, item in data.items()]
+    identity: list[str] = []
+    if isinstance(plan.feedback, ABBEGM):
+        identity = ["  LOCAL VAR egmident rig_stream;"]
+        setup = '    EGMSetupUC ROB_1,rig_stream,"default","rig"\\Joint;'
+        start = ["    EGMGetId rig_stream;", setup, "    EGMStreamStart rig_stream\\SampleRate:=4;"]
+        moves = [*start, *moves, "    EGMStreamStop rig_stream;", "    EGMReset rig_stream;"]
+    # The tool's frame and load; its centre of mass is taken half way to the ball, since the rig file does not say
+    T_tool = plan.arm.T_flange_tool
+    mass = max(plan.payload_kg, _LIGHTEST_KG)
+    centre = T_tool[:3, 3] / 2 if np.linalg.norm(T_tool[:3, 3]) > 1 else np.array([0.0, 0.0, 1.0])
+    load = f"[{fixed(mass, 3)},[{listed(centre, 1)}],[1,0,0,0],0,0,0]"
+    tool = f"  LOCAL PERS tooldata rig_tool:=[TRUE,{_pose(T_tool)},{load}];"
+    head = [f"MODULE {name}_m", *comments, tool, _BASE, *identity, *declared, f"  PROC {name}()"]
+    limit = fixed(ACCELERATION_MM_S2 / 1e3, 3)
+    settings = [
+        "    ConfL\\Off;",
+        f"    CirPathMode\\{'PathFrame' if turns_with_path(plan) else 'ObjectFrame'};",
+        f"    PathAccLim TRUE\\AccMax:={limit},TRUE\\DecelMax:={limit};",
+    ]
+    module = [*head, *settings, *moves]
+    return {f"{name}_m.mod": "\n".join([*module, "  ENDPROC", "ENDMODULE", ""])}
+
+
+_BASE = '  LOCAL PERS wobjdata rig_base:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];'
+
+
+def _move(data: dict[str, str], step: Move) -> list[str]:
+    frames = "rig_tool\\WObj:=rig_base"
+    match step:
+        case JointMove(target, speed_rad_s):
+            joints = f"jointtarget @:=[[{listed(np.degrees(target.q), DEG_DECIMALS)}],{_NO_EXTERNAL}]"
+            speed = _speed(_JOINT_MOVE_MM_S, float(np.degrees(speed_rad_s)), data)
+            return [f"MoveAbsJ {_named(joints, 'j', data)}\\NoEOffs,{speed},fine,{frames};"]
+        case Line(target, speed_mm_s, stops):
+            speed, zone = _speed(speed_mm_s, _TURN_DEG_S, data), "fine" if stops else "z0"
+            return [f"MoveL {_point(target.T, data)},{speed},{zone},{frames};"]
+        case Turn(target, _, speed_rad_s):
+            speed = _speed(_JOINT_MOVE_MM_S, float(np.degrees(speed_rad_s)), data)
+            return [f"MoveL {_point(target.T, data)},{speed},fine,{frames};"]
+        case Arc(via, end, speed_mm_s, stops):
+            points = f"{_point(via.T, data)},{_point(end.T, data)}"
+            zone = "fine" if stops else "z0"
+            return [f"MoveC {points},{_speed(speed_mm_s, _TURN_DEG_S, data)},{zone},{frames};"]
+
+
+def _point(T: Array, data: dict[str, str]) -> str:
+    return _named(f"robtarget @:=[{_pose(T)[1:-1]},[0,0,0,0],{_NO_EXTERNAL}]", "p", data)
+
+
+def _speed(speed_mm_s: float, turn_deg_s: float, data: dict[str, str]) -> str:
+    return _named(f"speeddata @:=[{fixed(speed_mm_s, 3)},{fixed(turn_deg_s, 1)},{_OTHER_AXES}]", "v", data)
+
+
+def _named(text: str, letter: str, data: dict[str, str]) -> str:
+    """The name of an item, which is declared once however often it is used."""
+    return data.setdefault(text, f"{letter}_{len(data) + 1}")
+
+
+def _pose(T: Array) -> str:
+    return f"[[{listed(T[:3, 3], MM_DECIMALS)}],[{listed(_quaternion(T), _QUATERNION_DECIMALS)}]]"
+
+
+def _quaternion(T: Array) -> Array:
+    """q1 … q4 (4,) of a frame (4, 4): the scalar first, not below zero."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    values: Array = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True, scalar_first=True)
+    return values
+
+
+WRITER = ProgramWriter(write, {ABBEGM: "the program starts the stream to the UdpUc device rig, which you set up"})

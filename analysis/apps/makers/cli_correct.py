@@ -1,0 +1,186 @@
+"""`rig correct RIG`: what the cell can use of the effects in its rig file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, get_args
+
+import typer
+
+from analysis.apps.makers import suffixes_in_words
+from analysis.cli import completion
+from analysis.cli.commands import app, command
+from analysis.cli.console import say, say_error, say_json
+from analysis.cli.options import Anyway, AsJson, maker_option
+from analysis.cli.several import end_with, worst
+from rigs.schema.vocabulary import DrivenTest, MakerName, maker_of
+from rigs.text import as_argument
+
+if TYPE_CHECKING:
+    from rigs.rig import Rig
+
+_FoundRig = Annotated[
+    str,
+    typer.Argument(
+        metavar="RIG",
+        autocompletion=completion.rig_files,
+        help="Rig file that holds effects found by rig diagnose or rig calibrate.",
+    ),
+]
+_Targets = Annotated[
+    Path | None,
+    typer.Option(
+        help="CSV of targets to correct, with q1_deg … q6_deg, or with x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg "
+        "(roll-pitch-yaw about fixed axes, in the world frame of the rig file); default: none."
+    ),
+]
+_Maker = Annotated[
+    MakerName | None,
+    maker_option(
+        "Maker of the controller whose parameters are written, or with --program of the one whose program it is",
+        "that of the rig file",
+    ),
+]
+_Scale = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Six numbers, separated by commas: signed counts per degree of each axis, or its gear ratio, whichever "
+        "the controller reckons with; default: changes are given in degrees of the reading.",
+    ),
+]
+_Programs = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--program",
+        metavar="FILE",
+        help=f"Robot program of yours whose targets are corrected in a copy: {suffixes_in_words()}; can be repeated; "
+        "default: none.",
+    ),
+]
+_Tools = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--tool",
+        metavar="NAME=FRAME",
+        help="Tool that a program only names or numbers (tcp in a script): X,Y,Z,RX,RY,RZ from the flange in mm and "
+        "degrees about fixed axes, or rig, the tool of the rig file, or 0; can be repeated; default: none.",
+    ),
+]
+_Frames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--frame",
+        metavar="NAME=FRAME",
+        help="User frame, base or work object that a program only names or numbers, in the robot's base, in the same "
+        "form; can be repeated; default: none.",
+    ),
+]
+_Start = Annotated[
+    str | None,
+    typer.Option(
+        "--start-joints",
+        metavar="DEGREES",
+        help="Six joint angles, separated by commas, at which the arm stands whenever a program of --program begins: "
+        "the posture for a straight line before any joint move; default: not known.",
+    ),
+]
+
+_SAID = 20
+"""So many targets that could not be corrected are said; corrections.yaml has all of them."""
+
+
+@command(app, "rig correct found/cell.yaml -o corrections")
+def correct(
+    rig_file: _FoundRig,
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the corrections to.")],
+    path: _Targets = None,
+    maker: _Maker = None,
+    scale: _Scale = None,
+    entered: Annotated[
+        bool, typer.Option("--entered", help="The controller has its entries already: targets are for it as it is now.")
+    ] = False,
+    programs: _Programs = None,
+    tools: _Tools = None,
+    frames: _Frames = None,
+    start: _Start = None,
+    anyway: Anyway = False,
+    whole: Annotated[
+        bool, typer.Option("--all-or-nothing", help="Write only programs of which no target was left as it was.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write joint zeros, link constants, corrected targets and programs, each only where the effects support it."""
+
+    from analysis.apps.makers.controller_entries import scale_of
+    from analysis.apps.makers.correct_rig import correct_rig, target_errors
+    from analysis.apps.makers.corrected_program import Programs, frames_of, start_of
+    from analysis.apps.makers.report import correction_report
+    from analysis.cli.console import progress_of
+    from analysis.correction.support import hold_verdict
+    from analysis.report.plain_console import PlainConsole
+    from rigs.errors import FileError, UseError
+    from rigs.load import load, named_by
+
+    if start and not programs:
+        raise UseError("--start-joints", "is where the arm stands when a program begins", "give --program as well")
+    rig, _ = load(rig_file)
+    hold_verdict(rig, rig_file, anyway=anyway)
+    maker = maker or maker_of(rig.feedback.interface)
+    with named_by(rig_file, rig), progress_of("correcting"):
+        asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole, start_of(start))
+        corrections = correct_rig(rig, path, maker, scale_of(scale), entered=entered, programs=asked)
+        in_vain = {} if anyway else corrections.in_vain
+        kept = tuple(program for program in corrections.programs if program.path not in in_vain)
+        corrections = replace(corrections, path=None if path in in_vain else corrections.path, programs=kept)
+        written = correction_report.write(corrections, directory)
+    if as_json:
+        say_json(correction_report.as_object(corrections, written))
+    else:
+        PlainConsole().print(correction_report.as_table(corrections))
+    for file in written:
+        say(f"wrote {file}", err=True)
+    corrected = next((file for file in written if path and file.name == f"corrected-{path.name}"), None)
+    if anyway or not (in_vain or correction_report.why_not(corrections)):
+        settled = bool(path or programs or correction_report.why_not(corrections))
+        both = bool(corrections.at_controller and corrections.at_controller.entries) and not entered
+        _say_next(rig_file, rig, maker, directory, corrected, settled=settled, both=both)
+    for program in corrections.programs:
+        if start and program.start is None:
+            say(f"{program.path.name}: no target takes its posture from --start-joints", err=True)
+    if any(not program.held for program in corrections.programs):
+        say("next: compare each program with the original line by line; nothing was sent to a robot", err=True)
+        say("      a person runs it first at reduced speed, hand on the stop, and watches each target", err=True)
+    errors = target_errors(*corrections.path) if corrections.path else []
+    remedy = "leave it as it is, or measure there; --anyway writes it"
+    errors += [FileError(str(file), f"{why}, so none are written", remedy) for file, why in in_vain.items()]
+    problem, remedy = "is not written: places were left", "mend them, or leave out --all-or-nothing"
+    errors += [FileError(str(program.path), problem, remedy) for program in corrections.programs if program.held]
+    for error in errors[:_SAID]:
+        say_error(error)
+    if len(errors) > _SAID:
+        say(f"      and {len(errors) - _SAID} more, all of them in corrections.yaml", err=True)
+    end_with(worst(errors))
+
+
+def _say_next(
+    rig_file: str, rig: Rig, maker: MakerName | None, directory: Path, table: Path | None, *, settled: bool, both: bool
+) -> None:
+    """Say what a person can do with the corrections of a rig; `table` has the corrected targets. `settled` is whether
+    no other way is to be proposed, `both` whether values stand beside the targets, of which one is used."""
+    axes, rail = len(rig.robot.axes), ", e1_mm" if rig.robot.rail else ""
+    file = as_argument(rig_file)
+    if maker is None and rig.takes_programs and not settled:
+        likeliest, *others = rig.makers
+        directory_for = as_argument(directory.with_name(f"{directory.name}-{likeliest}"))
+        alternatives = "; or ".join(filter(None, ["the controller's own parameters", ", ".join(others)]))
+        say(f"next: rig correct {file} --for {likeliest} -o {directory_for}  # {alternatives}", err=True)
+        say("      or with --program FILE your own programs; never both, which corrects twice", err=True)
+    if table:
+        either = "either enter the values, or " if both else ""
+        say(f"next: {either}send the controller to q1_deg … q{axes}_deg{rail} of {table}", err=True)
+        test = table.name.removeprefix("corrected-").removesuffix("-path.csv")
+        if rig.takes_programs and test in get_args(DrivenTest):
+            options = f"--for {maker or rig.makers[0]} --test {test} --path {as_argument(table)} -o {test}-programs"
+            say(f"next: rig program {file} {options}", err=True)

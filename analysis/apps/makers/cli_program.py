@@ -1,0 +1,152 @@
+"""`rig program RIG`: the robot programs of a test, for a person to load on the controller; of ISO 9283 also what the
+tracker has to write, and how that is imported."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli.commands import app, command
+from analysis.cli.console import say
+from analysis.cli.options import Anyway, RigArgument, maker_option
+from rigs.schema.vocabulary import CIRCLES, MakerName, ProgramTest
+from rigs.text import as_argument
+
+if TYPE_CHECKING:
+    from rigs.rig import Rig
+
+
+_DWELL_S = 3.0
+"""Seconds at each target unless given: arms settle within one, and slow gauges answer a few times."""
+
+
+@command(app, "rig program paper-fanuc --for fanuc --test yaw -o programs")
+def program(
+    rig_file: RigArgument,
+    maker: Annotated[MakerName, maker_option("Maker of the controller")],
+    test: Annotated[
+        ProgramTest,
+        typer.Option(
+            help="Test to drive; yaw and roll are the same circle with the gauges mounted differently, iso9283 the "
+            "poses and paths of ISO 9283 before a tracker."
+        ),
+    ],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the programs to.")],
+    dwell_s: Annotated[
+        float | None,
+        typer.Option(
+            min=0.5, max=600, help="Seconds to stand at each target of radial, repeatability and iso9283; default: 3."
+        ),
+    ] = None,
+    arc_deg: Annotated[
+        float | None,
+        typer.Option(
+            min=1.0,
+            max=90.0,
+            help="Longest arc of a circle in degrees, shorter where its targets are to be corrected; default: 90.",
+        ),
+    ] = None,
+    outputs: Annotated[
+        str,
+        typer.Option(
+            help="Digital outputs that show the signal of automatic runs, the least first, separated by commas; "
+            "default: those that the rig file names."
+        ),
+    ] = "",
+    targets: Annotated[
+        bool,
+        typer.Option("--targets", help="Also write the targets, TEST-path.csv, as a table for rig correct --path."),
+    ] = False,
+    path: Annotated[
+        Path | None,
+        typer.Option(help="Table of these targets as rig correct --path corrected it; default: the nominal targets."),
+    ] = None,
+    anyway: Anyway = False,
+) -> None:
+    """Write the robot programs of a test, after a check of limits, singularities and turns; the robot is not moved."""
+    from analysis.apps.makers.programs.compensated import table_of
+    from analysis.apps.makers.programs.motion_plan import demand_lines, demand_of
+    from analysis.apps.makers.programs.planned import LONGEST_ARC_DEG, plans_of
+    from analysis.apps.makers.target_path import compensated_plans
+    from analysis.apps.makers.writing import feedback_note, programs_of, write_programs
+    from analysis.cli.console import progress_of
+    from rigs.errors import UseError
+    from rigs.load import load, named_by
+
+    if dwell_s is not None and test in CIRCLES:
+        raise typer.BadParameter(f"the {test} program stands at no targets", param_hint="--dwell-s")
+    if arc_deg is not None and test not in CIRCLES:
+        raise typer.BadParameter(f"the {test} program drives no circle", param_hint="--arc-deg")
+    rig, _ = load(rig_file)
+    if test == "iso9283":
+        if path or targets or outputs:
+            problem = "is of the ball link's tests; correct planned poses by rig correct --path"
+            raise UseError("--path, --targets and --outputs", problem, "leave it out")
+        _of_iso9283(rig, rig_file, maker, directory, dwell_s or _DWELL_S)
+        return
+    with named_by(rig_file, rig), progress_of("checking the programs"):
+        arcs = LONGEST_ARC_DEG if arc_deg is None else arc_deg
+        nominal = plans_of(rig, test, dwell_s or _DWELL_S, _numbers(outputs), arcs)
+        plans = compensated_plans(nominal, path, rig, rig_file, anyway=anyway) if path else nominal
+        demands = [demand_of(plan) for plan in plans]
+    files = programs_of(maker, list(zip(plans, demands, strict=True)))
+    if targets:
+        files[f"{test}-path.csv"] = table_of(nominal)
+    paths = write_programs(maker, files, directory)
+    names = [rig.robot.axis_words(axis) for axis in range(1, len(rig.robot.axes) + 1)]
+    for plan, demand in zip(plans, demands, strict=True):
+        for line in demand_lines(plan, demand, names):
+            say(f"{plan.name}: {line}", err=True)
+    if rig.gauges.recorded:
+        say(feedback_note(maker, rig.feedback), err=True)
+    for written in paths:
+        say(written)
+
+
+def _of_iso9283(rig: Rig, rig_file: str, maker: MakerName, directory: Path, dwell_s: float) -> None:
+    """Write the programs, say what the arm does in them, and how what the tracker wrote is imported."""
+    import numpy as np
+
+    from analysis.apps.makers.programs.motion_plan import demand_lines, demand_of, seconds_of
+    from analysis.apps.makers.programs.planned import PERCENTS, cube_plan, path_plan
+    from analysis.apps.makers.writing import programs_of, write_programs
+    from analysis.cli.console import progress_of
+    from analysis.robot.geometry.iso_cube import cube_of
+    from rigs.load import named_by
+
+    with named_by(rig_file, rig), progress_of("looking for room and checking the programs"):
+        cube = cube_of(rig)
+        plans = [cube_plan(rig, dwell_s), *(path_plan(rig, percent) for percent in PERCENTS)]
+        demands = [demand_of(plan) for plan in plans]
+    paths = write_programs(maker, programs_of(maker, list(zip(plans, demands, strict=True))), directory)
+    # Where the cube is, as a rig file states it
+    x, y, z = cube.centre_mm
+    posture = ", ".join(f"{angle:.4f}" for angle in np.degrees(cube.q[0]))
+    stated = f"{{centre_mm: [{x:.6g}, {y:.6g}, {z:.6g}], side_mm: {cube.side_mm:g}, posture_deg: [{posture}]}}"
+    keep = "; write it into the rig file, so that every run has the same" if cube.found else ""
+    say(f"tests.iso9283: {stated}{keep}", err=True)
+    names = [rig.robot.axis_words(axis) for axis in range(1, len(rig.robot.axes) + 1)]
+    for plan, demand in zip(plans, demands, strict=True):
+        say(f"{plan.name}: {seconds_of(plan) / 60:.0f} min", err=True)
+        for line in demand_lines(plan, demand, names):
+            say(f"{plan.name}: {line}", err=True)
+    for written in paths:
+        say(written)
+    say(
+        "next: a place of the tracker at each stop of the cube; time and place all along each program of paths",
+        err=True,
+    )
+    say(f"  rig import STOPS.csv --rig {as_argument(rig_file)} --test pose -o runs/cube", err=True)
+    say(f"  rig import PATH.csv --rig {as_argument(rig_file)} --test path -o runs/path-{PERCENTS[0]}", err=True)
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    try:
+        numbers = tuple(int(part) for part in text.split(",") if part.strip())
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not a list of numbers", param_hint="--outputs") from None
+    if len(set(numbers)) < len(numbers) or any(number < 0 for number in numbers):
+        raise typer.BadParameter(f"{text!r} is not a list of different outputs", param_hint="--outputs")
+    return numbers

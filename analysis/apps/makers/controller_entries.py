@@ -1,0 +1,427 @@
+"""Corrections in the words of a controller: the parameters to change, what each change is worth, and what all leave.
+
+The whole model's error over the work is projected onto the parameters that the controller has. The work is always that
+of the rig file, never that of a path, so that one rig file has one set of entries and targets for a controller that has
+them stay right.
+
+A controller's zeros and lengths cannot follow a soft joint or a gear, and still take up a part of what these do to the
+tool. The error of the tool at the postures of the work, place and turn together, is fitted by the constants:
+
+- Postures of the work count most. Others, spread over the joint angles for which the model is known, count enough that
+  constants are not bent to the work and wrong beside it.
+- A turn of the tool counts as the distance by which it moves the end of the tool, or a point at 100 mm on a short one.
+- Each constant is expected within a few of its usual sizes. What no constant holds counts as scatter of the postures,
+  so that a large value is never made up for a small gain.
+- Constants that do the same at these postures (d2 and d3 of parallel axes) share it by their usual sizes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.apps.makers import CHECK_LENGTH, Controller, maker_by
+from analysis.correction.corrected_targets import Corrected
+from analysis.correction.pose_uncertainty import places_u_mm, pose_uncertainty
+from analysis.correction.support import CERTAIN_U, Support
+from analysis.correction.work import (
+    TaughtFrame,
+    base_u_um,
+    left_out_mm,
+    rest_effects,
+    rest_mm,
+    rms_um,
+    spread_angles,
+    tool_places,
+    tool_poses,
+    used_effects,
+    work_or_spread,
+)
+from analysis.robot.kinematics.arm import Array, Mask, pose_error
+from analysis.robot.model.predict import model_of
+from rigs.effects import Effect, changed, turned
+from rigs.errors import UseError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import MakerName
+
+_LEVER_MM = 100.0
+"""Shortest lever by which a turn of the tool counts. Chosen: about half a hand's width beyond a flange."""
+_USUAL = 3.0
+"""Sizes of a healthy arm that a constant is expected within. Chosen: an arm that is corrected is not quite healthy."""
+_LEAST_MM = 1e-3
+"""Root mean square over the work, in mm, that a constant must do to be entered, and that a combination of constants of
+the expected sizes must do to be known. Chosen: 1 µm, below any robot's repeatability."""
+_CRUMB = 0.01
+"""Part of the error, of 1, that a constant must do to be entered: who enters values by hand should not enter crumbs."""
+_BESIDE = 0.1
+"""Weight of the postures beside the work, of 1 for all. By trial on ur10e, a joint soft and one wavy: 0 left 93 µm on
+the work and 696 µm beside it (582 before), 0.1 left 134 and 329, 0.5 left 178 and 239."""
+_SHARE = 0.3
+"""Part of a constant in an unknown combination, of 1, from which they are named together."""
+_ROUNDS = 4
+"""Linear steps. Chosen: each leaves about a thousandth, since constants are wrong by about a thousandth."""
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A constant that a controller has: the axis from 1 and the key as in the rig file; `q_deg` is a joint's zero."""
+
+    axis: int
+    key: str
+
+    def effect(self, value: float) -> Effect:
+        """Return the effect of a change by `value`, in mm or degrees."""
+        return turned(self.axis, value) if self.key == "q_deg" else changed(self.axis, self.key, value)
+
+    @property
+    def usual(self) -> float:
+        """The size, mm or degrees, within which a change is expected."""
+        return _USUAL * self.effect(0.0).healthy
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Constants (m) with the changes `values` (m,) in mm or degrees that hold most of a model's error.
+
+    `worth_mm` (m,) is by how much each moves the tool's place, root mean square over the work. `operator` (m, 6n)
+    makes changes of the tool's error at them, weighted by `weights` (n, 6). `twins` lists places in `constants` of
+    those that do the same.
+    """
+
+    constants: tuple[Constant, ...]
+    values: Array
+    worth_mm: Array
+    operator: Array
+    weights: Array
+    twins: tuple[tuple[int, ...], ...]
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The changes as effects of the nominal arm: the arm that the controller then computes with."""
+        return tuple(
+            constant.effect(value) for constant, value in zip(self.constants, self.values.tolist(), strict=True)
+        )
+
+    def changes(self, moves: Array) -> Array:
+        """Return how much displacements (k, n, 6) mm and rad of the tool change the changes (k, m), in mm or degrees:
+        by displacements of one standard uncertainty each, the sums of squares are theirs."""
+        weighted = (moves * self.weights).reshape(len(moves), self.weights.size)  # of no moves, too
+        return np.asarray(weighted @ self.operator.T)
+
+    def without(self, out: Sequence[int], changes: Array) -> tuple[Projection, Array]:
+        """Return the projection as it is if some of its changes are nothing in truth, and the standard uncertainties
+        (m,) of the others then; `changes` (k, m) are as of `changes`. The others change by what is correlated: of two
+        of which the sum is sure, one becomes the sum, and what is sure by itself stays."""
+        kept = [k for k in range(len(self.constants)) if k not in out]
+        share = np.linalg.pinv(changes[:, out], 1e-9) @ changes[:, kept]
+        values = self.values[kept] - self.values[list(out)] @ share
+        projection = replace(
+            self,
+            constants=tuple(self.constants[k] for k in kept),
+            values=values,
+            worth_mm=self.worth_mm[kept] * np.abs(values / self.values[kept]),
+            operator=self.operator[kept],
+            twins=tuple(tuple(map(kept.index, group)) for group in self.twins if {*group} <= {*kept}),
+        )
+        return projection, np.linalg.norm(changes[:, kept] - changes[:, out] @ share, axis=0)
+
+    def gains(self, fewer: Projection, rig: Rig, used: Sequence[Effect], q: Array, moves: Array) -> bool:
+        """Return whether it leaves less error of the tool's place than one of fewer changes for certain, over the work
+        q (n, 6) rad, in the robot's base or with frame and tool taught; `moves` (k, n and more, 6) as of `changes`."""
+        real, nominal = tool_places(rig, used, q), tool_poses(model_of(rig, ()), q)
+        off_mm = [real - tool_places(rig, projection.effects, q) for projection in (fewer, self)]
+        in_base, frame = np.concatenate([off_mm, moves[:, : len(q), :3]]), TaughtFrame(nominal)
+        for without, full, *by_u in (in_base, frame.rest(in_base, nominal, frame.motions(in_base))):
+            u = 2.0 * math.hypot(*(float((move * (without - full)).sum()) for move in by_u))
+            if float((without**2).sum() - (full**2).sum()) > CERTAIN_U * u:
+                return True
+        return False
+
+
+def project(
+    rig: Rig, effects: Sequence[Effect], constants: Sequence[Constant], work: Array, spread: Array
+) -> Projection:
+    """Return the changes of constants that hold most of what effects do to the tool at joint angles of the work (n, 6)
+    rad and at others beside it (k, 6) rad. Constants that do nothing there are left out."""
+    lever = max(_LEVER_MM, float(np.linalg.norm(rig.robot.tool.xyz_mm)))
+    shares = np.repeat([(1 - _BESIDE) / len(work), _BESIDE / len(spread)], [len(work), len(spread)])
+    weights = np.sqrt(shares)[:, None] * [1, 1, 1, lever, lever, lever]
+    q = np.concatenate([work, spread])
+    base, real = tool_poses(model_of(rig, ()), q), tool_poses(model_of(rig, effects), q)
+    least_mm = max(_LEAST_MM, _CRUMB * float(np.linalg.norm(pose_error(base, real) * weights)))
+    first = _solved(rig, real, constants, q, weights)
+    moves = [pose_error(base, tool_poses(model_of(rig, [effect]), q)) * weights for effect in first.effects]
+    kept = [constant for constant, move in zip(first.constants, moves, strict=True) if np.linalg.norm(move) >= least_mm]
+    solved = _solved(rig, real, kept, q, weights)
+    each = [tool_poses(model_of(rig, [effect]), work) - base[: len(work)] for effect in solved.effects]
+    worth_mm = [float(np.linalg.norm(move[:, :3, 3])) / np.sqrt(len(work)) for move in each]
+    return replace(solved, worth_mm=np.array(worth_mm))
+
+
+def _solved(rig: Rig, real: Array, constants: Sequence[Constant], q: Array, weights: Array) -> Projection:
+    base = tool_poses(model_of(rig, ()), q)
+    usual = np.array([constant.usual for constant in constants])
+    columns = np.zeros((6 * len(q), len(constants)))
+    for k, constant in enumerate(constants):
+        columns[:, k] = (
+            pose_error(base, tool_poses(model_of(rig, [constant.effect(constant.usual)]), q)) * weights
+        ).ravel()
+    u, s, vt = np.linalg.svd(columns, full_matrices=False)
+    determined = s > _LEAST_MM
+    error = (pose_error(base, real) * weights).ravel()
+    explained = u[:, determined] @ (u[:, determined].T @ error)
+    scatter = float(((error - explained) ** 2).sum()) / len(q)
+    shrunk = s[determined] / (s[determined] ** 2 + scatter)
+    operator = (vt[determined].T * shrunk) @ u[:, determined].T
+    sizes = np.zeros(len(constants))
+    for _ in range(_ROUNDS):
+        now = tool_poses(model_of(rig, [c.effect(v) for c, v in zip(constants, usual * sizes, strict=True)]), q)
+        residual = (pose_error(now, real) * weights).ravel()
+        sizes = operator @ (residual + columns @ sizes)
+    return Projection(
+        tuple(constants),
+        usual * sizes,
+        np.zeros(len(constants)),
+        operator * usual[:, None],
+        weights,
+        _twins(vt, determined, len(constants)),
+    )
+
+
+def _twins(vt: Array, determined: Mask, count: int) -> tuple[tuple[int, ...], ...]:
+    """Return which of some constants only their combination is known of."""
+    # Directions without any effect are determined up to a turn among themselves, so all of them are taken together.
+    unknown = vt[~determined]
+    shared = unknown.T @ unknown
+    groups: list[tuple[int, ...]] = []
+    for k in range(count):
+        group = tuple(int(j) for j in np.flatnonzero(np.abs(shared[k]) > _SHARE * shared[k, k]))
+        if shared[k, k] > _SHARE and len(group) > 1 and group not in groups:
+            groups.append(group)
+    return tuple(groups)
+
+
+_NO_MOVE_MM = 1e-9
+"""A change of the tool below which an entry does nothing."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One change at the controller: add `add` ± `u` (standard uncertainty) `unit` to `parameter` of an axis from 1.
+
+    `now` is the size of the value before, where only its growth is stated. `reading_deg` is by how much the axis then
+    reads more at an unchanged posture. `worth_um` is by how much the change moves the tool, root mean square over the
+    work of the rig; `leaves_um` is the part of it that its uncertainty leaves.
+    """
+
+    axis: int
+    parameter: str
+    add: float
+    u: float
+    unit: str
+    now: float | None
+    reading_deg: float
+    worth_um: float
+    leaves_um: float
+
+
+@dataclass(frozen=True)
+class NotEntered:
+    """An effect that no constant and no target holds, and what it does to the tool over the work, root mean square."""
+
+    effect: Effect
+    worth_um: float
+
+
+@dataclass(frozen=True)
+class ControllerEntries:
+    """All changes at one controller and what they leave.
+
+    `effects` are the changes as effects of the nominal arm; there are none where they take away no error.
+    `before_um` and `after_um` are the error of the tool's
+    place over the work, root mean square, without and with the changes, `by_targets_um` with corrected targets; each
+    has what nothing can correct, the latter two also the uncertainty of the model. `elsewhere_um` is the
+    error of the model alone, without and with the changes, at postures spread over the joint angles of the work or the
+    runs. All of these are in a frame that is taught with the robot at these postures. `base_u_um` is what the place of
+    the whole arm on its base adds to the uncertainty of the model. `twins` names parameters of which only a combination
+    is known.
+    """
+
+    name: MakerName
+    controller: Controller
+    entries: tuple[Entry, ...]
+    effects: tuple[Effect, ...]
+    twins: tuple[tuple[str, ...], ...]
+    not_entered: tuple[NotEntered, ...]
+    before_um: float
+    after_um: float
+    by_targets_um: float
+    elsewhere_um: tuple[float, float]
+    base_u_um: float
+    steps: tuple[str, ...]
+
+    @property
+    def carried_um(self) -> float:
+        """How much of the error the entries take away."""
+        return self.before_um - self.after_um
+
+    @property
+    def carried_by_targets_um(self) -> float:
+        """How much of the error corrected targets take away."""
+        return self.before_um - self.by_targets_um
+
+
+def controller_entries(
+    rig: Rig, supported: Sequence[Support], name: MakerName, scale: Sequence[float] | None = None
+) -> ControllerEntries:
+    """Return the changes at a controller that hold most of a rig's model.
+
+    `scale` (6,) has the counts per degree, or the gear ratio, of each axis. Raises UseError for a scale that the
+    controller has no use for.
+    """
+    controller = maker_by(name).controller
+    if scale and not controller.scale:
+        raise UseError("--scale", f"{controller.maker} takes {controller.unit}, without a scale", "leave it out")
+    used, uncorrected, uncertainty = (
+        used_effects(rig, supported),
+        rest_effects(rig, supported),
+        pose_uncertainty(rig, supported),
+    )
+    spread, q = spread_angles(rig, uncertainty.joints_rad), work_or_spread(rig, uncertainty.joints_rad)
+    moves = uncertainty.pose_displacements(np.concatenate([q, spread]))
+    larger = _significant(rig, used, controller, (q, spread), moves)
+    projection, u = _certain(rig, used, larger, q, moves)
+    sizes = zip(
+        projection.constants, projection.values.tolist(), u.tolist(), (1e3 * projection.worth_mm).tolist(), strict=True
+    )
+    entries = [_entry(rig, controller, scale, *size) for size in sizes]
+    left_mm = np.linalg.norm(left_out_mm(rig, uncorrected, q), axis=1)
+    in_base_mm, u_mm = places_u_mm(rig, uncertainty, q, q)
+    doubt_mm = np.hypot(u_mm, left_mm)
+    before_um = rms_um(np.hypot(_apart_mm(rig, used, (), q), left_mm))
+    after_um = rms_um(np.hypot(_apart_mm(rig, used, projection.effects, q), doubt_mm))
+    effects, twins = projection.effects, projection.twins
+    if after_um >= before_um:
+        entries, effects, twins, after_um = [], (), (), before_um
+    lengths = (CHECK_LENGTH,) if any(entry.now is not None for entry in entries) else ()
+    return ControllerEntries(
+        name,
+        controller,
+        tuple(entries),
+        effects,
+        tuple(tuple(entries[k].parameter for k in group) for group in twins),
+        tuple(NotEntered(effect, rms_um(left_out_mm(rig, [effect], q)[:, 0])) for effect in uncorrected),
+        before_um,
+        after_um,
+        rms_um(doubt_mm),
+        (rms_um(_apart_mm(rig, used, (), spread)), rms_um(_apart_mm(rig, used, effects, spread))),
+        base_u_um(in_base_mm, u_mm),
+        (*controller.steps, *lengths, controller.check),
+    )
+
+
+def _significant(
+    rig: Rig, used: Sequence[Effect], controller: Controller, postures: tuple[Array, Array], moves: Array
+) -> Projection:
+    """Return the projection onto the constants of a controller whose changes are larger than their standard
+    uncertainty: the others go one after the other, the least certain first, since what they held may make the rest
+    certain."""
+    constants = [Constant(axis, "q_deg") for axis in range(1, 7)]
+    for parameter in controller.constants:
+        constants += [
+            Constant(axis, parameter.key)
+            for axis in parameter.axes
+            if not parameter.by_size or getattr(rig.robot.axes[axis - 1], parameter.key)
+        ]
+    while True:
+        projection = project(rig, used, constants, *postures)
+        u, sizes = np.linalg.norm(projection.changes(moves), axis=0), np.abs(projection.values)
+        if (sizes > u).all():
+            return projection
+        least = int(np.argmin(np.where(sizes > u, np.inf, sizes / u)))
+        constants = [constant for k, constant in enumerate(projection.constants) if k != least]
+
+
+def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, moves: Array) -> tuple[Projection, Array]:
+    """Return a projection without the changes that take away no error over the work q (n, 6) rad for certain, all of
+    them together, the least certain first, and the standard uncertainties (m,) of the others. `moves` (k, n and more,
+    6) are independent displacements of the tool by one standard uncertainty each."""
+    changes, needed, out = every.changes(moves), list[int](), list[int]()
+    while True:
+        projection, u = every.without(out, changes)
+        kept = np.setdiff1d(np.arange(len(every.constants)), out)
+        times_u = np.where(u > 0, np.abs(projection.values) / np.where(u > 0, u, 1.0), np.inf)
+        undecided = [k for k in kept[np.argsort(times_u)].tolist() if k not in needed]
+        if not undecided:
+            return projection, u
+        fewer, _ = every.without([*out, undecided[0]], changes)
+        (needed if every.gains(fewer, rig, used, q, moves) else out).append(undecided[0])
+
+
+def as_entered(rig: Rig, targets: Corrected, at: ControllerEntries) -> Corrected:
+    """Return corrected targets for a controller at which the entries were made: the angles that its joints then read
+    in the same postures, and the poses that it then computes there."""
+    added_deg, done = np.zeros(6), targets.done
+    for entry in at.entries:
+        added_deg[entry.axis - 1] += entry.reading_deg
+    q, T = targets.q.copy(), targets.T.copy()
+    q[done] += np.radians(added_deg)
+    T[done] = tool_poses(model_of(rig, at.effects), targets.q[done])
+    return replace(targets, q=q, T=T)
+
+
+def _apart_mm(rig: Rig, effects: Sequence[Effect], others: Sequence[Effect], q: Array) -> Array:
+    """Return how far (n,) mm the tool of a model stands from that of another at joint angles q (n, 6) rad, with
+    frame and tool taught there."""
+    return rest_mm(tool_places(rig, effects, q), tool_poses(model_of(rig, others), q))
+
+
+def _entry(
+    rig: Rig,
+    controller: Controller,
+    scale: Sequence[float] | None,
+    constant: Constant,
+    value: float,
+    u: float,
+    worth_um: float,
+) -> Entry:
+    """Return the entry of a change by `value` ± `u` mm or degrees that is worth so many µm."""
+    reading_deg, now = 0.0, None
+    if constant.key != "q_deg":
+        parameter = next(
+            each for each in controller.constants if each.key == constant.key and constant.axis in each.axes
+        )
+        name, unit, per_unit = parameter.of(constant.axis), parameter.unit, parameter.per_unit
+        if parameter.by_size:
+            nominal = float(getattr(rig.robot.axes[constant.axis - 1], constant.key))
+            per_unit, now = per_unit * np.sign(nominal), abs(per_unit * nominal)
+    else:
+        name, unit, per_unit = controller.zero.format(axis=constant.axis), controller.unit, controller.per_deg
+        # Where an axis goes with the motor of another one, one count alone does not change one reading alone.
+        coupling = np.abs(np.array(rig.robot.coupling) - np.diag(np.diag(rig.robot.coupling)))
+        is_coupled = (coupling.sum(axis=0) + coupling.sum(axis=1))[constant.axis - 1] != 0
+        if controller.scale and scale and not is_coupled:
+            per_unit *= scale[constant.axis - 1]
+        elif controller.scale:
+            name, unit, per_unit = f"reading of axis {constant.axis}", "deg", 1.0
+        # A robot whose model is changed, and not its zero, reads what it read before.
+        reading_deg = value if controller.changes_reading else 0.0
+    leaves_um = worth_um * u / abs(value) if worth_um > 1e3 * _NO_MOVE_MM else 0.0
+    return Entry(constant.axis, name, per_unit * value, abs(per_unit) * u, unit, now, reading_deg, worth_um, leaves_um)
+
+
+def scale_of(text: str | None) -> tuple[float, ...] | None:
+    """Return the scale of each axis (6,) from a comma-separated list, or None for none. Raises UseError for anything
+    but six numbers other than zero."""
+    if text is None:
+        return None
+    try:
+        scale = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        scale = ()
+    if len(scale) != 6 or not all(math.isfinite(number) and number for number in scale):
+        raise UseError("--scale", f"{text!r} is not six numbers other than zero", "give one an axis, with commas")
+    return scale

@@ -1,0 +1,157 @@
+"""All corrections of a rig: zeros, link constants, the targets of a path, and those of a person's own programs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from analysis.apps.makers import maker_by
+from analysis.apps.makers.controller_entries import ControllerEntries, as_entered, controller_entries
+from analysis.apps.makers.corrected_program import CorrectedProgram, Programs, correct_program
+from analysis.apps.makers.target_path import TargetPath, hold_uncorrected, read_path
+from analysis.correction.corrected_targets import Corrected, WorkError, angles_for, corrected
+from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
+from analysis.correction.support import Correction, Support, joint_zeros, link_constants, supports, supports_beside
+from analysis.correction.work import (
+    left_out_mm,
+    rest_effects,
+    rest_mm,
+    tool_places,
+    tool_poses,
+    used_effects,
+    work_or_spread,
+)
+from analysis.robot.model.predict import model_of
+from rigs.errors import FileError, RigPlace, UseError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import DRIVEN_AXES, MakerName
+
+NO_PROGRAMS = Programs()
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """What can be corrected: the effects with their use, zeros and constants, and the error over the work; at a
+    controller, the entries in its words; and, if a path was given, the path and its corrected targets, which are for a
+    controller that has its entries if `entered`. `calibrated` are the effects that only the calibration of the rig
+    names, whose zeros and constants are among those."""
+
+    rig: Rig
+    effects: tuple[Support, ...]
+    zeros: tuple[Correction, ...]
+    constants: tuple[Correction, ...]
+    work: WorkError
+    path: tuple[Path, TargetPath, Corrected] | None
+    at_controller: ControllerEntries | None = None
+    entered: bool = False
+    programs: tuple[CorrectedProgram, ...] = ()
+    calibrated: tuple[Support, ...] = ()
+
+    @property
+    def errors(self) -> dict[Path, WorkError | None]:
+        """The error at the covered targets of the path and of each program that is written, None where none is."""
+        programs = {program.path: program.error for program in self.programs if program.names and not program.held}
+        return ({self.path[0]: self.path[2].error} if self.path else {}) | programs
+
+    @property
+    def in_vain(self) -> dict[Path, str]:
+        """Those of them of which corrected targets are not known to gain, and why, as after their names."""
+        nothing, unknown = "corrected targets take away no error there", "no run says how well its targets are reached"
+        judged = self.errors.items()
+        return {path: nothing if error else unknown for path, error in judged if not (error and error.gains)}
+
+
+def correct_rig(
+    rig: Rig,
+    path: Path | None,
+    controller: MakerName | None = None,
+    scale: Sequence[float] | None = None,
+    *,
+    entered: bool = False,
+    programs: Programs = NO_PROGRAMS,
+) -> Corrections:
+    """Return the corrections of a rig, at a controller where one is given, of which `scale` (6,) has the counts per
+    degree or gear ratios; `entered` states that the controller has its entries, so that targets are for it with them.
+    Beside `programs` there are none, since both correct twice: the controller is then the one whose programs they are.
+    Raises FileError for a rig without effects, for a path that cannot be read or reached, for a file that is no program
+    and for a program of another maker's robot; UseError for `entered` without what it needs."""
+    if not model_of(rig).effects:
+        remedy = "diagnose or calibrate it, and give the rig file written"
+        raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy)
+    arm = "an arm on a rail" if rig.robot.rail else f"{len(rig.robot.axes)} axes"
+    if not rig.takes_programs and (controller or programs.paths):
+        problem = f"{arm}: controllers' entries and programs are known of arms of six axes that stand"
+        raise UseError("--for, --program", problem, "give joint targets with --path")
+    if entered and programs.paths:
+        problem = "is for --path; --program is for a controller without its entries"
+        raise UseError("--entered", problem, "give one of them")
+    if entered and not (path and controller):
+        raise UseError("--entered", "needs --path, and --for or a feedback that names it", "give both")
+    supported = supports(rig)
+    entries = controller_entries(rig, supported, controller, scale) if controller and not programs.paths else None
+    of_model = tuple(supports_beside(rig))
+    zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
+    targets = _targets(rig, supported, path, entries if entered else None) if path else None
+    filtered = tuple(
+        correct_program(rig, supported, program, programs.frames, scale, whole=programs.whole, start=programs.start)
+        for program in programs.paths
+    )
+    for program in filtered:
+        _hold_maker(program, rig, controller or rig.maker)
+    work = _work(rig, supported)
+    effects, numbers = tuple(supported), (tuple(zeros), tuple(constants))
+    return Corrections(rig, effects, *numbers, work, targets, entries, entered, filtered, of_model)
+
+
+def _hold_maker(program: CorrectedProgram, rig: Rig, maker: MakerName | None) -> None:
+    """Raise FileError for a program of another maker's robot."""
+    if maker and program.maker != maker:
+        of, robot = (maker_by(name).controller.maker for name in (program.maker, maker))
+        whose = "the robot of the rig file is one of" if maker == rig.maker else "--for says"
+        problem = f"is a program for {of}, and {whose} {robot}"
+        remedy = f"give a program of this robot, or --for {program.maker} where such a controller drives it"
+        raise FileError(str(program.path), problem, remedy)
+
+
+def _work(rig: Rig, supported: Sequence[Support]) -> WorkError:
+    uncertainty = pose_uncertainty(rig, supported)
+    q = work_or_spread(rig, uncertainty.joints_rad)
+    stays_mm = np.linalg.norm(left_out_mm(rig, rest_effects(rig, supported), q), axis=1)
+    is_at, nominal = tool_places(rig, used_effects(rig, supported), q), tool_poses(model_of(rig, ()), q)
+    off_mm, taught_mm = np.linalg.norm(is_at - nominal[:, :3, 3], axis=1), rest_mm(is_at, nominal)
+    sizes_mm = [off_mm, taught_mm, *places_u_mm(rig, uncertainty, q, q), stays_mm]
+    return WorkError.of(np.array(sizes_mm), covered(uncertainty, q))
+
+
+def _targets(
+    rig: Rig, supported: Sequence[Support], path: Path, entered: ControllerEntries | None
+) -> tuple[Path, TargetPath, Corrected]:
+    """Return a path and its corrected targets, for a controller as it was or with `entered`. Raises FileError where
+    none can be corrected."""
+    axes = len(rig.robot.axes)
+    read = read_path(path, axes, rail=rig.robot.rail is not None)
+    if rig.robot.rail and not read.joints:
+        problem = "has poses without joint angles, which leave free where the rail stands"
+        raise FileError(str(path), problem, f"give q1_deg … q{axes}_deg and e1_mm")
+    if axes != DRIVEN_AXES and not read.joints:
+        free = f"leave the elbow of an arm of {axes} axes free"
+        few = f"an arm of {axes} axes reaches in part: it turns the tool in {axes - 3} ways where it stands"
+        problem = f"has poses, which {free if axes > DRIVEN_AXES else few}"
+        raise FileError(str(path), problem, f"give joint angles q1_deg … q{axes}_deg")
+    hold_uncorrected(read, str(path))
+    q, unsolved = (read.angles(), []) if read.joints else angles_for(rig, read.poses())
+    targets = corrected(rig, supported, q, unsolved)
+    if not targets.done.any():
+        raise target_errors(path, read, targets)[0]
+    return path, read, as_entered(rig, targets, entered) if entered else targets
+
+
+def target_errors(path: Path, path_read: TargetPath, targets: Corrected) -> list[FileError]:
+    """Return an error for each target of a path that could not be corrected."""
+    return [
+        FileError(f"{path}, line {path_read.lines[target.place]}", target.what, "move the target")
+        for target in targets.left
+    ]

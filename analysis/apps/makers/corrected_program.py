@@ -1,0 +1,384 @@
+"""A person's own program with corrected targets: every other byte stays as it was, and what stays uncorrected is
+listed.
+
+A joint target becomes the joint angles that put the real tool where the nominal arm would have it. A pose becomes the
+pose of the nominal arm at such angles: what the controller must be given so that the real arm arrives at the wanted
+one. The controller is assumed to compute with the nominal arm. Nothing is sent anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from analysis.apps.makers.numbers import frame_numbers, frame_of, is_frame, joint_numbers, joints_of, replaced, written
+from analysis.apps.makers.postures import agreeing, solved
+from analysis.apps.makers.program_machine import Unknown
+from analysis.apps.makers.reading import ProgramReader, as_bytes, read_program
+from analysis.apps.makers.target import AT_BEGIN, Left, Named, Number, Parsed, Reason, Target, Texts
+from analysis.correction.corrected_targets import Corrected, NotCorrected, WorkError, corrected
+from analysis.correction.support import Support
+from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward, pose_error, transform
+from rigs.errors import FileError, UseError
+from rigs.rig import Rig
+from rigs.schema.robot import Pose, Robot
+from rigs.schema.vocabulary import MakerName
+
+MOST_MM, _MOST_DEG, _MOST_JOINT_DEG = 10.0, 1.0, 10.0
+"""A correction beyond it is not written. A zero wrong by half a degree moves a tool at 1.1 m by 10 mm: an arm that is
+farther off has to be mastered, or the rig file is that of another one. A joint that turns by 10° for that is near a
+singularity."""
+
+
+_HOW = "give NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
+_FARTHEST_MM = 1e6
+"""A frame farther away than a kilometre is a typing error."""
+_MOST_TURNED_DEG = 1000.0
+"""No joint turns farther: arms have less than three turns."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames (4, 4) in mm by their names, in lower case: tools from the flange, user frames from the robot's base."""
+
+    tools: Mapping[str, Array]
+    frames: Mapping[str, Array]
+
+
+NO_FRAMES = Frames({}, {})
+"""Nothing stated: what a program only names is not known."""
+
+
+@dataclass(frozen=True)
+class Programs:
+    """Programs to correct, the tools and frames that a person states for them, whether only whole ones, of which no
+    target is left as it was, are written, and the joint angles (6,) rad at which the arm stands when they begin."""
+
+    paths: Sequence[Path] = ()
+    frames: Frames = NO_FRAMES
+    whole: bool = False
+    start: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
+class CorrectedProgram:
+    """A program with corrected targets.
+
+    `files` are its bytes by name. `names` and `places` (n,), a file and a line each, are those of the n targets that
+    were corrected, `moved_mm` (n,) how far they moved, `u_mm` (n,) their standard uncertainty in the robot's base and
+    `u_frame_mm` (n,) with frame and tool taught with the robot over them, `unknown` (n,) why no run says how well they
+    are reached, so that both are NaN, empty where one does, and `rounded_um` (n,) how far the numbers' decimals put
+    them off. `error` is that of the places at the targets, None where none was corrected. `left` is what stayed as it
+    was. `beside_left_mm` (m,) is how far corrected targets moved against a neighbour that was left, for each move
+    between two such. `sources` are the names of the files that `left` counts, and `overruled` the tools and frames that
+    a person stated, and that the program gives other numbers. Where it is `held`, the program is not written, since it
+    would be half corrected. `start` are the joint angles (6,) rad at which a person states that the arm stands when it
+    begins, where a target's posture can come from them.
+    """
+
+    path: Path
+    maker: MakerName
+    files: dict[str, bytes]
+    names: tuple[str, ...]
+    places: tuple[tuple[int, int], ...]
+    moved_mm: Array
+    u_mm: Array
+    u_frame_mm: Array
+    unknown: tuple[str, ...]
+    error: WorkError | None
+    rounded_um: Array
+    left: tuple[Left, ...]
+    beside_left_mm: Array
+    sources: tuple[str, ...]
+    overruled: tuple[Named, ...]
+    held: bool = False
+    start: tuple[float, ...] | None = None
+
+
+def correct_program(
+    rig: Rig,
+    supported: Sequence[Support],
+    path: Path,
+    frames: Frames,
+    scale: Sequence[float] | None,
+    *,
+    whole: bool = False,
+    start: tuple[float, ...] | None = None,
+) -> CorrectedProgram:
+    """Return a program with the targets that can be corrected for the effects of a rig; with `whole` it is held where
+    any that a move uses cannot. `start` (6,) rad is where the arm stands whenever the program begins. Raises
+    FileError for a file that is no program."""
+    maker, texts = read_program(path)
+    reader = maker.reader
+    parsed = reader.parse(texts)
+    arm, targets = arm_of(rig.robot), parsed.targets
+    located = [_located(arm, reader, frames, target) for target in targets]
+    q, reasons = _joints_at(arm, parsed, located, scale, start)
+    done = corrected(rig, supported, q, [NotCorrected(k, why, "") for k, why in reasons.items()])
+    moved_mm = np.linalg.norm(done.T[:, :3, 3] - forward(arm, q)[:, :3, 3], axis=1)
+    reasons |= {target.place: target.reason for target in done.left}
+    reasons |= _implausible(arm, targets, q, done, moved_mm)
+    because = _off_by_offset(arm, targets, located, done, reasons)
+    kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
+    changes: list[list[tuple[Number, str]]] = [[] for _ in range(texts.own)]
+    for k in kept:
+        if not np.array_equal(done.q[k], q[k]):  # what needs no correction keeps its bytes
+            value = done.q[k] if targets[k].joints else _in_program(arm, located[k], done.T[k])
+            file = targets[k].file
+            changes[file] += _changes(reader, texts.texts[file], targets[k], value, scale)
+    new = tuple(map(replaced, texts.texts[: texts.own], changes))
+    after = _read_back(reader, parsed, replace(texts, texts=(*new, *texts.texts[texts.own :])))
+    left = [
+        *parsed.left,
+        *(
+            Left(targets[k].file, targets[k].line, targets[k].name, why, because.get(k, ()))
+            for k, why in reasons.items()
+            if targets[k].of is None
+        ),
+    ]
+    return CorrectedProgram(
+        path=path,
+        maker=maker.name,
+        files=dict(zip(texts.names, map(as_bytes, new), strict=False)),
+        names=tuple(targets[k].name for k in kept),
+        places=tuple((targets[k].file, targets[k].line) for k in kept),
+        moved_mm=moved_mm[kept],
+        u_mm=done.u_mm[kept],
+        u_frame_mm=done.u_frame_mm[kept],
+        unknown=tuple(done.unknown[k] for k in kept),
+        error=done.error,
+        rounded_um=np.array([_off_um(arm, after.targets[k], located[k], scale, done.T[k]) for k in kept]),
+        left=tuple(sorted(left, key=lambda target: (target.file, target.line))),
+        beside_left_mm=moved_mm[_beside_left(parsed, set(kept))],
+        sources=texts.names,
+        overruled=tuple(named for named in parsed.sets if _otherwise(named, frames)),
+        held=whole and any(target.reason != "unused" for target in left),
+        start=start if _needs_start(parsed) else None,
+    )
+
+
+def _joints_at(
+    arm: Arm,
+    parsed: Parsed,
+    located: Sequence[_Located],
+    scale: Sequence[float] | None,
+    start: tuple[float, ...] | None,
+) -> tuple[Array, dict[int, Reason]]:
+    """Return the joint angles (n, 6) rad at which the program has the nominal arm stand at its targets, and for each of
+    those at which it cannot, why. Raises UseError for a start that the arm does not reach."""
+    targets, reasons = parsed.targets, dict[int, Reason]()
+    poses, angles = np.full((len(targets), 4, 4), np.nan), np.full((len(targets), 6), np.nan)
+    for k, target in enumerate(targets):
+        place = _given(target, located[k], scale)
+        if isinstance(place, str):
+            reasons[k] = place
+        elif target.joints:
+            angles[k] = place
+        else:
+            poses[k] = _in_world(arm, located[k], place)
+    low, high = arm.limits.T
+    if start is not None and ((start < low) | (start > high)).any():
+        raise UseError("--start-joints", "is beyond the limits of the arm's joints", "give angles that it can stand at")
+    q, unsolved = solved(arm, targets, poses, angles, parsed.steps, start)
+    beyond = ((q < low - 1e-9) | (q > high + 1e-9)).any(axis=1)
+    return q, reasons | unsolved | {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
+
+
+def _needs_start(parsed: Parsed) -> bool:
+    """Whether the posture of a target comes from where the arm stands when the program begins."""
+    first = [(parsed.targets[step.target], step) for step in parsed.steps if AT_BEGIN in step.comes_from]
+    return any(not of.joints and not of.near and not (of.flags and step.by_flags) for of, step in first)
+
+
+def _beside_left(parsed: Parsed, kept: set[int]) -> list[int]:
+    """Return the corrected target at one end of each move whose other end was left."""
+    base = [k if target.of is None else target.of for k, target in enumerate(parsed.targets)]
+    ends_kept = [base[k] for k in parsed.next_to_left]
+    for step in parsed.steps:
+        ends = [(base[step.target], base[k]) for k in step.comes_from if k not in (None, AT_BEGIN)]
+        ends_kept += [
+            first if first in kept else second for first, second in ends if (first in kept) != (second in kept)
+        ]
+    return [k for k in ends_kept if k in kept]
+
+
+def _otherwise(named: Named, frames: Frames) -> bool:
+    """Whether a person stated other numbers for a tool or frame than the program gives it."""
+    stated = (frames.tools if named.kind == "tool" else frames.frames).get(named.name.lower())
+    return stated is not None and not np.allclose(stated.ravel(), named.value, atol=1e-6)
+
+
+def _off_by_offset(
+    arm: Arm, targets: Sequence[Target], located: Sequence[_Located], done: Corrected, reasons: dict[int, Reason]
+) -> dict[int, tuple[Unknown, ...]]:
+    """Leave the points at which a move with an offset would not stand where it needs to, within the uncertainty of its
+    correction, and return for each such point the move."""
+    because: dict[int, tuple[Unknown, ...]] = {}
+    for k, target in enumerate(targets):
+        if target.of is None or target.of in reasons:
+            continue
+        if k in reasons:
+            off_mm, u_mm = np.inf, 0.0
+        else:
+            X = _in_program(arm, located[target.of], done.T[target.of])
+            stands = _in_world(arm, located[k], _with_offset(target, X))
+            off_mm = float(np.linalg.norm(stands[:3, 3] - done.T[k][:3, 3]))
+            u_mm = min(done.u_mm[k], done.u_frame_mm[k])
+        if not off_mm < u_mm:  # nor where it is not known
+            reasons[target.of] = "offset"
+            because[target.of] = (Unknown(target.file, target.line, "the move with the offset"),)
+    return because
+
+
+def _with_offset(target: Target, X: Array) -> Array:
+    """Return the frame (4, 4) to which a move with a target's offset from X (4, 4) goes."""
+    if target.offset is None:
+        return X
+    kind, offset = target.offset
+    return np.asarray(offset @ X if kind == "frame" else X @ offset)
+
+
+@dataclass(frozen=True)
+class _Located:
+    """The tool and the frame (4, 4) in mm of a target, or why they are not known."""
+
+    tool: Array
+    frame: Array
+    reason: Reason | None = None
+
+
+def _located(arm: Arm, reader: ProgramReader, frames: Frames, target: Target) -> _Located:
+    hangs = reader.of_world and arm.T_world_base[2, 2] < 1 - 1e-6  # the cell's frame cannot be that of its foot
+    tool = _known(target.tool, frames.tools, reader.null_tools)
+    frame = _known(target.frame, frames.frames, () if hangs else reader.null_frames)
+    if frame is None or tool is None:
+        return _Located(np.eye(4), np.eye(4), "unknown_tool" if tool is None else "unknown_frame")
+    return _Located(tool, frame)
+
+
+def _known(place: Array | str, named: Mapping[str, Array], null: tuple[str, ...]) -> Array | None:
+    if not isinstance(place, str):
+        return place
+    stated = named.get(place.lower())
+    return np.eye(4) if stated is None and place in null else stated
+
+
+def _given(target: Target, located: _Located, scale: Sequence[float] | None) -> Array | Reason:
+    """Return the joint angles (6,) rad or the frame (4, 4) of a target's numbers, or why there are none."""
+    if target.form == "pulses" and scale is None:
+        return "no_scale"
+    values = [number.value for number in target.numbers]
+    if not target.joints and not is_frame(target.form, values):
+        return "unreachable"
+    if not np.isfinite(values).all():
+        return "beyond_limits"
+    if target.joints:
+        return joints_of(target, scale)
+    return located.reason or _with_offset(target, frame_of(target.form, values))
+
+
+def _in_world(arm: Arm, located: _Located, X: Array) -> Array:
+    """Return the pose (4, 4) of the rig's own tool in the world where the program's tool is at X (4, 4) in its
+    frame."""
+    T: Array = arm.T_world_base @ located.frame @ X @ np.linalg.inv(located.tool) @ arm.T_flange_tool
+    return T
+
+
+def _in_program(arm: Arm, located: _Located, T: Array) -> Array:
+    """Return X (4, 4) of a pose T (4, 4) in the world: the inverse of `_in_world`."""
+    outer = np.linalg.inv(arm.T_world_base @ located.frame)
+    X: Array = outer @ T @ np.linalg.inv(arm.T_flange_tool) @ located.tool
+    return X
+
+
+def _implausible(arm: Arm, targets: Sequence[Target], q: Array, done: Corrected, moved_mm: Array) -> dict[int, Reason]:
+    """Return the targets whose correction, by moved_mm (n,), is not to be written, with the reason."""
+    reasons: dict[int, Reason] = {}
+    corrected_ones = np.flatnonzero(done.done)
+    turned = pose_error(done.T[corrected_ones], forward(arm, q[corrected_ones]))[:, 3:]
+    for k, turned_deg in zip(corrected_ones.tolist(), np.degrees(np.linalg.norm(turned, axis=1)), strict=True):
+        new = done.q[k]
+        joint_deg = float(np.degrees(np.abs(new - q[k]).max()))
+        if moved_mm[k] > MOST_MM or turned_deg > _MOST_DEG or joint_deg > _MOST_JOINT_DEG:
+            reasons[k] = "too_large"
+        # The controller takes the flags at their word: an angle beyond zero would be reached a turn away.
+        elif (flags := targets[k].flags) and not np.array_equal(new, q[k]):
+            # Beyond its flags not at all where the old one was not, and else as far as the program's rounding put it.
+            steps = np.radians([0.0, 1e-5, 1e-4, 1e-3, 2e-2])
+            slack = next((float(step) for step in steps if agreeing(arm, q[k][None], flags, float(step))[0]), 0.0)
+            if not agreeing(arm, new[None], flags, slack)[0]:
+                reasons[k] = "changes_flags"
+    return reasons
+
+
+def _changes(
+    reader: ProgramReader, text: str, target: Target, new: Array, scale: Sequence[float] | None
+) -> list[tuple[Number, str]]:
+    """Return the numbers of a target in a text with their new text; `new` are angles (6,) rad, or a frame (4, 4)."""
+    if target.joints:
+        values, decimals = joint_numbers(target.form, new, scale), [reader.decimals.turn] * 6
+    else:
+        values = frame_numbers(target.form, new, np.array([number.value for number in target.numbers]))
+        decimals = [reader.decimals.place] * 3 + [reader.decimals.turn] * (len(values) - 3)
+    three = zip(target.numbers, values.tolist(), decimals, strict=True)
+    return [(number, written(number, text, value, target.form, places)) for number, value, places in three]
+
+
+def _read_back(reader: ProgramReader, before: Parsed, texts: Texts) -> Parsed:
+    """Return the targets of the new texts: the same ones, or the program is not handed out."""
+    after = reader.parse(texts)
+
+    def others(parsed: Parsed) -> tuple[object, ...]:
+        return [(target.name, target.file, target.line) for target in parsed.targets], parsed.steps, parsed.left
+
+    if others(after) != others(before):
+        raise FileError("the corrected program", "does not read back as the same program", "report this program's form")
+    return after
+
+
+def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] | None, meant: Array) -> float:
+    """Return how far in µm the numbers as written put the tool from where it is `meant` (4, 4)."""
+    if target.joints:
+        written_pose = forward(arm, joints_of(target, scale)[None])[0]
+    else:
+        written_pose = _in_world(arm, located, frame_of(target.form, [number.value for number in target.numbers]))
+    return float(np.linalg.norm(written_pose[:3, 3] - meant[:3, 3])) * 1e3
+
+
+def frames_of(robot: Robot, tools: Sequence[str], frames: Sequence[str]) -> Frames:
+    """Return the frames of texts "name=x,y,z,rx,ry,rz"; a tool can be "name=rig", the tool of the rig file, and either
+    "name=0". Raises UseError for anything else."""
+    tool_frames = dict(_named("--tool", text, transform(robot.tool)) for text in tools)
+    return Frames(tool_frames, dict(_named("--frame", text, None) for text in frames))
+
+
+def _named(option: str, text: str, of_rig: Array | None) -> tuple[str, Array]:
+    name, equals, values = (part.strip() for part in text.partition("="))
+    if not equals or not name:
+        raise UseError(f"{option} {text}", "is not NAME=…", _HOW)
+    if values == "rig" and of_rig is not None:
+        return name.lower(), of_rig
+    if values == "0":
+        return name.lower(), np.eye(4)
+    numbers = _six(f"{option} {text}", values, _FARTHEST_MM, _HOW)
+    return name.lower(), transform(Pose(xyz_mm=tuple(numbers[:3]), rpy_deg=tuple(numbers[3:])))
+
+
+def start_of(text: str | None) -> tuple[float, ...] | None:
+    """Return the joint angles (6,) rad of a text "deg,deg,…", None for none. Raises UseError for anything else."""
+    how = "give the six joint angles in degrees at which the arm stands whenever the program begins"
+    numbers = () if text is None else _six(f"--start-joints {text}", text, _MOST_TURNED_DEG, how)
+    return tuple(np.radians(numbers).tolist()) or None
+
+
+def _six(argument: str, text: str, limit: float, how: str) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(value) for value in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 6 or not all(abs(value) < limit for value in numbers):
+        raise UseError(argument, "is not six numbers", how)
+    return numbers

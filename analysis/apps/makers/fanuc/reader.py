@@ -1,0 +1,459 @@
+"""Targets in a listing of FANUC's teach pendant language (.LS): P[n] with joints, or with a pose and its CONFIG.
+
+Source: FANUC, R-30iB Operator's Manual (Basic Operation) B-83284EN, chapter 4, and public backups in .LS. A position
+names its user frame UF and its tool frame UT; UF 0 is the world, taken for the robot's base as the library's arms have
+it, and UT 0 the flange. INC makes a move relative; Offset and Tool_Offset add a register, which stands in the
+controller. A listing is one program; those beside it are followed where it calls them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from analysis.apps.makers.numbers import Decimals, frame_of
+from analysis.apps.makers.points import Points, as_value
+from analysis.apps.makers.program_machine import (
+    HERE,
+    OFF,
+    Blocks,
+    Built,
+    Call,
+    Elsewhere,
+    End,
+    Forget,
+    Jump,
+    Label,
+    Lose,
+    Move,
+    Program,
+    Ref,
+    Set,
+    Statement,
+    Unknown,
+    Value,
+)
+from analysis.apps.makers.programs.posture import agreeing, turns
+from analysis.apps.makers.reading import ProgramReader, Remark
+from analysis.apps.makers.target import (
+    NUMBER,
+    Flags,
+    Form,
+    Left,
+    Lines,
+    Number,
+    Parsed,
+    Reason,
+    Target,
+    Texts,
+    blanked,
+    lines_of,
+    with_newlines,
+)
+from analysis.robot.kinematics.arm import Arm, Array, Mask
+
+_DECIMALS = Decimals(place=(3, 7), turn=(3, 9))
+"""A controller prints three decimals; whether it takes more is not known, so no decimals are added."""
+_BLANK = re.compile(
+    r"(?<=:)[ \t]*(?:!|//|--eg:)[^\n]*|^[ \t]*(?:\d+[ \t]*)?:[ \t]*(?:!|//)[^\n]*|\"[^\"\n]*\"|MESSAGE\[[^\n]*",
+    re.MULTILINE,
+)
+_LINE = re.compile(r"^[ \t]*(?:(?P<number>\d+)[ \t]*)?:(?P<body>[^\n]*)", re.MULTILINE)
+_POINT = re.compile(r"(?<![A-Z])P\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]")
+_ANY_POINT = re.compile(r"(?<![A-Z])P\[\s*(?:(\d{1,6})\b|[^\]\n]{0,60})")
+_POSITION = re.compile(r"\bP\[\s*(\d{1,6})\s*(?::[^\]\n]{0,40})?\]\s*\{([^{}]*)\}")
+_INSIDE = r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
+_MOVE = re.compile(rf"(?P<kind>[JLCAS])\s+(?P<point>PR?{_INSIDE})\s*(?P<second>PR?{_INSIDE})?(?P<rest>.*)")
+_OFFSET = re.compile(r"\b(?:Tool_)?Offset\b(?:\s*,\s*PR\[[^\]]*\])?|\bVOFFSET\b(?:\s*,\s*VR\[[^\]]*\])?", re.IGNORECASE)
+_SPEED = r"(?:\d+(?:\.\d*)?|\.\d+|A?R\[[^\]]*\])\s*(?:%|mm/sec|cm/min|inch/min|deg/sec|sec|msec)|max_speed|WELD_SPEED"
+_OPTIONS = re.compile(
+    rf"(?:{_SPEED}|FINE|CNT\s*(?:\d+|R\[[^\]]*\])|CD\s*\d+|CR\s*\d+|ACC\s*(?:\d+|R\[[^\]]*\])|DEC\s*\d+|Wjnt|PTH|MROT|"
+    r"MINROT|BREAK|PSPD\s*\d+|EV\s*\d+\s*%|Ind\.EV\s*\d+\s*%|[;\s])",
+    re.IGNORECASE,
+)
+"""What stands behind a target and changes neither where it is nor how it is reached."""
+_SKIP = re.compile(
+    r"\bSkip\s*,\s*LBL\[\s*([^\]:]*)[^\]]*\](?:\s*,\s*(?P<register>PR\[.*?\]\s*=\s*[LJ]POS))?", re.IGNORECASE
+)
+_ALONG = re.compile(r"\b(?:TA|TB|DB|TIME\s+(?:BEFORE|AFTER))\s+[^,;]*,\s*(?P<action>[^;]*)", re.IGNORECASE)
+_ASSIGNED = re.compile(
+    r"(?:P|AR|R|SR|DO|DI|RO|RI|GO|GI|AO|AI|SO|SI|UO|UI|WO|WI|F|M|TIMER|VR|STR)"
+    rf"{_INSIDE}\s*(?:,\s*\S+\s*)?=.*"
+)
+_NOTHING = re.compile(
+    r"(?:OVERRIDE\s*=.*|PAYLOAD\s*\[.*|UALM\[.*|PAUSE|WAIT\b(?!.*TIMEOUT).*|MESSAGE\[.*|"
+    r"U(?:FRAME|TOOL)_NUM\[\s*GP[2-9][^\]]*\]\s*=.*|JOINT_MAX_SPEED.*|LINEAR_MAX_SPEED.*|(?:TOOL_|V)?OFFSET\s+CONDITION\b.*|"
+    r"SKIP\s+CONDITION\b.*|LOCK\s+(?:PREG|VREG)|UNLOCK\s+(?:PREG|VREG)|COL\s+(?:DETECT|GUARD)\b.*|RSR\[.*|REMARK\b.*|"
+    r"Arc\s+(?:Start|End)\b.*|Weave\b.*|SPOT\s*\[.*|BACKUP\s*=.*|VISION\s+(?:RUN_FIND|GET_OFFSET|GET_PASSFAIL|"
+    r"GET_NFOUND|CAMERA_CALIB|SET_REFERENCE|OVERRIDE)\b.*|LINECOUNT\[.*|LINESIM\[.*|SETTRIG\b.*|DEFENC\b.*|SETBOUND\b.*|"
+    r"MONITOR\s+END.*|SELBOUND\b.*|DIAG_.*|FOLLOW\s+UP\b.*|CLEAR_RESUME_PROG|STRLEN\b.*|\$(?:WAITTMOUT|MCR\.\$GENOVERRIDE|"
+    r"SCR\.\$\w+|PRGOVERRIDE|TIMER\[[^\]]*\]\S*)\s*=.*|--.*|)",
+    re.IGNORECASE,
+)
+"""Instructions that change neither frames nor where the arm stands or goes: registers, signals, waiting, speeds,
+messages, welding."""
+_SELECTED = re.compile(r"(UFRAME_NUM|UTOOL_NUM)\s*(?:\[\s*GP1\s*\])?\s*=\s*(.*)", re.IGNORECASE)
+"""A controller refuses a position whose UF and UT are not the numbers that are selected (INTP-250 to 253), unless a
+system variable switches the check off ($FRM_CHKTYP, on some $MCR.$UFRCHK). Which of the two counts then was found
+nowhere, so they have to be the same."""
+_FRAME = re.compile(r"(UFRAME|UTOOL)\s*\[\s*(?:GP\d\s*:\s*)?(.*?)\]\s*=.*", re.IGNORECASE)
+_REGISTER = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?((?:[^\[\]]|\[[^\[\]]*\])*)\]\s*=\s*(.*)")
+_WHOLE = re.compile(r"PR\[\s*(?:GP1\s*:\s*)?(\d+)\s*(?::[^\]]*)?\]")
+_CALL = re.compile(r"CALL\s+([\w-]+)\s*(?:\(.*\))?", re.IGNORECASE)
+_RUN = re.compile(r"(?:RUN\s+|MONITOR\s+(?!END)|ERROR_PROG\s*=\s*|RESUME_PROG[^=]*=\s*)([\w-]+)", re.IGNORECASE)
+_SYSTEM_FRAMES = re.compile(r"\$(?:MNUFRAME|MNUTOOL)", re.IGNORECASE)
+_SWITCHES = (
+    (re.compile(r"SOFTFLOAT\s+END.*", re.IGNORECASE), ("tracking", OFF)),
+    (re.compile(r"SOFTFLOAT\b.*", re.IGNORECASE), ("tracking", "on")),
+    (re.compile(r"Track\s+End.*", re.IGNORECASE), ("tracking", OFF)),
+    (re.compile(r"Track\b.*", re.IGNORECASE), ("tracking", "on")),
+)
+_TRACKING = re.compile(r"\bLINE_TRACK|\bTRACK\b|TRACK_SCHEDULE", re.IGNORECASE)
+_FRAMES = re.compile(r"UF\s*:\s*(\w+)\s*,\s*UT\s*:\s*(\w+)")
+_CONFIG = re.compile(r"CONFIG\s*:\s*'\s*([FN])?\s*([UD])?\s*([TB])?\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*'")
+_JOINT = re.compile(rf"\bJ([1-6])\s*=\s*({NUMBER})\s*deg")
+_AXIS = re.compile(rf"\b([XYZWPR])\s*=\s*({NUMBER})\s*(?:mm|deg)")
+_OTHERS = re.compile(r"\bGP[2-9]\b|\bE\d\s*=|\bJ[7-9]\s*=")
+
+
+@dataclass
+class _Reader:
+    names: tuple[str, ...]
+    texts: tuple[str, ...]
+    lines: tuple[Lines, ...]
+    points: Points
+    programs: dict[str, list[int]] = field(default_factory=dict)
+    routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
+    beside: list[Call] = field(default_factory=list)
+    file: int = 0
+    blocks: Blocks = field(default_factory=Blocks)
+    labels: tuple[str, ...] = ()
+    registers: tuple[int, ...] = ()
+    line: int = 0
+
+    def why(self, fact: str) -> Unknown:
+        return Unknown(self.file, self.line, " ".join(fact.split())[:80])
+
+    def leave(self, line: int, name: str, reason: Reason) -> None:
+        if self.file == 0:
+            self.points.leave(Left(0, line, name[:60], reason))
+
+    def called(self, name: str) -> Statement:
+        """Return the call of another program: the only listing that has its name."""
+        files = self.programs.get(name.upper(), [])
+        why = self.why(f"{name} is called" if len(files) == 1 else f"{name} is not known here")
+        return Call(str(files[0]), why) if len(files) == 1 else Forget(why)
+
+
+def parse(texts: Texts) -> Parsed:
+    """Return the targets of a listing."""
+    blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
+    reader = _Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(1))
+    for file, text in enumerate(blank):
+        named = re.search(r"^/PROG\s+([\w-]+)", text, re.MULTILINE)
+        for name in {texts.names[file].rpartition(".")[0].upper(), *((named[1].upper(),) if named else ())}:
+            reader.programs.setdefault(name, []).append(file)
+    for name, files in reader.programs.items():
+        if 0 in files:  # the program itself comes first
+            reader.programs[name] = [0]
+    start = _section(blank[0], "POS", len(blank[0]))
+    for position in _POSITION.finditer(blank[0], start):
+        target, reason = _position(position, reader.lines[0])
+        reader.points.declare(position[1], target, reason)
+    reader.registers = tuple({int(register[1]) for text in blank for register in _WHOLE.finditer(text)})
+    for file in range(len(blank)):
+        _read(reader, file)
+
+    def initial(part: str) -> Value:
+        family, _, number = part.partition("[")
+        if part in ("UFRAME_NUM", "UTOOL_NUM"):
+            return Unknown(0, 0, f"no line selects {part}")
+        return number.rstrip("]") if family in ("UFRAME", "UTOOL") else OFF
+
+    return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside), kept=("UFRAME[", "UTOOL[")))
+
+
+def _section(text: str, name: str, otherwise: int, end: int | None = None) -> int:
+    section = re.compile(rf"^/{name}\b", re.MULTILINE).search(text, 0, len(text) if end is None else end)
+    return section.start() if section else otherwise
+
+
+def _position(position: re.Match[str], lines: Lines) -> tuple[Target, Reason | None]:
+    number, body, begin = position[1], position[2], position.start(2)
+    joints = [(int(joint[1]), _number(joint, begin)) for joint in _JOINT.finditer(body)]
+    axes = [("XYZWPR".index(component[1]) + 1, _number(component, begin)) for component in _AXIS.finditer(body)]
+    form: Form = "joints_deg" if joints else "roll_pitch_yaw"
+    by_axis = dict(joints or axes)
+    numbers = tuple(by_axis[axis] for axis in sorted(by_axis))
+    frames, config = _FRAMES.search(body), _CONFIG.search(body)
+    flags = None
+    if config and all(config[k] for k in (1, 2, 3)):
+        letters = config[1] == "F", config[2] == "U", config[3] == "T"
+        flags = Flags((*map(int, letters), *(int(config[k][:6]) for k in (4, 5, 6))), _agreeing)
+    frame, tool = (frames[1], frames[2]) if frames else ("F", "F")
+    target = Target(f"P[{number}]", 0, lines.at(position.start()), form, numbers, tool, frame, flags)
+    if _OTHERS.search(body):
+        return target, "external_axes"
+    return target, None if len(numbers) == 6 and len(joints or axes) == 6 else "incomplete"
+
+
+def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
+    """Which solutions q (n, 6) rad agree with flip, up, front and the turns of axes 4 to 6, in the sense of `rig
+    program`."""
+    return agreeing(arm, q, values[:3], dict(zip((3, 4, 5), values[3:], strict=True)), turns, slack_rad)
+
+
+def _number(component: re.Match[str], begin: int) -> Number:
+    return Number(begin + component.start(2), begin + component.end(2), float(component[2]))
+
+
+def _read(reader: _Reader, file: int) -> None:
+    """Read the instructions of a listing."""
+    text = reader.texts[file]
+    middle = _section(text, "POS", len(text))
+    begin = _section(text, "MN", 0, middle)
+    reader.file, reader.blocks, reader.line = file, Blocks(), 1
+    reader.labels = tuple(re.findall(r"\bLBL\[\s*(\d+)", text[begin:middle]))
+    if _TRACKING.search(text, 0, begin):
+        reader.blocks.add(Set("tracking", "on"))
+    statements: list[list[tuple[int, str]]] = []  # each as the lines over which it goes, with where they begin
+    for line in _LINE.finditer(text, begin, middle):
+        if line["number"] or not statements or statements[-1][-1][1].endswith(";"):
+            statements.append([])
+        statements[-1].append((line.start("body"), line["body"].strip()))
+    for statement in statements:
+        reader.line = reader.lines[file].at(statement[0][0])
+        whole = " ".join(body for _, body in statement)
+        _statement(reader, whole.rstrip("; "), reader.lines[file].at(statement[-1][0]))
+    reader.routines[str(file)] = reader.blocks.done()
+
+
+def _statement(reader: _Reader, text: str, last_line: int) -> None:
+    """Take an instruction; `last_line` is where it ends."""
+    if move := _MOVE.fullmatch(text):
+        _move(reader, move, last_line)
+        return
+    _mentioned(reader, text)
+    if not (_flow(reader, text, last_line) or _sets(reader, text) or _NOTHING.fullmatch(text) or _POINT.match(text)):
+        reader.blocks.add(Forget(reader.why(f"{text} is not known here")))
+
+
+def _flow(reader: _Reader, text: str, last_line: int) -> bool:
+    """Take an instruction that decides where the program goes on, if it is one."""
+    blocks = reader.blocks
+    word = (re.match(r"[A-Za-z_]+", text) or [""])[0].upper()
+    if word in ("IF", "ELSEIF", "SELECT", "ELSE", "FOR") or text.startswith("="):
+        _branch(reader, text, word, last_line)
+    elif word in ("ENDIF", "ENDFOR"):
+        blocks.close()
+    elif label := re.match(r"LBL\[\s*(\d+)", text):
+        blocks.add(Label(label[1]))
+    elif word in ("JMP", "WAIT", "VISION") and "LBL[" in text:
+        blocks.add(Jump(_labels(reader, text), falls=word != "JMP"))
+    elif word in ("END", "ABORT"):
+        blocks.add(End(halts=word == "ABORT"))
+    elif call := _CALL.fullmatch(text):
+        blocks.add(reader.called(call[1]))
+    elif run := _RUN.match(text):
+        statement = reader.called(run[1])
+        name = statement.name if isinstance(statement, Call) else f"{run[1]} "
+        reader.beside.append(Call(name, reader.why(f"{run[1]} may run at any moment")))
+    else:
+        return False
+    return True
+
+
+def _sets(reader: _Reader, text: str) -> bool:
+    """Take an instruction that sets a frame, a register or a mode, if it is one."""
+    blocks, why = reader.blocks, reader.why(f"{text} sets it")
+    if selected := _SELECTED.fullmatch(text):
+        number = selected[2].strip()
+        blocks.add(Set(selected[1].upper(), str(int(number)) if number.isdigit() else why))
+    elif frame := _FRAME.fullmatch(text):
+        family, number = frame[1].upper(), frame[2].split(":")[0].strip()
+        value = _register(text.partition("=")[2], why)
+        blocks.add(Set(f"{family}[{int(number)}]", value) if number.isdigit() else Lose(family, why))
+    elif register := _REGISTER.fullmatch(text):
+        _set_register(reader, register)
+    elif _SYSTEM_FRAMES.match(text):
+        blocks.add(Lose("UFRAME", why), Lose("UTOOL", why), Set("UFRAME_NUM", why), Set("UTOOL_NUM", why))
+    elif switch := next((value for pattern, value in _SWITCHES if pattern.fullmatch(text)), None):
+        blocks.add(Set(*switch))
+    else:
+        return _ASSIGNED.fullmatch(text) is not None
+    return True
+
+
+def _register(text: str, why: Unknown) -> Value | Built:
+    """Return the frame in a position register, whose six numbers the program has to have set."""
+    whole = _WHOLE.fullmatch(text.strip())
+    if whole is None:
+        return why
+
+    def made(values: tuple[Value, ...]) -> Value:
+        numbers = [float(value) for value in values if isinstance(value, str) and re.fullmatch(NUMBER, value)]
+        return as_value(frame_of("roll_pitch_yaw", numbers)) if len(numbers) == 6 else why
+
+    return Built(tuple(f"PR{int(whole[1])}[{axis}]" for axis in range(1, 7)), made)
+
+
+def _set_register(reader: _Reader, assignment: re.Match[str]) -> None:
+    """Take an assignment to a position register, or to one of its numbers."""
+    index, _, axis = assignment[1].partition(",")
+    # The remark stands behind the last number: PR[5:base], PR[5,1:base]
+    number, axis = (text.partition(":")[0].strip() for text in (index, axis))
+    right = assignment[2].strip().strip("()")
+    why = reader.why(f"{assignment[0]} sets it")
+    if not number.isdigit():
+        reader.blocks.add(*(Lose(f"PR{register}", why) for register in reader.registers))
+    elif axis.isdigit():
+        reader.blocks.add(Set(f"PR{int(number)}[{axis}]", right if re.fullmatch(NUMBER, right) else why))
+    else:
+        reader.blocks.add(Lose(f"PR{int(number)}", why))
+
+
+def _labels(reader: _Reader, text: str) -> tuple[str, ...]:
+    """Return the labels of a jump: all of them, where the number is in a register."""
+    labels = tuple(re.findall(r"\bLBL\[\s*(\d+)\s*[\]:]", text))
+    return reader.labels if re.search(r"\bLBL\[\s*[A-Za-z]", text) else labels
+
+
+def _branch(reader: _Reader, text: str, word: str, last_line: int) -> None:
+    blocks = reader.blocks
+    if word == "FOR":
+        blocks.loop()
+        blocks.may_leave()
+    elif word == "ELSE" and "," not in text:
+        blocks.other()
+    elif re.search(r"\bTHEN$", text, re.IGNORECASE):
+        if word == "ELSEIF":
+            blocks.other()
+            blocks.guard()
+        else:
+            blocks.branch()
+    else:  # IF …, action; and the lines of SELECT
+        depth, action = 0, ""  # behind the comma that is outside of brackets
+        for at, letter in enumerate(text):
+            depth += (letter in "([") - (letter in ")]")
+            if letter == "," and depth == 0:
+                action = text[at + 1 :]
+                break
+        blocks.branch()
+        _statement(reader, action.strip(), last_line)
+        blocks.close()
+
+
+def _mentioned(reader: _Reader, text: str) -> None:
+    """Take the points that an instruction has otherwise than as a target: any, where a register says which."""
+    if reader.file:
+        return
+    for mention in _ANY_POINT.finditer(text):
+        keys = [mention[1]] if mention[1] else list(reader.points.keys())
+        for key in keys:
+            if reader.points.knows(key):
+                reader.points.change(key, 0, reader.line)
+
+
+def _move(reader: _Reader, move: re.Match[str], last_line: int) -> None:
+    options = move["rest"]
+    along = _ALONG.search(options)
+    if along:
+        options = options[: along.start()]
+        # What happens along the way may happen before or after the target is reached.
+        reader.blocks.branch()
+        _statement(reader, along["action"].strip(), last_line)
+        reader.blocks.close()
+    skip = _SKIP.search(options)
+    if skip:
+        options = options[: skip.start()] + options[skip.end() :]
+    for place, text in ((reader.line, move["point"]), (last_line, move["second"])):
+        if text:
+            _target(reader, move["kind"], text, place, options)
+    if skip:
+        if register := _REGISTER.fullmatch(skip["register"] or ""):
+            _set_register(reader, register)
+        reader.blocks.add(Elsewhere(), Jump(_labels(reader, skip[0]), falls=True))
+    if along:
+        reader.blocks.branch()
+        _statement(reader, along["action"].strip(), last_line)
+        reader.blocks.close()
+
+
+def _offset(reader: _Reader, texts: Sequence[str]) -> tuple[str, Value | Built] | None:
+    """Return the offset of a move: a register, in the user frame or in the tool; None for a move without one."""
+    if not texts:
+        return None
+    if len(texts) > 1:
+        return "frame", reader.why("the move has several offsets")
+    (text,) = texts
+    why = reader.why("the offset stands in the controller")
+    register = re.fullmatch(r"(Tool_)?Offset\s*,\s*(.*)", text, re.IGNORECASE)
+    if register is None:
+        return "frame", why
+    return "tool" if register[1] else "frame", _register(register[2], why)
+
+
+def _selected(number: str, values: tuple[Value, ...]) -> Value:
+    """Return whether the selected number is that of a position: F stands for the selected one."""
+    selected = values[0]
+    return OFF if number in ("F", selected) else selected
+
+
+def _target(reader: _Reader, kind: str, text: str, line: int, modifiers: str) -> None:
+    point, blocks = _POINT.fullmatch(text), reader.blocks
+    if point is None or reader.file or not reader.points.knows(point[1]):
+        literal = point is not None and not reader.file
+        reader.leave(line, text, "not_literal" if literal else "computed")
+        if point is None and not text.startswith("PR") and not reader.file:
+            _any_target(reader, kind, line, modifiers)
+        blocks.add(Elsewhere())
+        return
+    if re.search(r"\bINC\b", modifiers, re.IGNORECASE):
+        _mentioned(reader, text)
+        reader.leave(line, text, "relative")
+        blocks.add(Elsewhere())
+        return
+    options = _OFFSET.sub("", modifiers)
+    parts = {"external_tcp here": r"\bRTCP\b", "coordinated here": r"\bCOORD\b(?:\[[^\]]*\])?"}
+    for part, pattern in parts.items():
+        blocks.add(Set(part, "on" if re.search(pattern, options, re.IGNORECASE) else OFF))
+        options = re.sub(pattern, "", options, flags=re.IGNORECASE)
+    unknown = _OPTIONS.sub("", options).strip(", ")
+    blocks.add(Set("option here", reader.why(f"{unknown} is not known here") if unknown else OFF))
+    target = reader.points.target(point[1])
+    tool, frame = (
+        str(name) if name == "0" or not str(name).isdigit() else Ref(f"{family}[{name}]")
+        for family, name in (("UTOOL", target.tool), ("UFRAME", target.frame))
+    )
+    needs = ("tracking", "option here", *parts)
+    for part, number in () if target.joints else (("UFRAME_NUM", target.frame), ("UTOOL_NUM", target.tool)):
+        blocks.add(Set(f"selected {part}{HERE}", Built((part,), partial(_selected, str(number)))))
+        needs += (f"selected {part}{HERE}",)
+    offset = _offset(reader, _OFFSET.findall(modifiers))
+    way = "joint" if kind == "J" else "line"
+    key = f"{point[1]}@{line}" if offset else point[1]
+    base = point[1] if offset else ""
+    blocks.add(Move(key, way, 0, line, tool, frame, needs, None, None, offset, base))
+
+
+def _any_target(reader: _Reader, kind: str, line: int, modifiers: str) -> None:
+    """Take a move to a point that a register names: to any of them."""
+    reader.blocks.cases()
+    for key in tuple(reader.points.keys()):
+        reader.blocks.other()
+        reader.blocks.guard()
+        _target(reader, kind, f"P[{key}]", line, modifiers)
+    reader.blocks.close()
+
+
+READER = ProgramReader(
+    parse,
+    _DECIMALS,
+    Remark("{:4d}:  !", " ;", 32, {".ls": re.compile(rb"^/POS\b", re.MULTILINE)}),
+    null_tools=("0",),
+    null_frames=("0",),
+    beside=(".ls",),
+)
+"""A remark of the pendant has 32 characters (B-83284EN, 4.13), so a longer one takes several lines."""

@@ -1,0 +1,187 @@
+"""KUKA Robot Language, a .src with its .dat. KUKA System Software 8.x: $TOOL, $BASE, $VEL in m/s, PTP, LIN, CIRC with
+C_DIS, WAIT SEC, HALT, $OUT. A, B, C turn about z, then the new y, then the new x. With $CIRC_TYPE = #PATH and
+$ORI_TYPE = #VAR the tool turns from beginning to end relative to the path, with #BASE evenly in space. Declarations
+come before instructions; a name has 24 characters at most. $BASE counts in $WORLD, where the robot stands at $ROBROOT:
+points in the robot's base frame need $BASE = $ROBROOT."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from analysis.apps.makers.emulated import (
+    Held,
+    Machine,
+    Parameter,
+    Pose,
+    ProgramDriver,
+    ProgramError,
+    Speed,
+    Switched,
+    Tokens,
+    Turning,
+)
+
+_TOKEN = re.compile(
+    r"\s+|(?P<number>-?\d+(\.\d+)?)|(?P<text>\"[^\"]*\")|(?P<enum>#[A-Z]+)|(?P<name>[$A-Za-z_][\w$]*(\.CP|\.CDIS|\.ORI[12])?)"
+    r"|(?P<mark><>|[{}(),=\[\]])"
+)
+_SETTINGS = {"$TOOL", "$BASE", "$VEL.CP", "$VEL.ORI1", "$VEL.ORI2", "$ACC.CP", "$APO.CDIS", "$ORI_TYPE", "$CIRC_TYPE"}
+_CALLS = {"BAS": ["#INITMOV", ",", "0"], "RSI_ON": ["#RELATIVE"], "RSI_OFF": []}
+
+
+def run(source: str, data: str, machine: Machine) -> None:
+    """Drive the machine with a module, its source and its data list. Raises ProgramError for one that is refused."""
+    if not data:
+        raise ProgramError("its data list, the .dat beside it, is missing")
+    name, statements = _inside(source, "DEF", "END", r"(\w+)\(\)")
+    listed, declarations = _inside(data, "DEFDAT", "ENDDAT", r"(\w+)")
+    if name != listed:
+        raise ProgramError(f"the data list of {name} is called {listed}")
+    _Controller(_points(declarations), machine).obey(statements)
+
+
+def _inside(text: str, opening: str, closing: str, form: str) -> tuple[str, list[list[str]]]:
+    """The name of a module, and the tokens of each line in it."""
+    if "\r\n" not in text:
+        raise ProgramError("lines end with CR LF")
+    lines = [line.split(";")[0].strip() for line in text.replace("\r\n", "\n").split("\n")]
+    filled = [line for line in lines if line]
+    head = re.fullmatch(rf"{opening} {form}", filled[1]) if len(filled) > 2 else None
+    if head is None or filled[0] != "&ACCESS RVP" or filled[-1] != closing:
+        raise ProgramError(f"no {opening} … {closing}")
+    _named(head[1])
+    return head[1], [[text for _, text in Tokens.of(line, _TOKEN, "KRL").items] for line in filled[2:-1]]
+
+
+def _named(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z_]\w{0,23}", name):
+        raise ProgramError(f"{name!r} is not a name of at most 24 characters")
+    return name
+
+
+def _points(declarations: list[list[str]]) -> dict[str, Any]:
+    points: dict[str, Any] = {}
+    for tokens in declarations:
+        match tokens:
+            case ["DECL", "E6AXIS" | "FRAME" as kind, name, "=", *aggregate] if _named(name) not in points:
+                axes = [f"{letter}{axis}" for letter in "AE" for axis in range(1, 7)]
+                is_pose = kind == "FRAME"
+                points[name] = _frame(aggregate) if is_pose else np.radians(_aggregate(aggregate, axes)[:6])
+            case _:
+                raise ProgramError(f"{' '.join(tokens)!r} is not a new point")
+    return points
+
+
+def _aggregate(tokens: list[str], names: list[str]) -> list[float]:
+    """The numbers of {X 1.0, Y 2.0, …} in the order of the names."""
+    expected = "{" + ",".join(f"{name} @" for name in names) + "}"
+    form = re.sub(r" , ", ",", " ".join("@" if re.fullmatch(r"-?\d+\.\d+", token) else token for token in tokens))
+    if form.replace("{ ", "{").replace(" }", "}") != expected:
+        raise ProgramError(f"{' '.join(tokens)!r} is not {expected}")
+    return [float(token) for token in tokens if re.fullmatch(r"-?\d+\.\d+", token)]
+
+
+def _frame(tokens: list[str]) -> Pose:
+    values = _aggregate(tokens, list("XYZABC"))
+    return Pose(np.array(values[:3]), Rotation.from_euler("ZYX", values[3:], degrees=True))
+
+
+class _Controller:
+    def __init__(self, points: dict[str, Any], machine: Machine) -> None:
+        self._points, self._machine = points, machine
+        self._settings: dict[str, Any] = {}
+        self._axis_speeds: dict[int, int] = {}
+        self._variables: set[str] = set()
+        self._opened = 0
+        self._declaring = True
+
+    def obey(self, statements: list[list[str]]) -> None:
+        for tokens in statements:
+            if tokens[:2] == ["DECL", "INT"] and len(tokens) == 3 and self._declaring:
+                self._variables.add(_named(tokens[2]))
+                continue
+            self._declaring = False
+            match tokens:
+                case ["PTP", name] if isinstance(self._at(name), np.ndarray) and len(self._axis_speeds) == 6:
+                    self._machine.joints(self._at(name), Speed(share=min(self._axis_speeds.values()) / 100))
+                case ["LIN", name, *zone] if isinstance(self._at(name), Pose) and zone in ([], ["C_DIS"]):
+                    stops = not (zone and self._settings["$APO.CDIS"] > 0)
+                    self._machine.line(self._at(name), self._speed_mm_s(), stops=stops, speed=self._limits())
+                case ["CIRC", via, ",", end, *zone] if zone in ([], ["C_DIS"]):
+                    related = self._settings["$CIRC_TYPE"] == "#PATH" and self._settings["$ORI_TYPE"] == "#VAR"
+                    turning: Turning = "relative to path" if related else "even"
+                    stops = not (zone and self._settings["$APO.CDIS"] > 0)
+                    place, target, mm_s = self._at(via).place, self._at(end), self._speed_mm_s()
+                    self._machine.arc(place, target, mm_s, turning=turning, stops=stops, speed=self._limits())
+                case _:
+                    self._act(tokens)
+        if self._opened:
+            raise ProgramError("an IF has no ENDIF")
+
+    def _at(self, name: str) -> Any:
+        if name not in self._points:
+            raise ProgramError(f"the point {name} is not declared")
+        return self._points[name]
+
+    def _speed_mm_s(self) -> float:
+        if self._settings.get("$BASE") != "$ROBROOT" or self._settings["$ACC.CP"] <= 0:
+            raise ProgramError("a path needs its base and its acceleration")
+        return 1000 * float(self._settings["$VEL.CP"])
+
+    def _limits(self) -> Speed:
+        turning = self._settings.get("$VEL.ORI1")
+        return Speed(mm_s2=1000 * self._settings["$ACC.CP"], rad_s=turning and np.radians(turning))
+
+    def _act(self, tokens: list[str]) -> None:
+        match tokens:
+            case ["$TOOL", "=", *aggregate]:
+                self._machine.tool = _frame(aggregate)
+            case ["$VEL_AXIS", "[", axis, "]", "=", percent] if 1 <= int(percent) <= 100:
+                self._axis_speeds[int(axis)] = int(percent)
+            case [name, "=", value] if name in _SETTINGS:
+                self._settings[name] = value if value[0] in "#$" else float(value)
+            case [name, "=", call, "(", *arguments, ")"] if name in self._variables and call.startswith("RSI_"):
+                self._call(call, arguments)
+            case ["WAIT", "SEC", seconds]:
+                self._machine.wait(float(seconds))
+            case ["$OUT", "[", number, "]", "=", "TRUE" | "FALSE" as state]:
+                self._machine.events.append(Switched(int(number), state == "TRUE"))
+            case ["HALT"]:
+                if not self._opened:  # the IF of a failed RSI call, which never fails here
+                    self._machine.events.append(Held())
+            case ["IF", "(", name, "<>", "RSIOK", ")", "THEN"] if name in self._variables:
+                self._opened += 1
+            case ["ENDIF"] if self._opened:
+                self._opened -= 1
+            case ["BAS", "(", *arguments, ")"]:
+                self._call("BAS", arguments)
+            case _:
+                raise ProgramError(f"{' '.join(tokens)!r} is not an instruction")
+
+    def _call(self, name: str, arguments: list[str]) -> None:
+        if name == "RSI_CREATE":
+            match arguments:
+                case [context, ",", variable, ",", "TRUE"] if context[0] == '"' and variable in self._variables:
+                    return
+        elif _CALLS.get(name) == arguments:
+            return
+        raise ProgramError(f"{name}({' '.join(arguments)}) is not known")
+
+
+DRIVER = ProgramDriver(
+    run,
+    (
+        Parameter("$MAMES[{axis}]", "deg", "reading", math.radians(1)),
+        Parameter("$LENGTH_A", "mm", "a", 1.0, axis=2, grows=True),
+        Parameter("$LENGTH_B", "mm", "a", 1.0, axis=3, grows=True),
+        Parameter("height in $TX3P3", "mm", "a", 1.0, axis=4, grows=True),
+        Parameter("length in $TX3P3", "mm", "d", 1.0, axis=4, grows=True),
+        Parameter("length in $TFLWP", "mm", "d", 1.0, axis=6, grows=True),
+    ),
+)
+"""An axis is mastered so that it reads $MAMES at its notch."""

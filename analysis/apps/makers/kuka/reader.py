@@ -1,0 +1,169 @@
+"""Targets in KUKA's language: E6AXIS and AXIS in degrees, E6POS, POS and FRAME in mm and degrees, in a .src or its
+.dat.
+
+Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators, and public programs
+with the inline forms of the pendant (FDAT_ACT = F…, PTP X…, SLIN … WITH $TOOL = STOOL2(F…)). The numbers of a tool and
+of a base stand in $config.dat, which a person states, or puts beside the program. $NULLFRAME and base 0 are $WORLD,
+which is taken for the robot's foot where the arm of the rig file stands upright, as KUKA delivers it ($ROBROOT zero).
+What a statement does stands in `statements`.
+"""
+
+from __future__ import annotations
+
+import re
+
+from analysis.apps.makers.kuka.statements import (
+    LINES,
+    LITERAL_TYPE,
+    Reader,
+    lines_in,
+    read_statement,
+    read_submit,
+)
+from analysis.apps.makers.numbers import Decimals
+from analysis.apps.makers.points import Points, as_value
+from analysis.apps.makers.program_machine import OFF, Call, Program, Unknown, Value
+from analysis.apps.makers.reading import ProgramReader, Remark
+from analysis.apps.makers.target import Named, Parsed, Texts, blanked, lines_of, with_newlines
+
+_DECIMALS = Decimals(place=(4, 7), turn=(6, 9))
+"""0.1 µm, and 1e-6°, which is 0.02 µm at 1 m: a REAL of KRL has about seven digits."""
+_BLANK = re.compile(r"\"[^\"\n]*\"|;[^\n]*|^[ \t]*&[^\n]*", re.MULTILINE)
+_DECLARED = re.compile(
+    r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*(?:(?P<type>E6POS|POS|FRAME|E6AXIS|AXIS)\s+)?(?P<name>[A-Z_]\w*)\s*=\s*"
+    r"\{(?P<list>[^{}]*)\}\s*",
+    re.IGNORECASE,
+)
+_DATA = re.compile(r"\s*(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]\s*=\s*(\{[^{}]*\})\s*", re.IGNORECASE)
+_FDAT = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*FDAT\s+(\w+)\s*=\s*\{([^{}]*)\}?", re.IGNORECASE)
+_ROUTINE = re.compile(r"\s*(GLOBAL\s+)?(?:DEF|DEFFCT\s+\w+(?:\s*\[[^\]]*\])?)\s+(\w+)\s*\(", re.IGNORECASE)
+_TYPED = re.compile(r"\s*(?:(?:DECL|GLOBAL)\s+)*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s+([\w\s,]+)", re.IGNORECASE)
+_TAKEN = re.compile(r"(?:FDAT_ACT\s*=|\bFDAT|\b(S(?:TOOL2?|BASE|IPO_MODE|LOAD))\s*\()\s*$", re.IGNORECASE)
+"""What stands before a set of tool and base that is only read."""
+_GLOBAL = re.compile(r"\bGLOBAL\b", re.IGNORECASE)
+_WORD = re.compile(r"[A-Za-z_]\w*")
+_IMPORT = re.compile(r"\bIMPORT\b[^\n]*\.\.\s*(\w+)", re.IGNORECASE)
+"""Another name for a point of this program, under which it may be written."""
+_CONFIG = "$config.dat"
+_OWN_LIST = re.compile(r"\s*(?:(?:DECL|GLOBAL|CONST)\s+)*FRAME\s+(?:.*,\s*)?(TOOL_DATA|BASE_DATA)\b", re.IGNORECASE)
+"""A list of tools or bases that hides the controller's."""
+
+
+def parse(texts: Texts) -> Parsed:
+    """Return the targets of a .src and, if it is given as the second text, of its .dat."""
+    blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
+    reader = Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
+    own_files = range(texts.own)
+    stated: dict[str, Value] = {}
+    for file in reversed(own_files):
+        for begin, line in lines_in(blank[file]):
+            _declare(reader, file, begin, line)
+    for file, name in enumerate(texts.names):
+        for begin, line in lines_in(blank[file]):
+            if routine := _ROUTINE.match(line):
+                reader.define(file, routine[2].upper(), everywhere=bool(routine[1]))
+            elif name.lower() == _CONFIG:
+                if data := _DATA.fullmatch(line):
+                    _configured(reader, file, begin, data, stated)
+            elif hides := _OWN_LIST.match(line):
+                why = reader.why(file, begin, f"{hides[1]} is declared here, beside the controller's own")
+                reader.beside.append(Call("\0", why))
+    _watch_fdat(reader)
+    for file, name in enumerate(texts.names):
+        if name.lower().endswith(".src"):
+            for begin, line in lines_in(blank[file]):
+                read_statement(reader, file, begin, line)
+            reader.close()
+        elif name.lower().endswith(".sub"):
+            read_submit(reader, file)
+    _watch_points(reader)
+
+    def initial(part: str) -> Value:
+        family, _, number = part.partition("[")
+        if part in stated:
+            return stated[part]
+        if family in ("TOOL_DATA", "BASE_DATA"):
+            return number.rstrip("]")
+        if part in ("tool", "base", "fdat tool", "fdat base"):
+            return Unknown(0, 0, "nothing in these files sets it before")
+        return "checked" if part == LINES else OFF
+
+    kept, stem = ("TOOL_DATA[", "BASE_DATA[", "switch", "external_tcp"), texts.names[0].rpartition(".")[0].upper()
+    return reader.points.parsed(
+        Program(reader.routines, initial, tuple(reader.beside), kept=kept, starts=f"{stem}:{stem}")
+    )
+
+
+def _watch_points(reader: Reader) -> None:
+    """Take the points that stand anywhere but in a move, or that a file has under another name, as written."""
+    for file, text in enumerate(reader.texts):
+        for word in _WORD.finditer(text):
+            key = word[0].upper()
+            if (
+                reader.points.knows(key)
+                and (file, word.start()) not in reader.spent
+                and (file < reader.points.files or key in reader.shared)
+            ):
+                reader.points.change(key, file, reader.lines[file].at(word.start()))
+        for alias in _IMPORT.finditer(text):
+            if reader.points.knows(alias[1].upper()):
+                reader.points.change(alias[1].upper(), file, reader.lines[file].at(alias.start()))
+
+
+def _configured(reader: Reader, file: int, begin: int, data: re.Match[str], stated: dict[str, Value]) -> None:
+    """Take the numbers that $config.dat has for a tool or base."""
+    frame = reader.frame(data[3])
+    if frame is not None:
+        value, kind = as_value(frame), data[1].upper()
+        stated[f"{kind}[{data[2]}]"] = value
+        line = reader.lines[file].at(begin)
+        reader.points.state(Named(data[2], "tool" if kind == "TOOL_DATA" else "frame", file, line, value))
+
+
+def _declare(reader: Reader, file: int, begin: int, line: str) -> None:
+    """Take the points and the sets of tool and base that a line declares."""
+    if fdat := _FDAT.match(line):
+        name = fdat[1].upper()
+        if name in reader.fdat:
+            reader.fdat_written.add(name)
+        reader.fdat[name] = fdat[2]
+        return
+    declared = _DECLARED.fullmatch(line)
+    if not declared:
+        if typed := _TYPED.fullmatch(line):
+            names = _WORD.finditer(line, typed.start(1))
+            reader.spent.update((file, begin + name.start()) for name in names)
+        return
+    inside = LITERAL_TYPE.sub(lambda prefix: " " * len(prefix[0]), declared["list"])
+    key = declared["name"].upper()
+    target, reason = reader.literal(file, begin + declared.start("list"), inside, declared["name"])
+    if target:
+        reader.spent.add((file, begin + declared.start("name")))
+        reader.points.declare(key, target, reason)
+        if _GLOBAL.search(line[: declared.start("name")]):
+            reader.shared.add(key)
+
+
+def _watch_fdat(reader: Reader) -> None:
+    """Take the sets of tool and base that the program itself writes as unknown."""
+    for file, text in enumerate(reader.texts):
+        for _, line in lines_in(text):
+            for word in _WORD.finditer(line):
+                if word[0].upper() not in reader.fdat:
+                    continue
+                taken = _TAKEN.search(line[: word.start()])
+                if not taken or (taken[1] and reader.defined(file, taken[1])):  # a routine of their own may write it
+                    reader.fdat_written.add(word[0].upper())
+        if file + 1 == reader.points.files:
+            return
+
+
+READER = ProgramReader(
+    parse,
+    _DECIMALS,
+    Remark("; ", before={".dat": re.compile(rb"^[ \t]*ENDDAT\b", re.MULTILINE | re.IGNORECASE)}),
+    null_tools=("0",),
+    null_frames=("0",),
+    of_world=True,
+    beside=(".src", ".dat", ".sub"),
+)

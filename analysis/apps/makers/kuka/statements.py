@@ -1,0 +1,579 @@
+"""What the statements of KUKA's language do to tool, base and arm: the closed list of the dialect.
+
+Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators. BAS(#PTP_PARAMS),
+BAS(#CP_PARAMS) and BAS(#FRAMES) take tool, base and the frame of interpolation from FDAT_ACT, BAS(#TOOL, n) and
+BAS(#BASE, n) from the lists; BAS(#INITMOV) sets what the controller's own bas.src has. IR_STOPM handles stops, and
+stands in every program of the pendant; SET_CD_PARAMS and USE_CM_PRO_VALUES, which set how easily a collision is
+detected, stand in every inline form of KSS 8.5 and newer.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from analysis.apps.makers.numbers import frame_of, is_frame
+from analysis.apps.makers.points import Points, as_value
+from analysis.apps.makers.program_machine import (
+    OFF,
+    Blocks,
+    Built,
+    Call,
+    Elsewhere,
+    End,
+    Forget,
+    Jump,
+    Label,
+    Lose,
+    Move,
+    Ref,
+    Set,
+    Statement,
+    Unknown,
+    Value,
+)
+from analysis.apps.makers.programs.posture import beyond_stretch, wrist_in_front
+from analysis.apps.makers.target import (
+    NUMBER,
+    Flags,
+    Form,
+    Left,
+    Lines,
+    Named,
+    Number,
+    Reason,
+    Target,
+    arguments,
+    brackets,
+    words,
+)
+from analysis.robot.kinematics.arm import Arm, Array, Mask
+
+LINES = "flags of lines"
+"""The part that says whether the flags of posture count where a line ends."""
+LITERAL_TYPE = re.compile(r"^\s*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s*:", re.IGNORECASE)
+"""The type before the numbers of an aggregate, {E6POS: X …}."""
+
+_AXES = tuple(f"A{axis}" for axis in range(1, 7))
+_POSE = ("X", "Y", "Z", "A", "B", "C")
+_EXTERNAL = tuple(f"E{axis}" for axis in range(1, 7))
+_COMPONENT = re.compile(rf"\s*([A-Z]\w*)\s+({NUMBER}|'B[01]{{1,16}}'|'H[0-9A-F]{{1,8}}')\s*", re.IGNORECASE)
+_WORD = re.compile(r"[A-Za-z_]\w*")
+_CALL = re.compile(r"(?<![\w$.#])([A-Za-z_]\w*)\s*\(")
+_MOVE = re.compile(r"\s*(?P<kind>S?PTP|S?LIN|S?CIRC|SPL)(?P<relative>_REL)?\s+(?!=)(?P<rest>.+)", re.IGNORECASE)
+_BARE = re.compile(r"\s*(?P<kind>S?PTP|S?LIN|S?CIRC|SPL)(?P<relative>_REL)?\s*(?P<rest>\{.+)", re.IGNORECASE)
+_WITH = re.compile(r"\sWITH\s(.*)", re.IGNORECASE)
+_SPLINE = re.compile(r"\s*(?:PTP_SPLINE|SPLINE|ENDSPLINE)\b", re.IGNORECASE)
+_WITH_PART = re.compile(r"\$(TOOL|BASE|IPO_MODE)\s*=\s*((?:[^,()]|\([^()]*\))*)", re.IGNORECASE)
+_WITH_FDAT = re.compile(r"S(?:TOOL2?|BASE|IPO_MODE)\s*\(\s*(\w+)(?:\.\w+)?\s*\)", re.IGNORECASE)
+_ENDS = re.compile(r"\s(?:C_DIS|C_PTP|C_VEL|C_ORI|C_SPL)\b.*", re.IGNORECASE)
+_CONSTANT = re.compile(r"\bORI_TYPE?\s*=?\s*#CONST", re.IGNORECASE)
+"""A line keeps the orientation of its start, whatever its target says."""
+_STAYS = re.compile(r"\$(?:AXIS|POS)_ACT(?:_MES)?\s*(?:C_\w+\s*)*", re.IGNORECASE)
+_ASSIGNED = re.compile(
+    r"\s*(?P<left>\$?[A-Za-z_][\w$]*(?:\s*\[[^\]]*\])?(?:\.\w+(?:\[[^\]]*\])?)*)\s*=(?!=)(?P<right>.*)"
+)
+_CYCLICAL = re.compile(r"\s*\$CYCFLAG\b", re.IGNORECASE)
+"""Its right side is evaluated again and again beside the program."""
+_BY_NUMBER = re.compile(r"(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]", re.IGNORECASE)
+_AGGREGATE = re.compile(r"\{([^{}]*)\}")
+_HANDED = re.compile(r"\b(?:TOOL_DATA|BASE_DATA)\b|\$(?:TOOL|BASE)\b", re.IGNORECASE)
+_BAS = re.compile(r"\s*BAS\s*\(\s*#(\w+)\s*(?:,([^()]*))?\)\s*", re.IGNORECASE)
+_ROUTINE = re.compile(r"\s*(?:GLOBAL\s+)?(?:DEF|DEFFCT\s+\w+(?:\s*\[[^\]]*\])?)\s+(\w+)\s*\(", re.IGNORECASE)
+_BESIDE = re.compile(r"\s*(?:(?:GLOBAL\s+)?INTERRUPT\s+DECL\b|TRIGGER\s+WHEN\b).*?\bDO\b(.*)", re.IGNORECASE)
+_LABEL = re.compile(r"\s*([A-Za-z_]\w*)\s*:\s*")
+_DECLARATION = re.compile(
+    r"\s*(?:(?:DECL|INT|REAL|BOOL|CHAR|E6POS|E6AXIS|FRAME|POS|AXIS|STRUC|ENUM|SIGNAL|EXT|EXTFCT|EXTP|IMPORT|CHANNEL|"
+    r"GLOBAL|CONST|DEFDAT|ENDDAT)\b.*|)",
+    re.IGNORECASE,
+)
+_NOTHING = re.compile(
+    r"\s*(?:INTERRUPT\s+(?:ON|OFF|ENABLE|DISABLE)|WAIT|HALT|CONTINUE|PULSE|ANOUT|ANIN|CWRITE|CREAD|COPEN|CCLOSE|"
+    r"SREAD|SWRITE|SPLINE|ENDSPLINE|PTP_SPLINE)\b.*",
+    re.IGNORECASE,
+)
+"""Statements after which tool, base and arm are as they were, but for what a function in them does: waiting, inputs
+and outputs."""
+_SYSTEM = re.compile(
+    r"\$(?:VEL|ACC|APO|VEL_AXIS|ACC_AXIS|VEL_EXTAX|ACC_EXTAX|OV_PRO|OV_APPL|ADVANCE|OUT|ANOUT|FLAG|CYCFLAG|TIMER|"
+    r"TIMER_STOP|TIMER_FLAG|CIRC_TYPE|CIRC_MODE|SPL_ORI_JOINT_AUTO|BWDSTART|H_POS|LOAD|LOAD_A1|LOAD_A2|LOAD_A3|"
+    r"ACT_TOOL|ACT_BASE|OUT_C|GEAR_JERK|JERK|APO_DIS_PTP|CMD|MSG_T|PRO_I_O|SEN_PINT|SEN_PREA|SINT_LIST|CYCLE|TORQUE_AXIS|COLLMON_TOL_PRO|"
+    r"REDVEL|RED_VEL|VEL_AXIS_MA|LOOP_CONT|LOOP_MSG|OUTPUT|FILTER|ECO_LEVEL|OVERRIDE|ANIN|DIGIN\w*|SOFTPLCBOOL|"
+    r"SOFTPLCINT|SOFTPLCREAL)",
+    re.IGNORECASE,
+)
+"""System variables that change neither tool nor base nor where the arm goes: speeds, accelerations, blending, outputs,
+flags, timers, loads."""
+_FUNCTIONS = words("""
+    SIN COS TAN ACOS ASIN ATAN ATAN2 SQRT ABS ROUND EXP LOG MIN MAX INV_POS INVERSE FORWARD INVFRAME
+    STRADD STRCLEAR STRCOMP STRCOPY STRDECLLEN STRFIND STRLEN STRDELIM STRTOINT STRTOREAL STRTOBOOL STRTOSTRING
+    STRTOSTRUCT STRTOFRAME STRTOPOS STRTOE3POS STRTOE6POS STRTOAXIS STRTOE3AXIS STRTOE6AXIS
+    CIOCTL VARSTATE GETVARSIZE EXISTS_KRLMSG EXISTS_KRLDLG SET_KRLMSG SET_KRLDLG CLEAR_KRLMSG GET_MSGBUFFER
+    MSGNOTIFY MSGQUIT MSGSTATE MSGEVENT MSGDIALOG MSGLOOP MSGWAIT MSGTEST GET_SYSTEM_DATA KRLMSG
+    NOT AND OR EXOR B_AND B_OR B_NOT B_EXOR IF ELSEIF WHILE UNTIL SWITCH CASE FOR TO STEP THEN WAIT SEC RETURN
+    IR_STOPM SVEL_CP SVEL_PTP SVEL_JOINT SACC_CP SACC_PTP SACC_JOINT SGEAR_JERK SAPO SAPO_PTP SORI_TYP SLOAD STOOL
+    STOOL2 SBASE SIPO_MODE SJERK SET_CD_PARAMS USE_CM_PRO_VALUES
+    PULSE
+    EKI_INIT EKI_OPEN EKI_CLOSE EKI_CLEAR EKI_SEND EKI_CHECKBUFFER EKI_GETBOOL EKI_GETINT EKI_GETREAL EKI_GETSTRING
+    EKI_GETFRAME EKI_SETBOOL EKI_SETINT EKI_SETREAL EKI_SETSTRING EKI_SETFRAME
+    """)
+"""Functions of the system that compute, speak or communicate, and words of the language before a bracket."""
+_BAS_NOTHING = words("VEL_PTP VEL_CP ACC_PTP ACC_CP ACC_GLUE PTP_DAT CP_DAT OUT_SYNC OUT_ASYNC NONE INIT VEL_ACC")
+
+
+@dataclass
+class Reader:
+    """A program while it is read: names in upper case."""
+
+    names: tuple[str, ...]
+    texts: tuple[str, ...]
+    lines: tuple[Lines, ...]
+    points: Points
+    fdat: dict[str, str] = field(default_factory=dict)
+    fdat_written: set[str] = field(default_factory=set)
+    shared: set[str] = field(default_factory=set)
+    """Points that other files see."""
+    spent: set[tuple[int, int]] = field(default_factory=set)
+    routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
+    beside: list[Call] = field(default_factory=list)
+    blocks: Blocks | None = None
+    routine: str = ""
+    spline: dict[str, Value | Ref | Built] = field(default_factory=dict)
+    """What the head of a spline sets for its segments."""
+    _defined: dict[str, list[str]] = field(default_factory=dict)
+
+    def constant(self) -> bool:
+        """Return whether a set of motion data of the program keeps the orientation."""
+        return any(_CONSTANT.search(text) for text in self.texts)
+
+    def define(self, file: int, name: str, *, everywhere: bool) -> None:
+        """Take the name of a routine; all files see a global one, and the one that has the name of its file."""
+        stem = self.names[file].rpartition(".")[0].upper()
+        key = f"{stem}:{name}"
+        self._defined.setdefault(key, []).append(key)
+        if everywhere or stem == name:
+            self._defined.setdefault(name, []).append(key)
+
+    def defined(self, file: int, name: str) -> list[str]:
+        """Return the routines that a name can stand for in a file: that of the file, or those that all files see."""
+        stem, key = self.names[file].rpartition(".")[0].upper(), name.upper()
+        return self._defined.get(f"{stem}:{key}") or self._defined.get(key) or []
+
+    def called(self, file: int, begin: int, name: str) -> Statement:
+        """Return the call of a routine, if its name stands for one."""
+        routines = self.defined(file, name)
+        why = self.why(file, begin, f"{name} is called" if len(routines) == 1 else f"{name} is not known here")
+        return Call(routines[0], why) if len(routines) == 1 else Forget(why)
+
+    def why(self, file: int, begin: int, fact: str) -> Unknown:
+        """Return a reason at a place in a text."""
+        return Unknown(file, self.lines[file].at(begin), fact[:80])
+
+    def begin(self, file: int, name: str) -> None:
+        """Begin a routine."""
+        self.close()
+        self.routine = f"{self.names[file].rpartition('.')[0].upper()}:{name.upper()}"
+        self.blocks = Blocks()
+
+    def close(self) -> None:
+        """End the routine that is read."""
+        if self.blocks is not None:
+            if len(self._defined.get(self.routine, [])) > 1:  # which one is called is not certain
+                why = Unknown(0, 0, f"{self.routine} is defined twice")
+                self.routine = f"{self.routine} {len(self.routines)}"
+                self.blocks.body.insert(0, Forget(why))
+            self.routines[self.routine] = self.blocks.done()
+        self.blocks = None
+
+    def literal(self, file: int, begin: int, text: str, name: str) -> tuple[Target | None, Reason | None]:
+        """Return the target of "X 1, Y 2, …", with the reason why it cannot be corrected; None for what is no
+        target."""
+        parts: dict[str, Number] = {}
+        at = begin
+        for part in text.split(",", 32):
+            component = _COMPONENT.fullmatch(part)
+            if not component:
+                return None, None
+            parts[component[1].upper()] = Number(at + component.start(2), at + component.end(2), _value(component[2]))
+            at += len(part) + 1
+        joints = any(axis in parts for axis in _AXES)
+        if not joints and not any(axis in parts for axis in _POSE):
+            return None, None
+        names = _AXES if joints else _POSE
+        if any(text[parts[letter].begin - begin] == "'" for letter in names if letter in parts):
+            return None, None  # bits are no coordinate that could be written back
+        numbers = tuple(parts[axis] for axis in names if axis in parts)
+        form: Form = "joints_deg" if joints else "yaw_pitch_roll"
+        flags = None
+        if "S" in parts and "T" in parts and all(0 <= parts[letter].value < 1 << 16 for letter in "ST"):
+            flags = Flags((int(parts["S"].value), int(parts["T"].value)), agreeing)
+        target = Target(name, file, self.lines[file].at(begin), form, numbers, flags=flags)
+        if len(numbers) < 6:
+            return target, "incomplete"
+        return target, "external_axes" if any(axis in parts and parts[axis].value for axis in _EXTERNAL) else None
+
+    def frame(self, text: str) -> Array | None:
+        """Return the frame (4, 4) of {X …} or {FRAME: X …}, if it has all six numbers."""
+        inside = text.strip()
+        if not (inside.startswith("{") and inside.endswith("}")):
+            return None
+        parts: dict[str, float] = {}
+        for part in LITERAL_TYPE.sub("", inside[1:-1]).split(",", 32):
+            component = _COMPONENT.fullmatch(part)
+            if not component:
+                return None
+            parts[component[1].upper()] = _value(component[2])
+        values = [parts.get(axis, np.nan) for axis in _POSE]
+        return frame_of("yaw_pitch_roll", values) if is_frame("yaw_pitch_roll", values) else None
+
+    def place(self, file: int, begin: int, text: str) -> Value | Ref:
+        """Return the right side of $TOOL = … or $BASE = …; "0" is the null frame."""
+        right = text.strip()
+        if by_number := _BY_NUMBER.fullmatch(right):
+            return Ref(f"{by_number[1].upper()}[{int(by_number[2])}]") if int(by_number[2]) else "0"
+        if right.upper() in ("$NULLFRAME", "$WORLD"):
+            return "0"
+        if right.upper() == "$ROBROOT":
+            return as_value(np.eye(4))
+        frame = self.frame(right)
+        if frame is not None:
+            return as_value(frame)
+        return self.why(file, begin, f"{right} is computed" if right else "nothing is assigned")
+
+
+def _value(text: str) -> float:
+    """Return a number, or bits as 'B010' or 'H1A'."""
+    return float(int(text[2:-1], 2 if text[1] in "Bb" else 16)) if text[0] == "'" else float(text)
+
+
+def lines_in(text: str) -> Iterator[tuple[int, str]]:
+    """Yield the lines of a text with the places at which they begin."""
+    at = 0
+    for line in text.split("\n"):
+        yield at, line
+        at += len(line) + 1
+
+
+def read_statement(reader: Reader, file: int, begin: int, line: str) -> None:
+    """Take a line of a .src."""
+    if routine := _ROUTINE.match(line):
+        reader.begin(file, routine[1])
+        return
+    blocks = reader.blocks
+    if blocks is None:
+        if _MOVE.fullmatch(line) or _BARE.fullmatch(line):
+            _list(reader, file, begin, "not_understood", line)  # no routine has it, so nobody knows when it runs
+        return
+    word = (_WORD.match(line.strip()) or [""])[0].upper()
+    if word in ("END", "ENDFCT"):
+        reader.close()
+    elif word == "GOTO":
+        blocks.add(Jump((line.split()[1].upper() if len(line.split()) > 1 else "",)))
+    elif move := _MOVE.fullmatch(line) or _BARE.fullmatch(line):
+        _functions(reader, file, begin, line)
+        _move(reader, file, begin, line, move)
+    elif interrupt := _BESIDE.match(line):
+        _runs_beside(reader, file, begin, interrupt)
+    elif not _flow(reader, blocks, file, begin, line, word):
+        _other(reader, blocks, file, begin, line)
+
+
+def read_submit(reader: Reader, file: int) -> None:
+    """Take the tools and bases that a program of the submit interpreter, which runs beside, sets."""
+    body: list[Statement] = []
+    for begin, line in lines_in(reader.texts[file]):
+        if (assigned := _ASSIGNED.fullmatch(line)) and _HANDED.search(assigned["left"]):
+            left = re.sub(r"\s", "", assigned["left"]).upper()
+            body += _assigned(reader, file, begin, left, assigned["right"])
+            why = reader.why(file, begin, f"{reader.names[file]} runs beside and may set it at any moment")
+            reader.beside.append(Call(f"\0{file}", why))
+    reader.routines[f"\0{file}"] = tuple(body)
+
+
+def _functions(reader: Reader, file: int, begin: int, line: str) -> None:
+    """Take the calls of functions in a line; what is handed over by reference may be written, and moved to."""
+    assert reader.blocks is not None  # noqa: S101 - within a routine
+    for call in _CALL.finditer(line):
+        statement = reader.called(file, begin, call[1])
+        if reader.defined(file, call[1]) or call[1].upper() not in _FUNCTIONS:
+            reader.blocks.evaluated(line[: call.start()], statement)
+            for handed in _AGGREGATE.finditer(line, call.end(), brackets(line).get(call.end() - 1, len(line))):
+                if reader.literal(file, begin, LITERAL_TYPE.sub("", handed[1]), "")[0]:
+                    _list(reader, file, begin, "handed", handed[0])
+            if _HANDED.search(line, call.end()):
+                why = reader.why(file, begin, f"{call[1]} is given a tool or base")
+                reader.blocks.add(Lose("TOOL_DATA", why), Lose("BASE_DATA", why), Set("tool", why), Set("base", why))
+
+
+def _flow(reader: Reader, blocks: Blocks, file: int, begin: int, line: str, word: str) -> bool:
+    """Take a statement that decides where the program goes on, if it is one."""
+
+    def functions() -> None:
+        _functions(reader, file, begin, line)
+
+    match word:
+        case "IF":
+            functions()
+            blocks.branch()
+        case "SWITCH":
+            functions()
+            blocks.cases()
+        case "CASE":
+            blocks.other()
+            blocks.guard()
+        case "ELSE" | "DEFAULT":
+            blocks.other()
+        case "FOR" | "WHILE":
+            functions()
+            blocks.loop()
+            functions()
+            blocks.may_leave()
+        case "LOOP" | "REPEAT":
+            blocks.loop()
+        case "UNTIL" | "ENDIF" | "ENDSWITCH" | "ENDLOOP" | "ENDFOR" | "ENDWHILE":
+            functions()
+            if word == "UNTIL":
+                blocks.may_leave()
+            blocks.close()
+        case "EXIT":
+            blocks.leave()
+        case "RETURN":
+            functions()
+            blocks.add(End())
+        case _:
+            if not (label := _LABEL.fullmatch(line)):
+                return False
+            blocks.add(Label(label[1].upper()))
+    return True
+
+
+def _runs_beside(reader: Reader, file: int, begin: int, interrupt: re.Match[str]) -> None:
+    """Take what an interrupt or a trigger does: it may happen at any moment."""
+    assert reader.blocks is not None  # noqa: S101 - within a routine
+    action = interrupt[1]
+    if _ASSIGNED.match(action):
+        inner = Reader(reader.names, reader.texts, reader.lines, Points(0))
+        inner.blocks = Blocks()
+        _other(inner, inner.blocks, file, begin, re.sub(r"\bPRIO\s*=.*", "", action, flags=re.IGNORECASE))
+        if inner.blocks.body:
+            key = f"\0{file}:{begin}"
+            reader.routines[key] = tuple(inner.blocks.body)
+            reader.beside.append(Call(key, reader.why(file, begin, "an interrupt may set it at any moment")))
+        return
+    _calls_beside(reader, file, begin, action)
+
+
+def _calls_beside(reader: Reader, file: int, begin: int, text: str) -> None:
+    """Take calls that happen at any moment."""
+    for call in _CALL.finditer(text):
+        statement = reader.called(file, begin, call[1])
+        why = reader.why(file, begin, f"{call[1]} may run at any moment")
+        if isinstance(statement, Call):
+            reader.beside.append(Call(statement.name, why))
+        elif reader.defined(file, call[1]) or call[1].upper() not in _FUNCTIONS:
+            reader.beside.append(Call(f"\0{call[1]}", why))
+
+
+def _other(reader: Reader, blocks: Blocks, file: int, begin: int, line: str) -> None:
+    """Take an assignment, a call of BAS or of a routine, or what changes nothing."""
+    if (bas := _BAS.fullmatch(line)) and not reader.defined(file, "BAS"):
+        blocks.add(*_bas(reader, file, begin, bas[1].upper(), (bas[2] or "").strip()))
+        return
+    if assigned := _ASSIGNED.fullmatch(line):
+        _functions(reader, file, begin, assigned["right"])
+        if _CYCLICAL.match(line):
+            _calls_beside(reader, file, begin, assigned["right"])
+        blocks.add(*_assigned(reader, file, begin, re.sub(r"\s", "", assigned["left"]).upper(), assigned["right"]))
+        return
+    if _DECLARATION.fullmatch(line):
+        return
+    if _SPLINE.match(line):
+        suffix = _WITH.search(line)
+        reader.spline = _with_all(reader, file, begin, suffix[1]) if suffix else {}
+    if _NOTHING.fullmatch(line) or _CALL.match(line.strip()):
+        _functions(reader, file, begin, line)
+        return
+    blocks.add(Forget(reader.why(file, begin, f"{line.strip()} is not known here")))
+
+
+def _bas(reader: Reader, file: int, begin: int, command: str, argument: str) -> list[Statement]:
+    if command in ("TOOL", "BASE"):
+        part = command.lower()
+        if argument.isdigit():
+            return [Set(part, Ref(f"{command}_DATA[{int(argument)}]") if int(argument) else "0")]
+        return [Set(part, reader.why(file, begin, f"{command} {argument} is computed"))]
+    if command in ("PTP_PARAMS", "CP_PARAMS", "FRAMES"):
+        taken: list[Statement] = [Set("tool", Ref("fdat tool")), Set("base", Ref("fdat base"))]
+        if command == "CP_PARAMS" and reader.constant():
+            taken.append(Set("switch", reader.why(file, begin, "motion data may keep the orientation")))
+        return [*taken, Set("external_tcp", Ref("fdat ipo"))]
+    if command == "INITMOV":
+        why = reader.why(file, begin, "BAS(#INITMOV) sets what the controller has")
+        return [Set("tool", why), Set("base", why), Set("external_tcp", OFF), Set("switch", OFF)]
+    if command in _BAS_NOTHING:
+        return []
+    return [Forget(reader.why(file, begin, f"BAS(#{command}) is not known here"))]
+
+
+def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> list[Statement]:
+    """Return what an assignment does to the state; points and variables are watched where they stand."""
+    name = re.split(r"[.\[]", left)[0]
+    match name:
+        case "$TOOL" | "$BASE":
+            whole = left == name
+            value = reader.place(file, begin, right) if whole else reader.why(file, begin, f"a part of {name} is set")
+            return [Set(name[1:].lower(), value)]
+        case "$IPO_MODE" | "$ORI_TYPE":
+            mode, computed = right.strip().upper(), reader.why(file, begin, "$ORI_TYPE is computed")
+            modes: dict[str, Value] = {"#VAR": OFF, "#JOINT": OFF, "#CONSTANT": "on"}
+            outside = Set("external_tcp", OFF if mode == "#BASE" else "on")
+            return [outside if name == "$IPO_MODE" else Set("switch", modes.get(mode, computed))]
+        case "TOOL_DATA" | "BASE_DATA":
+            return _data(reader, file, begin, left, right)
+        case "FDAT_ACT":
+            why = reader.why(file, begin, "FDAT_ACT is set, and no BAS takes it")
+            taken = _fdat(reader, file, begin, right.strip() if left == name else "a part of FDAT_ACT")
+            return [*taken, Set("tool", why), Set("base", why)]
+    if name.startswith("$") and not _SYSTEM.fullmatch(name):
+        return [Forget(reader.why(file, begin, f"{left} is not known here"))]
+    return []
+
+
+def _data(reader: Reader, file: int, begin: int, left: str, right: str) -> list[Statement]:
+    number = re.fullmatch(r"(\w+)\[(\d+)\]", left)
+    frame = reader.frame(right)
+    if number is None:
+        family = left[:9]
+        whole = re.match(r"\w+\[(\d+)\]\.", left)
+        why = reader.why(file, begin, f"{left} is set")
+        return [Set(f"{family}[{int(whole[1])}]", why)] if whole else [Lose(family, why)]
+    part = f"{number[1]}[{int(number[2])}]"
+    if frame is None:
+        by_number = _BY_NUMBER.fullmatch(right.strip())
+        value = reader.place(file, begin, right) if by_number else reader.why(file, begin, f"{left} is computed")
+        return [Set(part, value)]
+    named = Named(number[2], "tool" if left[0] == "T" else "frame", file, reader.lines[file].at(begin), as_value(frame))
+    reader.points.state(named)
+    return [Set(part, as_value(frame))]
+
+
+def _fdat(reader: Reader, file: int, begin: int, right: str) -> list[Statement]:
+    """Return what an FDAT, or its name, sets for BAS(#FRAMES)."""
+    name = right.upper()
+    text = right[1:-1] if right.startswith("{") and right.endswith("}") else reader.fdat.get(name)
+    if text is None or name in reader.fdat_written:
+        why = reader.why(file, begin, f"{right} is not known here")
+        return [Set("fdat tool", why), Set("fdat base", why), Set("fdat ipo", why)]
+    statements: list[Statement] = []
+    for key, part, family in (("TOOL_NO", "fdat tool", "TOOL_DATA"), ("BASE_NO", "fdat base", "BASE_DATA")):
+        number = re.search(rf"\b{key}\s+(\d+)", text, re.IGNORECASE)
+        value: Value | Ref = reader.why(file, begin, f"{right} has no {key}")
+        if number:
+            value = Ref(f"{family}[{int(number[1])}]") if int(number[1]) else "0"
+        statements.append(Set(part, value))
+    outside = re.search(r"\bIPO_FRAME\s+#(?!BASE\b)", text, re.IGNORECASE)
+    return [*statements, Set("fdat ipo", "on" if outside else OFF)]
+
+
+def _move(reader: Reader, file: int, begin: int, line: str, move: re.Match[str]) -> None:
+    """Take a motion: its targets, in the tool and base that are active, or that stand WITH it."""
+    assert reader.blocks is not None  # noqa: S101 - within a routine
+    kind, end = move["kind"].upper().lstrip("S"), move.end("rest")
+    state: dict[str, Value | Ref | Built] = {
+        "tool": Ref("tool"), "base": Ref("base"), "ipo_mode": Ref("external_tcp"), "ori_type": Ref("switch"),
+        **reader.spline,
+    }  # fmt: skip
+    if suffix := _WITH.search(line, move.start("rest")):
+        end = suffix.start()
+        state |= _with_all(reader, file, begin, suffix[1])
+    if zone := _ENDS.search(line, move.start("rest"), end):
+        end = zone.start()
+    if _STAYS.fullmatch(line[move.start("rest") : end].strip()):
+        return
+    places = arguments(line, move.start("rest"), end)
+    name = line[places[0][0] : end]
+    if move["relative"]:
+        _leave(reader, file, begin, "relative", name)
+        return
+    count = 2 if kind == "CIRC" else 1
+    for start, stop in places[:count]:
+        text = line[start:stop]
+        if len(places) > count:  # an arc of CA degrees does not end at its target, and keeps the posture of its start
+            _list(reader, file, begin, "arc", text)
+            continue
+        key = _point(reader, file, begin, start, text, kind)
+        if key is None:
+            _leave(reader, file, begin, "not_literal" if _WORD.fullmatch(text) else "computed", text)
+            continue
+        way = "joint" if kind == "PTP" else "line"
+        needs = () if reader.points.joints(key) else ("external_tcp here", "switch here")[: 1 if way == "joint" else 2]
+        at = reader.lines[file].at(begin)
+        reader.blocks.add(Set("external_tcp here", state["ipo_mode"]), Set("switch here", state["ori_type"]))
+        # A line or an arc keeps the posture at its start, whatever the flags say: it has to lead to them.
+        trusts = None if way == "joint" else LINES
+        reader.blocks.add(Move(key, way, file, at, state["tool"], state["base"], needs, trusts))
+
+
+def _leave(reader: Reader, file: int, begin: int, reason: Reason, name: str) -> None:
+    """List a move that cannot be corrected, after which the arm stands anywhere."""
+    assert reader.blocks is not None  # noqa: S101 - within a routine
+    _list(reader, file, begin, reason, name)
+    reader.blocks.add(Elsewhere())
+
+
+def _list(reader: Reader, file: int, begin: int, reason: Reason, name: str) -> None:
+    if file < reader.points.files:
+        reader.points.leave(Left(file, reader.lines[file].at(begin), name.strip()[:60], reason))
+
+
+def _point(reader: Reader, file: int, begin: int, start: int, text: str, kind: str) -> str | None:
+    """Return the key of the point of a move, or None where there is none."""
+    if text.startswith("{") and text.endswith("}"):
+        inside = LITERAL_TYPE.sub(lambda prefix: " " * len(prefix[0]), text[1:-1])
+        target, reason = reader.literal(file, begin + start + 1, inside, kind)
+        key = f"{{{file}:{begin + start}"
+        if target is None:
+            return None
+        reader.points.declare(key, target, reason)
+        return key
+    if not reader.points.knows(text.upper()) or (file >= reader.points.files and text.upper() not in reader.shared):
+        return None
+    reader.spent.add((file, begin + start))
+    return text.upper()
+
+
+def _with_all(reader: Reader, file: int, begin: int, text: str) -> dict[str, Value | Ref | Built]:
+    """Return the parts of the state that stand WITH a motion, or a spline: tool, base and mode."""
+    state: dict[str, Value | Ref | Built] = {}
+    for part, stated in _WITH_PART.findall(text):
+        value = stated.strip()
+        if fdat := _WITH_FDAT.fullmatch(value):
+            statements = _fdat(reader, file, begin, fdat[1])
+            of_fdat = {statement.part: statement.value for statement in statements if isinstance(statement, Set)}
+            part_of_fdat = {"TOOL": "fdat tool", "BASE": "fdat base", "IPO_MODE": "fdat ipo"}[part.upper()]
+            state[part.lower()] = of_fdat[part_of_fdat]
+        elif part.upper() == "IPO_MODE":
+            state[part.lower()] = OFF if value.upper() == "#BASE" else "on"
+        else:
+            state[part.lower()] = reader.place(file, begin, value)
+    if _CONSTANT.search(text):
+        state["ori_type"] = "on"
+    elif re.search(r"\bSORI_TYP\b", text, re.IGNORECASE) and reader.constant():
+        state["ori_type"] = reader.why(file, begin, "motion data may keep the orientation")
+    return state
+
+
+def agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
+    """Return which solutions q (n, 6) rad agree with Status and Turn. T has the signs of all axes, bit 0 of S the side
+    of axis 1 on which the wrist is, as KUKA's Expert Programming defines it; bit 1 of S says on which side of the
+    outstretched arm axis 3 stands. Bit 2, whose sense differs between arms, is not used: T has the sign of axis 5."""
+    status, turn = values
+    signs = (turn >> np.arange(6)) & 1
+    good: Mask = np.all(np.where(signs == 1, q < slack_rad, q > -slack_rad), axis=1)
+    sides = not status & 1, bool(status >> 1 & 1)
+    for k in np.flatnonzero(good):
+        good[k] = (wrist_in_front(arm, q[k]), beyond_stretch(arm, q[k])) == sides
+    return good

@@ -1,0 +1,131 @@
+"""KUKA Robot Language: a .src with the motion and a .dat with its points.
+
+Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators, and KUKA's Expert
+Programming (E6AXIS, FRAME, PTP, LIN, CIRC, $VEL, $APO, $ORI_TYPE, $CIRC_TYPE). With $CIRC_TYPE = #PATH an arc turns the
+tool with its path. A FRAME has no Status and Turn: lines and arcs keep the arm's posture. $BASE counts in $WORLD, which
+is not the robot's base where the arm hangs or stands elsewhere, so $BASE is set to $ROBROOT, the base in $WORLD.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from analysis.apps.makers.programs.motion_plan import (
+    ACCELERATION_MM_S2,
+    ZONE_MM,
+    Arc,
+    Demand,
+    JointMove,
+    Line,
+    Move,
+    Plan,
+    Turn,
+    percent_of_axes,
+    start_of,
+    turns_with_path,
+)
+from analysis.apps.makers.programs.program_text import (
+    DEG_DECIMALS,
+    MM_DECIMALS,
+    Words,
+    fixed,
+    fixed_xyz_deg,
+    heading,
+    identifier,
+)
+from analysis.apps.makers.writing import ProgramWriter
+from analysis.robot.kinematics.arm import Arm, Array
+from rigs.schema.feedback import KUKARSI
+
+_NAME_LENGTH = 24
+"""Every name in KRL has so many characters at most."""
+_WORDS = Words("WAIT SEC {}", 3, "$OUT[{}] = TRUE", "$OUT[{}] = FALSE", "; {}", 100, "HALT")
+_FIRST_MM_S = 100.0
+"""Speed of the tool until a move sets its own; a turn about the tool's origin has none."""
+RSI_CONTEXT = "rig_rsi"
+"""The RSI context that the person makes on the controller; it sends the axis angles."""
+
+
+def write(plan: Plan, demand: Demand) -> dict[str, str]:
+    """The program and its data list."""
+    name = identifier(plan.name, _NAME_LENGTH)
+    points: dict[str, str] = {}
+    T = start_of(plan).T
+    x, y, z = T[:3, 3]
+    c, b, a = fixed_xyz_deg(T)
+    begin = f"(base $ROBROOT) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, A {a:.2f} B {b:.2f} C {c:.2f} deg"
+    comments = _WORDS.remarks(*heading(plan, demand, begin))
+    moves = [line for step in plan.steps for line in _WORDS.lines(plan, step, partial(_move, plan.arm, points))]
+    sensor = isinstance(plan.feedback, KUKARSI)
+    declared = ["DECL INT rsi_state", "DECL INT rsi_context"] if sensor else []
+    calls = [f'RSI_CREATE("{RSI_CONTEXT}", rsi_context, TRUE)', "RSI_ON(#RELATIVE)"] if sensor else []
+    on = [line for call in calls for line in (f"rsi_state = {call}", "IF (rsi_state <> RSIOK) THEN", "HALT", "ENDIF")]
+    settings = [
+        "BAS(#INITMOV,0)",
+        f"$TOOL = {_frame(plan.arm.T_flange_tool)}",
+        "$BASE = $ROBROOT",
+        _speed(_FIRST_MM_S),
+        f"$ACC.CP = {fixed(ACCELERATION_MM_S2 / 1e3, 4)}",
+        f"$APO.CDIS = {fixed(ZONE_MM, 2)}",
+        "$ORI_TYPE = #VAR",
+        f"$CIRC_TYPE = {'#PATH' if turns_with_path(plan) else '#BASE'}",
+    ]
+    # System variables are not set to what they are; outputs are switched each time.
+    steps, assigned_values = list[str](), dict[str, str]()
+    for instruction in [*settings, *on, *moves]:
+        variable, assigned, value = instruction.partition(" = ")
+        if assigned and variable.startswith("$") and not variable.startswith("$OUT"):
+            if assigned_values.get(variable) == value:
+                continue
+            assigned_values[variable] = value
+        steps.append(instruction)
+    body = [*comments, *declared, *steps]
+    source = ["&ACCESS RVP", f"DEF {name}()", *body, *(["rsi_state = RSI_OFF()"] if sensor else []), "END", ""]
+    data = [f"DECL {text.replace('@', point)}" for text, point in points.items()]
+    listing = ["&ACCESS RVP", f"DEFDAT {name}", *data, "ENDDAT", ""]
+    return {f"{name}.src": "\n".join(source), f"{name}.dat": "\n".join(listing)}
+
+
+def _move(arm: Arm, points: dict[str, str], step: Move) -> list[str]:
+    match step:
+        case JointMove(target, speed_rad_s):
+            percent = percent_of_axes(arm, speed_rad_s)
+            angles = [
+                f"A{axis} {fixed(angle, DEG_DECIMALS)}" for axis, angle in enumerate(np.degrees(target.q), start=1)
+            ]
+            none = [f"E{axis} 0.0" for axis in range(1, 7)]
+            point = _named(f"E6AXIS @ = {{{', '.join(angles + none)}}}", "A", points)
+            return [*(f"$VEL_AXIS[{axis}] = {percent}" for axis in range(1, 7)), f"PTP {point}"]
+        case Line(target, speed_mm_s, stops):
+            return [_speed(speed_mm_s), f"LIN {_point(target.T, points)}{'' if stops else ' C_DIS'}"]
+        case Turn(target, _, speed_rad_s):
+            speed = fixed(float(np.degrees(speed_rad_s)), 1)
+            return [f"$VEL.ORI1 = {speed}", f"$VEL.ORI2 = {speed}", f"LIN {_point(target.T, points)}"]
+        case Arc(via, end, speed_mm_s, stops):
+            ends = f"{_point(via.T, points)}, {_point(end.T, points)}"
+            return [_speed(speed_mm_s), f"CIRC {ends}{'' if stops else ' C_DIS'}"]
+
+
+def _speed(speed_mm_s: float) -> str:
+    return f"$VEL.CP = {fixed(speed_mm_s / 1e3, 6)}"
+
+
+def _point(T: Array, points: dict[str, str]) -> str:
+    return _named(f"FRAME @ = {_frame(T)}", "P", points)
+
+
+def _named(text: str, letter: str, points: dict[str, str]) -> str:
+    """The name of a point, which is declared once however often it is used."""
+    return points.setdefault(text, f"{letter}{len(points) + 1:04d}")
+
+
+def _frame(T: Array) -> str:
+    c, b, a = fixed_xyz_deg(T)
+    places = [f"{axis} {fixed(value, MM_DECIMALS)}" for axis, value in zip("XYZ", T[:3, 3], strict=True)]
+    turned = [f"{axis} {fixed(value, DEG_DECIMALS)}" for axis, value in zip("ABC", (a, b, c), strict=True)]
+    return f"{{{', '.join(places + turned)}}}"
+
+
+WRITER = ProgramWriter(write, {KUKARSI: f"the program starts the RSI context {RSI_CONTEXT}, which you make"})

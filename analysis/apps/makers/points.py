@@ -1,0 +1,220 @@
+"""The points of a program with the moves that use them: which can be corrected, and why the others cannot.
+
+A point of one name is one target, however often it is used. It is corrected only where every move to it, on every way,
+has the same tool and frame and nothing that moves it elsewhere, and where nothing else in the program names it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from analysis.apps.makers.program_machine import BEGIN, OFF, Program, Ref, Unknown, Usage, Value, usages_of
+from analysis.apps.makers.target import AT_BEGIN, Left, Named, Parsed, Reason, Step, Target
+from analysis.robot.kinematics.arm import Array
+
+_BY_PART: dict[str, Reason] = {
+    "shift": "displaced",
+    "tracking": "tracked",
+    "external_tcp": "external_tcp",
+    "coordinated": "coordinated",
+    "switch": "switched",
+    "selected": "selected",
+    "option": "not_understood",
+}
+"""Why a point is left where this part is not off, or not on every way."""
+
+
+@dataclass
+class _Point:
+    """A declared point."""
+
+    target: Target
+    reason: Reason | None
+    changed: Unknown | None = None
+    usages: list[Usage] = field(default_factory=list)
+
+
+@dataclass
+class Points:
+    """The points of a program while it is read, and moves that have none. `silent` are keys of points that are not
+    listed where no move uses them, `files` is how many of the texts are corrected: the others stand beside."""
+
+    files: int
+    silent: set[str] = field(default_factory=set)
+    _points: dict[str, _Point] = field(default_factory=dict)
+    _left: list[Left] = field(default_factory=list)
+    _sets: list[Named] = field(default_factory=list)
+
+    def declare(self, key: str, target: Target, reason: Reason | None = None) -> None:
+        """Take a point; with a reason it can be moved to, and cannot be corrected."""
+        if key in self._points:
+            self.change(key, target.file, target.line)
+            if target.file < self.files and key not in self.silent:
+                self.leave(Left(target.file, target.line, target.name, "changed"))
+        else:
+            self._points[key] = _Point(target, reason)
+
+    def knows(self, key: str) -> bool:
+        """Whether there is a point of this name."""
+        return key in self._points
+
+    def keys(self) -> Iterable[str]:
+        """Return the names of the points."""
+        return self._points.keys()
+
+    def target(self, key: str) -> Target:
+        """Return a point that there is."""
+        return self._points[key].target
+
+    def joints(self, key: str) -> bool:
+        """Whether a point that there is has joint angles."""
+        return self._points[key].target.joints
+
+    def change(self, key: str, file: int, line: int) -> None:
+        """State that the program uses a point otherwise than as a target."""
+        point = self._points[key]
+        point.changed = point.changed or Unknown(file, line, "it is used or assigned there")
+
+    def leave(self, move: Left) -> None:
+        """List a move that cannot be corrected."""
+        self._left.append(move)
+
+    def state(self, named: Named) -> None:
+        """Take the numbers that the program itself gives a tool or frame."""
+        self._sets.append(named)
+
+    def parsed(self, program: Program) -> Parsed:
+        """Return the targets with the moves that a program can make to them."""
+        usages = usages_of(program)
+        for usage in usages:
+            if point := self._points.get(usage.move.base or usage.move.key):
+                point.usages.append(usage)
+        targets, places, skipped = self._targets()
+        steps = tuple(
+            Step(
+                places[usage.move.key],
+                frozenset(AT_BEGIN if key == BEGIN else places.get(key or "") for key in usage.comes_from),
+                "joint" if usage.move.way == "joint" else "line",
+                usage.trusts == "on",
+            )
+            for usage in usages
+            if usage.move.key in places
+        )
+        next_to_left: list[int] = []  # the target at one end of each move whose other end is a point that is left
+        for usage in usages:
+            key = usage.move.key
+            for source in usage.comes_from:
+                if source not in (None, BEGIN) and (key in places) != (source in places):
+                    next_to_left.append(places[key if key in places else source])
+        ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
+        return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), tuple(self._sets))
+
+    def _targets(self) -> tuple[list[Target], dict[str, int], list[Left]]:
+        """Return the targets of points, in the tool and the frame of their moves, the place of each by the key of its
+        moves, and what is left."""
+        targets: list[Target] = []
+        places: dict[str, int] = {}
+        skipped = list(self._left)
+        for key, point in self._points.items():
+            if point.target.file >= self.files:
+                continue
+            if why := next(_reasons(point), None):
+                if why[0] != "unused" or key not in self.silent:
+                    skipped.append(Left(point.target.file, point.target.line, point.target.name, *why))
+                continue
+            first = point.usages[0]
+            target = replace(
+                point.target,
+                tool=_tool(first.tool, point.target.tool),
+                frame=_tool(first.frame, point.target.frame),
+                near=first.move.near,
+                flags=point.target.flags if any(usage.trusts != OFF for usage in point.usages) else None,
+            )
+            places[key] = base = len(targets)
+            targets.append(target)
+            for usage in {usage.move.key: usage for usage in point.usages if usage.offset}.values():
+                places[usage.move.key] = len(targets)
+                assert usage.offset is not None  # noqa: S101 - of moves with one
+                kind, numbers = usage.offset
+                assert isinstance(numbers, tuple)  # noqa: S101 - unknown ones are left
+                offset = kind, as_frame(numbers)
+                targets.append(replace(target, line=usage.move.line, file=usage.move.file, offset=offset, of=base))
+            self._sets += [named for usage in point.usages for named in _registers(usage)]
+        return targets, places, skipped
+
+
+def _registers(usage: Usage) -> Iterator[Named]:
+    """Yield the tool and the frame of a move to which the program itself gives numbers in a register."""
+    kinds: dict[str, Literal["tool", "frame"]] = {"UTOOL": "tool", "UFRAME": "frame"}
+    for of, value in ((usage.move.tool, usage.tool), (usage.move.frame, usage.frame)):
+        if isinstance(of, Ref) and isinstance(value, tuple):
+            family, _, number = of.part.partition("[")
+            if family in kinds:
+                yield Named(number.rstrip("]"), kinds[family], usage.move.file, usage.move.line, value)
+
+
+def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
+    """Yield why a point is left, with the places that make it so."""
+    target, usages = point.target, point.usages
+    if point.reason and (usages or point.reason != "unused"):
+        yield point.reason, ()
+    if point.changed:
+        yield "changed", (point.changed,)
+    if not usages:
+        yield "unused", ()
+    yield from _elsewhere(target, usages)
+    for usage in () if target.joints else usages:
+        move = _here(usage, "the move")
+        if isinstance(usage.tool, Unknown):
+            yield "unknown_tool", (usage.tool, move)
+        if isinstance(usage.frame, Unknown):
+            yield "unknown_frame", (usage.frame, move)
+        if (usage.tool, usage.frame) != (usages[0].tool, usages[0].frame):
+            yield "several_frames", (_here(usages[0], "one move"), move)
+    for usage in usages:
+        if usage.move.near != usages[0].move.near:
+            yield "two_postures", (_here(usages[0], "one move"), _here(usage, "another move"))
+
+
+def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
+    """Yield why moves do not go to the point itself, or beside it by an offset that is not known or not the same on all
+    ways."""
+    offsets: dict[str, object] = {}
+    for usage in usages:
+        if offsets.setdefault(usage.move.key, usage.offset) != usage.offset:
+            yield "offset", (_here(usage, "the offset differs between the ways that lead here"),)
+        elif usage.offset and target.joints:
+            yield "offset", (_here(usage, "an offset from joint angles"),)
+        elif usage.offset and not isinstance(value := usage.offset[1], tuple):
+            yield "offset", (value if isinstance(value, Unknown) else _here(usage, "the move with the offset"),)
+    for usage in usages:
+        for part, value in usage.needs:
+            reason, move = _BY_PART[part.partition(" ")[0]], _here(usage, "the move")
+            if isinstance(value, Unknown):
+                yield "not_understood" if value.everything else reason, (value, move)
+            elif value != OFF:
+                yield reason, (move,)
+
+
+def _here(usage: Usage, fact: str) -> Unknown:
+    return Unknown(usage.move.file, usage.move.line, fact)
+
+
+def _tool(value: Value, of_point: Array | str) -> Array | str:
+    if value == "" or isinstance(value, Unknown):
+        return of_point
+    return value if isinstance(value, str) else as_frame(value)
+
+
+def as_frame(numbers: Iterable[float]) -> Array:
+    """Return the frame (4, 4) in mm of a value of the machine."""
+    return np.array(tuple(numbers), dtype=float).reshape(4, 4)
+
+
+def as_value(T: Array) -> tuple[float, ...]:
+    """Return a frame (4, 4) in mm as a value of the machine."""
+    return tuple(np.asarray(T, dtype=float).ravel().tolist())

@@ -1,0 +1,217 @@
+"""The joint angles at which the nominal arm reaches the targets of a program.
+
+A pose has up to eight postures, and the correction differs from one to another; so a target without a certain posture
+is left. Certain are, in this order: joint angles that the program names beside the pose, flags of posture
+that exactly one solution has, and the ways from all targets from which a move leads to it, along which the arm keeps
+its posture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from analysis.apps.makers.programs.ways import straight
+from analysis.apps.makers.target import AT_BEGIN, Flags, Reason, Step, Target, Way
+from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
+from analysis.robot.kinematics.follow import follow
+from analysis.robot.kinematics.inverse import inverse
+from analysis.robot.kinematics.joint_limits import SAME_RAD, within_limits
+from analysis.robot.kinematics.newton import conditioning
+from rigs.errors import FileError
+
+_ROUNDING_RAD = np.radians(0.02)
+"""A pose with the decimals of a program, 0.001 mm and 0.001°, gives wrist angles back within this: beside the end of a
+quadrant or a turn either flag agrees. Chosen."""
+
+
+def agreeing(arm: Arm, q: Array, flags: Flags, slack_rad: float = _ROUNDING_RAD) -> Mask:
+    """Return which of the solutions q (n, 6) rad agree with flags (n,); `slack_rad` is by how much an angle may stand
+    beyond its sign, quadrant or turn."""
+    return flags.agreeing(arm, q, flags.values, slack_rad) if len(q) else np.zeros(0, dtype=bool)
+
+
+_NEAR_RAD = np.radians(60.0)
+"""The largest joint way to the nearest solution that still says which one is meant. Chosen: other postures turn a wrist
+joint by 180° less than twice axis 5."""
+_CLEARLY = 2.0
+"""The next solution is farther by this factor than the nearest, or which one is meant is not clear. Chosen."""
+_ANY_MM_S = 100.0
+"""A way has the same places at any speed."""
+_PAST_SINGULARITY = 0.01
+"""Conditioning below which the end of a straight line is not certain: an axis 5 below 2.3°, 4 mm at the wrist, which
+a robot drives between two set points of its controller. On which side the wrist leaves is the controller's then."""
+_LONGEST_MM = 1e4
+"""No line of an arm is longer: 10 m."""
+
+
+def solved(
+    arm: Arm,
+    targets: Sequence[Target],
+    poses: Array,
+    joint_angles: Array,
+    steps: Sequence[Step],
+    start: Sequence[float] | None = None,
+) -> tuple[Array, dict[int, Reason]]:
+    """Return joint angles (n, 6) rad of targets, with the reason where there are none.
+
+    `poses` (n, 4, 4) are those of the arm's tool in the world, and `joint_angles` (n, 6) rad those of joint targets,
+    each nan where the target is of the other kind. `start` (6,) rad are those at which the arm stands when the program
+    begins, if they are known.
+    """
+    q = np.vstack([joint_angles, np.full(6, np.nan) if start is None else start])  # the last at AT_BEGIN
+    reasons: dict[int, Reason] = {}
+    asked = [k for k, target in enumerate(targets) if not target.joints and np.isfinite(poses[k]).all()]
+    branches = dict(zip(asked, _branches(arm, poses[asked]), strict=True)) if asked else {}
+    for k in asked:
+        solutions, target = branches[k], targets[k]
+        if isinstance(solutions, str):
+            reasons[k] = solutions
+        elif target.near is not None:
+            _take(q, reasons, k, _nearest(solutions, np.array(target.near)))
+        elif target.flags:
+            mask = agreeing(arm, solutions, target.flags)
+            chosen = solutions[mask][0] if mask.sum() == 1 else None
+            _take(q, reasons, k, chosen if chosen is not None else ("ambiguous" if mask.any() else "other_flags"))
+    _along(arm, targets, poses, branches, steps, q, reasons)
+    for k in asked:
+        if k not in reasons and not np.isfinite(q[k]).all():
+            reasons[k] = "no_posture"
+    return q[:AT_BEGIN], reasons
+
+
+def _branches(arm: Arm, poses: Array) -> list[Array | Reason]:
+    """Return all solutions (m, 6) rad of each pose within the limits, with their turns, or why there are none."""
+    solutions = inverse(arm, poses)
+    every: list[Array | Reason] = []
+    for q, in_reach in zip(solutions.q, solutions.found, strict=True):
+        if not in_reach.any():
+            every.append("unreachable")
+            continue
+        allowed, _ = within_limits(arm, q[in_reach])
+        every.append(allowed if len(allowed) else "beyond_limits")
+    return every
+
+
+def _take(q: Array, reasons: dict[int, Reason], k: int, solution: Array | Reason) -> None:
+    if isinstance(solution, str):
+        reasons[k] = solution
+    else:
+        q[k] = solution
+
+
+def _nearest(solutions: Array, near: Array) -> Array | Reason:
+    """Return the solution (6,) rad nearest to angles (6,) rad, if it is clear which one that is."""
+    away = np.abs(solutions - near).max(axis=1)
+    order = np.argsort(away)
+    if away[order[0]] > _NEAR_RAD or (len(order) > 1 and away[order[1]] < _CLEARLY * away[order[0]]):
+        return "ambiguous"
+    nearest: Array = solutions[order[0]]
+    return nearest
+
+
+def _along(
+    arm: Arm,
+    targets: Sequence[Target],
+    poses: Array,
+    branches: dict[int, Array | Reason],
+    steps: Sequence[Step],
+    q: Array,
+    reasons: dict[int, Reason],
+) -> None:
+    """Take postures from the targets before where nothing else says them, and leave those to which not every way leads
+    in one posture."""
+    ways = _Ways(arm, poses, branches, q)
+    free = {k for k, target in enumerate(targets) if not target.joints and target.near is None and target.flags is None}
+    waiting = [step for step in steps if step.target in free and step.target in branches]
+    solved_some = True
+    while solved_some:
+        solved_some, still = False, []
+        for step in waiting:
+            k = step.target
+            sources = [
+                source
+                for source in step.comes_from
+                if source is not None and ways.stands(source) and source not in reasons
+            ]
+            if ways.stands(k) or k in reasons:
+                continue
+            if not sources:
+                still.append(step)
+                continue
+            arrived = ways.reached(min(sources), k, step.way)
+            _take(q, reasons, k, arrived)
+            solved_some = True
+        waiting = still
+    bad: dict[int, Reason] | None = None
+    while bad is None or bad:
+        bad = {}
+        for step in steps:
+            if step.target not in reasons and (why := _not_the_same(ways, step, free, reasons)):
+                bad[step.target] = why
+        reasons.update(bad)
+
+
+@dataclass
+class _Ways:
+    """Where the arm arrives from one target at another, computed once; q (n, 6) rad are filled in meanwhile."""
+
+    arm: Arm
+    poses: Array
+    branches: dict[int, Array | Reason]
+    q: Array
+    arrivals: dict[tuple[bytes, bytes, Way], Array | Reason] = field(default_factory=dict)
+
+    def stands(self, k: int) -> bool:
+        return bool(np.isfinite(self.q[k]).all())
+
+    def reached(self, source: int, k: int, way: Way) -> Array | Reason:
+        """Return the joint angles (6,) rad with which the arm arrives at target k from the target `source`, or why
+        they are not known."""
+        key = (self.q[source].tobytes(), self.poses[k].tobytes(), way)  # programs repeat their places
+        if key not in self.arrivals:
+            solutions = self.branches[k]
+            assert not isinstance(solutions, str)  # noqa: S101 - those have a reason already
+            self.arrivals[key] = _reached(self.arm, self.q[source], self.poses[k], solutions, linear=way == "line")
+        return self.arrivals[key]
+
+
+def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Reason]) -> Reason | None:
+    """Return why a move does not arrive at its target in the posture for which that is corrected."""
+    k = step.target
+    if k not in ways.branches or not ways.stands(k):  # joint angles, or without a posture
+        return None
+    by_way = k in free or not step.by_flags
+    for source in step.comes_from:
+        if source is None or source in reasons or not ways.stands(source):
+            if by_way:
+                return "no_posture"
+            continue
+        if not by_way and step.way != "line":
+            continue
+        arrived = ways.reached(source, k, step.way)
+        if isinstance(arrived, str):
+            return arrived
+        if np.abs(np.sin((arrived - ways.q[k]) / 2) if not by_way else arrived - ways.q[k]).max() > SAME_RAD:
+            return "two_postures"
+    return None
+
+
+def _reached(arm: Arm, stands: Array, pose: Array, solutions: Array, *, linear: bool) -> Array | Reason:
+    """Return the angles (6,) rad at a pose (4, 4) for an arm that comes from angles `stands` (6,) rad."""
+    if not linear:
+        return _nearest(solutions, stands)
+    begin = forward(arm, stands[None])[0]
+    if np.linalg.norm(pose[:3, 3] - begin[:3, 3]) > _LONGEST_MM:
+        return "unreachable"
+    try:
+        way = straight(begin, pose, _ANY_MM_S).poses
+        path = follow(arm, way, stands, "a move")
+    except FileError:
+        return "ambiguous"
+    if conditioning(arm, path).min() < _PAST_SINGULARITY:
+        return "past_singularity"
+    end: Array = path[-1]
+    return solutions[np.abs(solutions - end).max(axis=1).argmin()] if len(solutions) else "unreachable"

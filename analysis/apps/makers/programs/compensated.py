@@ -1,0 +1,171 @@
+"""Programs with corrected targets, for a controller that cannot take the effects of its arm.
+
+The targets of a test are a table (`rig correct --path` corrects it), one row for each, in the order in which the
+programs first reach them. A program with the corrected table goes through the corrected targets in the same steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.apps.makers.programs.motion_plan import (
+    Arc,
+    Comment,
+    JointMove,
+    Line,
+    Move,
+    Plan,
+    Step,
+    Target,
+    Turn,
+    end_of,
+    in_base,
+)
+from analysis.apps.makers.programs.ways import Way, around, rotation_vector, straight, turned
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.kinematics.follow import follow
+from rigs.errors import FileError
+
+_FURTHEST_MM, _FURTHEST_DEG = 20.0, 5.0
+"""A target that is further from the nominal one belongs to another test or arm: a zero wrong by 1° moves a tool at 1 m
+by 17 mm, and neighbours on a circle of 50 mm are 38 mm apart."""
+_OTHER_POSTURE_DEG = 45.0
+"""A joint that is further from the nominal one stands in another posture. Chosen: near a singularity the wrist turns by
+several degrees for a small correction."""
+_AFTER_TURN_MM_S = 10.0
+"""After a turn the tool goes on to its corrected place, fractions of a millimetre away."""
+_SAME_PLACE_MM = 1e-3
+"""A place of a turn that is nearer than this is reached: it is below the resolution of a gauge."""
+_REMEDY = "give the table that rig program --targets wrote for this rig file and test, corrected by rig correct --path"
+
+
+def targets_of(plan: Plan) -> list[Target]:
+    """Return the targets of a plan, each once, in the order in which the program first reaches them."""
+    return list({id(target): target for target in reached(plan)}.values())
+
+
+def reached(plan: Plan) -> list[Target]:
+    """Return the targets of a plan each time that the program reaches them."""
+    return [
+        target
+        for step in plan.steps
+        if isinstance(step, Move)
+        for target in ((step.via, step.end) if isinstance(step, Arc) else (step.target,))
+    ]
+
+
+def table_of(plans: Sequence[Plan]) -> str:
+    """Return the targets of the programs of a test as a CSV table for `rig correct --path`."""
+    head = "program," + ",".join(f"q{axis}_deg" for axis in range(1, 7))
+    rows = [
+        f"{plan.name}," + ",".join(f"{angle:.7f}" for angle in np.degrees(target.q) + 0.0)
+        for plan in plans
+        for target in targets_of(plan)
+    ]
+    return "\n".join([head, *rows, ""])
+
+
+def compensated(plans: Sequence[Plan], q: Array, poses: Array, lines: Sequence[int], where: str) -> list[Plan]:
+    """Return the plans with their targets at joint angles q (n, 6) rad, where the controller computes poses (n, 4, 4),
+    places in mm of the world; each is that of a line of the table `where`.
+
+    Raises FileError for a table that does not fit the plans, and for joint angles beyond the limits.
+    """
+    counts = [len(targets_of(plan)) for plan in plans]
+    if len(q) != sum(counts):
+        raise FileError(where, f"has {len(q)} rows, this test has {sum(counts)} targets", _REMEDY)
+    ends = np.cumsum([0, *counts])
+    return [
+        _with_targets(
+            plan,
+            [Target(T, at) for T, at in zip(in_base(plan.arm, poses[rows]), q[rows], strict=True)],
+            lines[rows],
+            where,
+        )
+        for plan, rows in zip(plans, map(slice, ends[:-1], ends[1:]), strict=True)
+    ]
+
+
+def _with_targets(plan: Plan, targets: Sequence[Target], lines: Sequence[int], where: str) -> Plan:
+    old = targets_of(plan)
+    farthest = _hold_near(old, targets, lines, where)
+    for line, target in zip(lines, targets, strict=True):
+        for axis in np.flatnonzero((target.q < plan.arm.limits[:, 0]) | (target.q > plan.arm.limits[:, 1])):
+            at_deg, (low, high) = np.degrees(target.q[axis]), np.degrees(plan.arm.limits[axis])
+            problem = f"axis {axis + 1} would stand at {at_deg:.3f}°, its limits are {low:g}° and {high:g}°"
+            raise FileError(f"{where}, line {line}", problem, "move the test away from the limit")
+    new = {id(old_target): new_target for old_target, new_target in zip(old, targets, strict=True)}
+    steps: list[Step] = [Comment(f"the targets are corrected, by up to {farthest:.2f} mm")]
+    moved_by_ends: dict[tuple[int, int], tuple[Step, ...]] = {}  # laps and visits repeat the very same moves
+    at = old[0]
+    for step in plan.steps:
+        if not isinstance(step, Move):
+            steps.append(step)
+            continue
+        key = id(at), id(step)
+        if key not in moved_by_ends:
+            moved_by_ends[key] = tuple(_moved(plan, step, new[id(at)], new))
+        steps += moved_by_ends[key]
+        at = end_of(step)
+    return replace(plan, steps=tuple(steps))
+
+
+def _moved(plan: Plan, step: Move, begin: Target, new: dict[int, Target]) -> Iterator[Step]:
+    """Yield a move to its corrected targets, from the corrected `begin`."""
+    match step:
+        case Arc(via, end):
+            via, end = new[id(via)], new[id(end)]
+            q = _followed(plan, around(begin.T, via.T[:3, 3], end.T, step.speed_mm_s), begin)
+            # Turning with the path would end where its tangents lead, which corrected places bend.
+            yield replace(step, via=via, end=end, with_path=False, q=q)
+        case Turn(target):
+            # Corrections of the two orientations differ, so that a turn on the spot would miss the second place.
+            end = new[id(target)]
+            T = end.T.copy()
+            T[:3, 3] = begin.T[:3, 3]
+            q = _followed(plan, turned(begin.T, T, step.speed_rad_s), begin)
+            turned_target = Target(T, q[-1])
+            yield replace(step, target=turned_target, angle=float(np.linalg.norm(rotation_vector(begin.T, T))), q=q)
+            if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
+                yield _line(plan, turned_target, end, _AFTER_TURN_MM_S)
+        case Line(target, speed_mm_s):
+            end = new[id(target)]
+            on_the_spot = end is begin  # the line to the start, for a controller that is elsewhere at its joint angles
+            yield replace(step, target=end) if on_the_spot else _line(plan, begin, end, speed_mm_s)
+        case JointMove(target):
+            yield replace(step, target=new[id(target)])
+
+
+def _line(plan: Plan, begin: Target, end: Target, speed_mm_s: float) -> Line:
+    return Line(end, speed_mm_s, q=_followed(plan, straight(begin.T, end.T, speed_mm_s), begin))
+
+
+def _followed(plan: Plan, way: Way, begin: Target) -> Array:
+    """Return the joint angles (n, 6) rad along a way. Raises FileError where the arm cannot follow, or a joint is too
+    slow."""
+    arm, where = plan.arm, f"the corrected program {plan.name}"
+    q = follow(arm, arm.T_world_base @ way.poses, begin.q, where)
+    for axis in np.flatnonzero(way.joint_speeds(q) > arm.speed):
+        raise FileError(where, f"axis {axis + 1} is too slow for its path", "move the test away from the singularity")
+    return q
+
+
+def _hold_near(old: Sequence[Target], targets: Sequence[Target], lines: Sequence[int], where: str) -> float:
+    """Return the largest distance in mm of targets from the nominal ones. Raises FileError for one that cannot be a
+    correction."""
+    farthest = 0.0
+    for line, nominal, target in zip(lines, old, targets, strict=True):
+        mm = float(np.linalg.norm(target.T[:3, 3] - nominal.T[:3, 3]))
+        deg = float(np.degrees(np.linalg.norm(rotation_vector(nominal.T, target.T))))
+        joint_deg = float(np.degrees(np.abs(target.q - nominal.q).max()))
+        if mm > _FURTHEST_MM or deg > _FURTHEST_DEG or joint_deg > _OTHER_POSTURE_DEG:
+            problem = (
+                f"is {mm:.0f} mm and {deg:.0f}° from the target of this test, with a joint {joint_deg:.0f}° away: "
+                "more than a correction"
+            )
+            raise FileError(f"{where}, line {line}", problem, _REMEDY)
+        farthest = max(farthest, mm)
+    return farthest

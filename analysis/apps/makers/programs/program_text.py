@@ -1,0 +1,111 @@
+"""What all dialects write alike: numbers, names, rotations, and the comments at the head of every program, which a
+person checks before the robot moves.
+
+Comments hold no semicolon and no quotation mark, which end a line or a text in one language or the other.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.apps.makers.programs.motion_plan import Comment, Demand, Dwell, Hold, Move, Plan, Signal, Step, start_of
+from analysis.robot.kinematics.arm import Array, roll_pitch_yaw
+from rigs.errors import FileError
+
+MM_DECIMALS = 7
+DEG_DECIMALS = 9
+"""A target is to be the simulator's to 1e-6 mm; controllers round what they do not hold."""
+
+
+def fixed(value: float, decimals: int) -> str:
+    """A number with so many decimals, never `-0` or an exponent. Raises FileError for nan and infinity."""
+    if not math.isfinite(value):
+        raise FileError("the program", f"a number is {value}", "check the numbers in the rig file")
+    text = f"{value:.{decimals}f}"
+    return text.removeprefix("-") if float(text) == 0 else text
+
+
+def listed(values: Iterable[float], decimals: int) -> str:
+    """Numbers with commas between them."""
+    return ",".join(fixed(value, decimals) for value in values)
+
+
+def identifier(name: str, most: int) -> str:
+    """A name of letters, digits and underscores that every language takes, of `most` characters at most. The beginning,
+    which says the test and the direction, is kept."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", name)[:most].strip("_")
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """A comment in lines of `width` characters at most, in ASCII."""
+    plain = text.replace("°", " deg").replace("…", "to").encode("ascii", "replace").decode()
+    return textwrap.wrap(plain, width)
+
+
+@dataclass(frozen=True)
+class Words:
+    """How a language says what is no move, {} for its number or text: to wait for seconds of so many decimals, an
+    output on and off, a remark of `width` characters, and to wait for a person below a remark that says what for."""
+
+    wait: str
+    decimals: int
+    on: str
+    off: str
+    remark: str
+    width: int
+    hold: str
+
+    def remarks(self, *texts: str) -> list[str]:
+        """Return texts as remarks."""
+        return [self.remark.format(line) for text in texts for line in wrapped(text, self.width)]
+
+    def lines(self, plan: Plan, step: Step, move: Callable[[Move], list[str]]) -> list[str]:
+        """Return the lines of a step, those of a move as the language has them."""
+        match step:
+            case Dwell(seconds):
+                return [self.wait.format(fixed(seconds, self.decimals))]
+            case Signal(value):
+                return [(self.on if on else self.off).format(number) for number, on in plan.signal_place.bits(value)]
+            case Hold(request):
+                return [*self.remarks(request), self.hold]
+            case Comment(text):
+                return self.remarks(text)
+        return move(step)
+
+
+def fixed_xyz_deg(T: Array) -> Array:
+    """Angles (3,) deg about the fixed x, y, z axes, in this order, of a frame (4, 4): roll, pitch, yaw.
+
+    Makers call them W, P, R, or Rx, Ry, Rz; A, B, C are the same three, the last first.
+    """
+    return np.degrees(roll_pitch_yaw(T))
+
+
+_CLEARANCE_MM = 100.0
+"""Around the tool's place; a person judges what else of the arm needs."""
+
+
+def heading(plan: Plan, demand: Demand, shown: str) -> list[str]:
+    """Comments, the first of them the speed override and the clearances to check.
+
+    shown: the pose at the start as this controller's pendant shows it.
+    """
+    low, high = demand.box_mm + np.array([[-_CLEARANCE_MM], [_CLEARANCE_MM]])
+    space = ", ".join(f"{axis} {a:.0f} to {b:.0f}" for axis, a, b in zip("XYZ", low, high, strict=True))
+    joints = " ".join(f"{angle:.2f}" for angle in np.degrees(start_of(plan).q))
+    tool = "tool and link" if plan.has_link else "the tool"
+    link = "link off until" if plan.has_link else "keep away until"
+    return [
+        f"CHECK: override 10 % in the first run, 100 % to measure. Keep {space} mm (base frame) clear for "
+        f"{tool}, and the way of the arm free",
+        f"{plan.name}: written by rig program, no robot has run it before you",
+        f"{link} the robot stands at its start: joints {joints} deg",
+        f"the pendant then shows {shown}. If it does not, stop: base, tool or arm differ from the rig file",
+        f"payload {plan.payload_kg:g} kg: set it on the controller",
+    ]

@@ -1,0 +1,117 @@
+"""What a maker's reader offers, reading the files of a program, and a remark in one, in the words and at the place that
+its language allows."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from analysis.apps.makers import Maker, maker_of_file, suffixes_in_words
+from analysis.apps.makers.numbers import Decimals
+from analysis.apps.makers.target import Parsed, Texts
+from rigs.errors import FileError
+from rigs.files import read_bytes
+
+MOST_BYTES = 10_000_000
+"""A program with a hundred thousand targets is below it; controllers hold less."""
+ENCODING = "latin-1"
+"""Every byte is a character of it and back, whatever the file's own encoding: what is not touched stays as it was."""
+_MOST_BESIDE = 500
+"""Programs of a controller's backup are some hundred."""
+
+
+@dataclass(frozen=True)
+class Remark:
+    """begins, ends: of each line of a remark, with {} for the line's number; width: how many characters stand between;
+    before: what it stands before in a file of a suffix, in its last place there; it is the last line of other files."""
+
+    begins: str
+    ends: str = ""
+    width: int = 100
+    before: Mapping[str, re.Pattern[bytes]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ProgramReader:
+    """parse: the targets of the texts of a program; null_tools, null_frames: the tool and the frame that are nothing,
+    by their names; of_world: such a frame is the cell's, which is the robot's foot where the arm stands upright;
+    beside: the suffixes of files in the directory whose routines and data a program can use."""
+
+    parse: Callable[[Texts], Parsed]
+    decimals: Decimals
+    remark: Remark
+    null_tools: tuple[str, ...] = ()
+    null_frames: tuple[str, ...] = ()
+    of_world: bool = False
+    beside: tuple[str, ...] = ()
+
+
+def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:
+    """Return the maker of a program, and the texts of its files by name, the data list last. Raises FileError for what
+    is no program, or cannot be read."""
+    maker = maker_of_file(path)
+    if maker is None:
+        raise FileError(str(path), "is no robot program that is known here", f"give a program {suffixes_in_words()}")
+    data = maker.files.data
+    beside = [path.with_suffix(suffix) for suffix in (data, data.upper(), data.title()) if suffix]
+    files = [path, *(file for file in beside if file.exists())][:2]
+    texts = {}
+    for file in files:
+        try:
+            content = read_bytes(file, MOST_BYTES)
+        except OSError as error:
+            raise FileError(str(file), error.strerror or str(error), "check the path and its permissions") from None
+        if b"\0" in content:
+            remedy = "give the program as ASCII, Latin-1 or UTF-8 text"
+            raise FileError(str(file), "is a binary file or UTF-16 text", remedy)
+        texts[file.name] = content.decode(ENCODING)
+    return maker, texts
+
+
+def read_program(path: Path) -> tuple[Maker, Texts]:
+    """Return the maker and the texts of a program's files, with the data list where there is one, and of those beside
+    it. Raises FileError for what is no program, and where too much stands beside it to be read."""
+    maker, files = program_texts(path)
+    suffixes = maker.reader.beside
+    others = [
+        file
+        for file in (sorted(path.resolve().parent.iterdir()) if suffixes else ())
+        if file.suffix.lower() in suffixes and file.name not in files and file.is_file()
+    ]
+    if len(others) > _MOST_BESIDE or sum(file.stat().st_size for file in others) > MOST_BYTES:
+        raise FileError(
+            str(path.parent),
+            f"has more than {_MOST_BESIDE} files, or {MOST_BYTES // 1_000_000} MB, that the program could use",
+            "put the program with the files that it uses into a directory of its own",
+        )
+    data = {file.name: read_bytes(file, MOST_BYTES) for file in others}
+    read_beside = {name: content.decode(ENCODING) for name, content in data.items() if b"\0" not in content}
+    return maker, Texts((*files, *read_beside), (*files.values(), *read_beside.values()), len(files))
+
+
+def as_bytes(text: str) -> bytes:
+    """Return the bytes of a program's text."""
+    return text.encode(ENCODING)
+
+
+_NUMBERED = re.compile(rb"^[ \t]*(\d+):", re.MULTILINE)
+
+
+def with_remark(form: Remark, name: str, data: bytes, remark: str) -> bytes:
+    """Return the bytes of a program's file, by its name, with a remark in lines of their own; all else stays."""
+    returns = b"\r\n" if b"\r\n" in data else b"\r" if b"\r" in data and b"\n" not in data else b"\n"
+    before = form.before.get(Path(name).suffix.lower())
+    places = [match.start() for match in before.finditer(data.replace(b"\r", b"\n"))] if before else []
+    at = places[-1] if places else len(data)
+    number = max([int(match[1][:9]) for match in _NUMBERED.finditer(data[:at].replace(b"\r", b"\n"))], default=0)
+    remark_lines = [
+        f"{form.begins.format(number + k)}{line}{form.ends}"
+        for k, line in enumerate(textwrap.wrap(remark, form.width), start=1)
+    ]
+    whole = returns.join(line.encode("ascii") for line in remark_lines)
+    if at == len(data) and data and not data.endswith((b"\n", b"\r")):
+        return data + returns + whole
+    return data[:at] + whole + returns + data[at:]

@@ -1,0 +1,154 @@
+"""Corrections in the words of a controller, on the screen and as an object."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Column, Table
+from rich.text import Text
+
+from analysis.apps.makers.controller_entries import ControllerEntries
+from analysis.report.diagnosis_words import plain
+from analysis.report.plain_console import right, whole
+from rigs.rig import Rig
+from rigs.schema.effect import label_of
+
+_REPORTED_UM = 1.0
+"""An effect that stays is listed where it moves the tool by at least this."""
+_THIRD = 1 / 3
+"""Part of a squared error from which its cause is said in the first sentence."""
+
+
+def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
+    """What to enter where, what it gains, and what to check before motion; where it is `entered`, that it is."""
+    maker, targets = entries.controller.maker, f"{entries.by_targets_um:.0f} µm"
+    if not entries.entries:
+        better = entries.carried_by_targets_um >= _REPORTED_UM
+        by_themselves = "nor do corrected targets for certain (those of a --path or --program are judged by themselves)"
+        instead = f"corrected targets (--path) leave {targets}" if better else by_themselves
+        return (
+            f"Nothing is to be entered at this {maker} controller: with frame and tool taught with the robot "
+            f"nothing shows that its parameters take away any of the tool's {entries.before_um:.0f} µm over the work; "
+            f"{instead}.{base_note(entries.base_u_um, entries.by_targets_um)}"
+        )
+    count = "the value" if len(entries.entries) == 1 else f"the {len(entries.entries)} values"
+    reads = entries.controller.changes_reading
+    check = "each axis reads as much more as said below" if reads else "the joint angles are those of before"
+    does = f"With {count} below, as entered" if entered else f"Enter {count} below"
+    return (
+        f"{does} in {entries.controller.place} of the {maker} controller: the tool's error over the work "
+        f"falls from {entries.before_um:.0f} to {entries.after_um:.0f} µm rms with frame and tool taught with the "
+        f"robot (corrected targets: {targets}); before any motion check that {check}."
+        f"{base_note(entries.base_u_um, entries.by_targets_um)}"
+    )
+
+
+def base_note(base_u_um: float, after_um: float) -> str:
+    """What to say of the place of the whole arm on its base, where that makes more than a third of the squared
+    error."""
+    if base_u_um**2 <= _THIRD * (base_u_um**2 + after_um**2):
+        return ""
+    return (
+        f" (The place of the whole arm on its base is known only to ± {base_u_um / 1e3:.2g} mm from these runs; teach "
+        "the frame of the work with the robot.)"
+    )
+
+
+def as_table(entries: ControllerEntries, rig: Rig, entered: bool = False) -> RenderableType:
+    """What to enter, in which order, or what is `entered`, what it is worth, and what stays."""
+    parts: list[RenderableType] = []
+    if entries.entries:
+        parts.append(_entries(entries, entered))
+        steps = () if entered else entries.steps
+        parts += [Text(f"{number}. {step}") for number, step in enumerate(steps, start=1)]
+        parts.append(Text(f"from {entries.controller.source}", style="dim"))
+    parts.append(Text(entries.controller.missing, style="dim"))
+    if bool(entries.controller.scale) and any(entry.unit == "deg" for entry in entries.entries):
+        parts.append(Text(f"with --scale, six {entries.controller.scale}: the same as {entries.controller.unit}"))
+    parts += [Text(f"known only together, so divided by usual sizes: {', '.join(group)}") for group in entries.twins]
+    kept = [each for each in entries.not_entered if each.worth_um >= _REPORTED_UM]
+    stays = "µm rms: no constant and no target holds it"
+    parts += [Text(f"not entered: {plain(rig, each.effect)}, {each.worth_um:.0f} {stays}") for each in kept]
+    before, after = entries.elsewhere_um
+    if entries.entries:
+        parts.append(Text(carried(entries), style="bold"))
+        elsewhere = f"beside the work, at other joint angles for which the model is known: {before:.0f} µm before, "
+        elsewhere += f"{after:.0f} µm after"
+        worse = ": worse, so enter them for this work only" if after > before else ""
+        parts.append(Text(elsewhere + worse, style="yellow" if worse else ""))
+    return Group(*parts)
+
+
+def carried(entries: ControllerEntries) -> str:
+    """What the entries carry of the tool's error, and what corrected targets do."""
+    return (
+        f"entries carry {entries.carried_um:.0f} of {entries.before_um:.0f} µm over the work (rms, in a frame taught "
+        f"with the robot); corrected targets carry {entries.carried_by_targets_um:.0f}"
+    )
+
+
+def _entries(entries: ControllerEntries, entered: bool) -> Table:
+    state = "entered already" if entered else "to be entered together, once,"
+    where = f"{state} at the controller ({entries.controller.maker})"
+    title = f"{where}; worth and leaves: rms of the tool over the tests"
+    lengths = any(entry.now is not None for entry in entries.entries)
+    numbers = (*["now"] * lengths, "value", "± u")
+    sizes = map(right, ("reading", "worth", "leaves"))
+    columns: tuple[str | Column, ...] = ("add to", *map(right, numbers), "unit", *sizes)
+    table = Table(*columns, title=title, title_style="bold", title_justify="left", header_style="bold")
+    for entry in entries.entries:
+        reading = f"{entry.reading_deg:+.4f}°" if entry.reading_deg else "same"
+        # A value with its sign, to the second digit of its uncertainty; a count to whole counts
+        digits = 1 - math.floor(math.log10(entry.u)) if entry.u > 0 else 6
+        numbers = (f"{entry.add:+.{max(0, digits)}f}", f"{entry.u:.2g}", entry.unit, reading)
+        now = ["" if entry.now is None else f"±{entry.now:g}"] * lengths
+        worths = (entry.worth_um, entry.leaves_um) if round(entry.worth_um) else ()
+        table.add_row(entry.parameter, *now, *numbers, *([f"{um:.0f} µm" for um in worths] or ["turns only"]))
+    return whole(table)
+
+
+def as_object(entries: ControllerEntries) -> dict[str, Any]:
+    """The same for scripts and for corrections.yaml."""
+    return {
+        "name": entries.name,
+        "entries": [
+            {
+                "parameter": entry.parameter,
+                "axis": entry.axis,
+                "add": short(entry.add),
+                "u": short(entry.u),
+                "unit": entry.unit,
+                "now": entry.now and short(entry.now),
+                "reading_deg": short(entry.reading_deg),
+                "worth_um": rounded_um(entry.worth_um),
+                "leaves_um": rounded_um(entry.leaves_um),
+            }
+            for entry in entries.entries
+        ],
+        "not_entered": [
+            {"name": label_of(kept.effect), "worth_um": rounded_um(kept.worth_um)} for kept in entries.not_entered
+        ],
+        "before_um": rounded_um(entries.before_um),
+        "after_um": rounded_um(entries.after_um),
+        "corrected_targets_um": rounded_um(entries.by_targets_um),
+        "carried_um": rounded_um(entries.carried_um),
+        "carried_by_corrected_targets_um": rounded_um(entries.carried_by_targets_um),
+        "elsewhere_um": [rounded_um(um) for um in entries.elsewhere_um],
+        "base_u_um": rounded_um(entries.base_u_um),
+        "known_only_together": [list(group) for group in entries.twins],
+        "steps": list(entries.steps),
+        "source": entries.controller.source,
+        "not_found_in_public": entries.controller.missing,
+    }
+
+
+def short(value: float) -> float:
+    """A value to nine digits, which are more than any controller takes."""
+    return float(f"{value:.9g}")
+
+
+def rounded_um(value: float) -> float:
+    """A size in µm to the nanometre."""
+    return round(value, 3)

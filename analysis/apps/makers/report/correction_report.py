@@ -1,0 +1,304 @@
+"""Corrections on the screen, as JSON, and as the files that a cell uses."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from rich.console import Group, RenderableType
+from rich.table import Column, Table
+from rich.text import Text
+
+from analysis.apps.makers import maker_by
+from analysis.apps.makers.correct_rig import Corrections
+from analysis.apps.makers.reading import with_remark
+from analysis.apps.makers.report import controller_report, program_report
+from analysis.apps.makers.report.controller_report import base_note, short
+from analysis.apps.makers.target_path import corrected_columns
+from analysis.correction.corrected_targets import GAIN_UM, Corrected, WorkError
+from analysis.correction.support import ANYWAY, CONSTANTS, corrected_table, why_nothing
+from analysis.correction.work import rest_effects
+from analysis.procedures.shared.quantity import quantity_of
+from analysis.report.diagnosis_words import plain
+from analysis.report.plain_console import right, whole
+from analysis.report.texts import texts_of
+from analysis.robot.kinematics.arm import Array
+from rigs.effects import size_field
+from rigs.errors import FileError
+from rigs.schema.effect import label_of
+
+_REPORTED_MM = 1e-3
+"""An effect that is not corrected is reported if it moves a target by at least this."""
+_count = program_report.targets_in_words
+_HEAD = "Corrections for the cell {name} by the effects of its rig file and the calibration beside it, {date}."
+_WAYS = {
+    "joint_zeros": "master each axis so that it reads `add_deg` more where it stands.",
+    "link_constants": "enter these into the controller if it accepts them; dh.csv is the whole table.",
+    "controller": "changes of the controller's own parameters that hold most of the whole model.",
+    "path": "the corrected targets hold the whole model, for a controller that keeps its zeros and constants.",
+    "programs": "they hold the whole model, too; no real controller has run one: a person tries each at reduced speed.",
+}
+_NOTHING = (
+    "Nothing to enter is here: --for MAKER writes values to enter, --program FILE or --path FILE corrected targets."
+)
+_ONE = "Zeros and constants, or the controller's parameters, or corrected targets: one of them, or it corrects twice."
+
+
+def as_table(corrections: Corrections) -> RenderableType:
+    """One sentence that says what to do; each effect with its use, then what to change, then what it does to the
+    path."""
+    columns = ("effect", right("value"), "corrected as", Column("why", ratio=1))
+    effects = Table(*columns, title="value ± standard uncertainty", title_style="dim", header_style="bold")
+    for support in (*corrections.effects, *corrections.calibrated):
+        field = size_field(support.effect)
+        quantity = quantity_of(support.effect, field, {field: support.u})
+        value = str(quantity) if support.u > 0 else f"{support.value:g} {quantity.sign}".rstrip()
+        use = Text("not corrected", "yellow") if support.use == "none" else Text(support.use, "green")
+        effects.add_row(plain(corrections.rig, support.effect), value, use, support.reason)
+    parts: list[RenderableType] = [Text(_first(corrections), style="bold")]
+    if effects.row_count:
+        parts += [Text(), whole(effects)]
+    if why := why_nothing(corrections.rig):
+        parts.insert(0, Text(f"Against the verdict: {why}.", style="bold red"))
+    if not corrections.at_controller:  # whose entries hold the whole model, and these would be entered a second time
+        instead = [
+            f"master axis {zero.axis} so that it reads {zero.delta:+.4f}° (± {zero.u:.4f}°) more where it stands"
+            for zero in corrections.zeros
+        ]
+        instead += [
+            f"axis {constant.axis}, {constant.key}: {constant.corrected:.6g} instead of {constant.nominal:.6g} "
+            f"(± {constant.u:.2g})"
+            for constant in corrections.constants
+        ]
+        parts += [Text(f"to enter instead: {line}") for line in instead]
+    parts += [Text(line) for line in _path_lines(corrections)]
+    if corrections.at_controller:
+        parts += [Text(), controller_report.as_table(corrections.at_controller, corrections.rig, corrections.entered)]
+    parts += [Text(line) for program in corrections.programs for line in ("", *program_report.lines(program))]
+    return Group(*parts)
+
+
+def _first(corrections: Corrections) -> str:
+    work, of_work = corrections.work, texts_of("en").not_known(corrections.work.unknown)
+    if all(support.use == "none" for support in corrections.effects) and work.model_um < GAIN_UM:
+        head = f"Nothing of the tool's {work.before_um:.0f} µm over the work can be corrected"
+        return f"{head}; the table says why.{of_work}"
+    if corrections.at_controller:
+        first = controller_report.first_sentence(corrections.at_controller, entered=corrections.entered)
+        return first + _never_both(corrections) + of_work
+    if corrections.programs and all(program.held for program in corrections.programs) and not corrections.path:
+        return "No program is written: places were left, and --all-or-nothing writes only whole programs."
+    errors, options = corrections.errors, "--program FILE, or " * corrections.rig.takes_programs + "--path TARGETS.csv"
+    send = "Send the controller to the corrected targets of"
+    sentences = [_falls(f"{send} {path.name}", error, of_work=False) for path, error in errors.items() if error]
+    sentences = sentences or [_falls(f"Send the controller to corrected targets ({options})", work, of_work=True)]
+    gains = any(error.gains for error in errors.values() if error) if errors else work.gains
+    return " ".join(sentences) + (_never_both(corrections) if gains else "")
+
+
+def _falls(how: str, error: WorkError, *, of_work: bool) -> str:
+    """How a person corrects, and what the error falls to by that over the work, or at the targets."""
+    before, after = f"{error.before_um:.0f}", f"{error.after_um:.0f}"
+    where, unknown = "over the work", texts_of("en").not_known(error.unknown)
+    if not of_work:
+        where, share = "at these targets", max(100 * error.unknown, 1)
+        guess = f" No run says how well the other {share:.0f} % of these targets are reached: a guess of the model "
+        guess += "corrects them, and they may be farther off than before; measure there first, or leave them."
+        unknown = guess if error.unknown else ""
+    falls = f"{how}: the tool's error {where} falls from"
+    if error.before_um - error.after_um >= GAIN_UM:
+        return (
+            f"{falls} {before} to {after} µm rms with frame and tool taught with the robot (standard uncertainty of "
+            f"the model {error.u_um:.0f} µm).{base_note(error.base_u_um, error.after_um)}{unknown}"
+        )
+    if error.gains:
+        return (
+            f"{falls} {error.base.before_um:.0f} to {error.base.after_um:.0f} µm rms in the robot's base; in a frame "
+            f"taught with the robot it is {before} µm as it is.{unknown}"
+        )
+    return (
+        f"Leave the targets as they are: what can be corrected moves the tool by {error.model_um:.0f} µm rms {where}, "
+        f"and is known to ± {error.u_um:.0f} µm, with frame and tool taught with the robot. The error would go from "
+        f"{before} to {after} µm. More runs, at another place or of another test, would make it surer.{unknown}"
+    )
+
+
+def why_not(corrections: Corrections) -> str:
+    """Why nothing is to be corrected; empty where something is."""
+    why = "" if corrections.work.gains else "corrected targets take away no error over the work"
+    if corrections.errors:
+        why = next((f"{path.name}: {of_it}" for path, of_it in corrections.in_vain.items()), "")
+    return why_nothing(corrections.rig) or why
+
+
+def _never_both(corrections: Corrections) -> str:
+    """Which controller corrected targets are for, since entries and targets together correct twice."""
+    if not corrections.at_controller:
+        ways = "programs, entered values" if corrections.rig.takes_programs else "targets"
+        return f" Corrected {ways} or a re-mastered axis: only one of them, as two correct twice."
+    if not corrections.at_controller.entries:
+        return ""
+    if not corrections.path:
+        return " Programs, targets and mastering then stay as they are, as two corrections correct twice."
+    has, lacks = "that has these values already: it holds the rest", "without these values: use one of both"
+    state = has if corrections.entered else lacks
+    return f" corrected-{corrections.path[0].name} is for a controller {state}."
+
+
+def _path_lines(corrections: Corrections) -> list[str]:
+    lines = []
+    if corrections.path:
+        path, _, targets = corrections.path
+        lines.append(
+            f"{path.name}: {_count(int(targets.done.sum()))}, missed by up to {np.nanmax(targets.missed_mm):.3f} mm "
+            f"before; {program_report.reached(targets.u_frame_mm[targets.done], targets.u_mm[targets.done])}; "
+            f"effects that are not corrected leave {_small(np.nanmax(_left_out(targets)))}"
+        )
+        stays = rest_effects(corrections.rig, corrections.effects)
+        words = {label_of(effect): plain(corrections.rig, effect) for effect in stays}
+        each = [(words[name], mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
+        if each:
+            parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
+            lines.append(f"not corrected, at its worst target, rms of both sides, cold and warm: {parts}")
+        lines += targets.doubts
+        if targets.left:
+            lines.append(f"{_count(len(targets.left))} not corrected, with no in the column corrected: as they were")
+    return lines
+
+
+def _left_out(targets: Corrected) -> Array:
+    """What all effects that are not corrected still do to each target, (n,) mm."""
+    return np.asarray(np.linalg.norm(targets.left_out_mm, axis=1))
+
+
+def _budget(targets: Corrected) -> dict[str, float]:
+    """What each effect that is not corrected does to the target that it moves most, mm, the largest first."""
+    worst = dict(zip(targets.left_out, np.nanmax(targets.left_out_mm, axis=0).tolist(), strict=True))
+    return dict(sorted(worst.items(), key=lambda item: -item[1]))
+
+
+def _small(mm: float) -> str:
+    return "less than 0.001 mm" if mm < _REPORTED_MM else f"{mm:.3f} mm"
+
+
+def as_object(corrections: Corrections, written: Sequence[Path]) -> dict[str, Any]:
+    """The same for scripts; lengths in mm, angles in degrees."""
+    path = None
+    if corrections.path:
+        targets = corrections.path[2]
+        largest = {"missed": targets.missed_mm, "left_out": _left_out(targets), "u": targets.u_mm}
+        largest["u_frame"] = targets.u_frame_mm
+        path = {
+            "targets": len(targets.q),
+            "largest_mm": {name: None if np.isnan(mm).all() else float(np.nanmax(mm)) for name, mm in largest.items()},
+            "left_out_mm": _budget(targets),
+            "u_um": _each_um(targets.u_mm),
+            "u_frame_um": _each_um(targets.u_frame_mm),
+            "covered": None if targets.covered is None else targets.covered.tolist(),
+            "doubts": list(targets.doubts),
+            "error": targets.error and program_report.error_object(targets.error),
+        }
+    return {**_contents(corrections), "path": path, "files": [str(file) for file in written]}
+
+
+def _contents(corrections: Corrections) -> dict[str, Any]:
+    return {
+        "rig": corrections.rig.name,
+        "verdict": "nothing" if (why := why_not(corrections)) else "correct",
+        "verdict_why": why or None,
+        "joint_zeros": [
+            {"axis": zero.axis, "add_deg": short(zero.delta), "u_deg": short(zero.u)} for zero in corrections.zeros
+        ],
+        "link_constants": [
+            (
+                {
+                    "axis": constant.axis,
+                    "key": constant.key,
+                    "nominal": constant.nominal,
+                    "corrected": short(constant.corrected),
+                    "u": short(constant.u),
+                }
+            )
+            for constant in corrections.constants
+        ],
+        "effects": [
+            {
+                "name": label_of(support.effect),
+                "value": support.value,
+                "u": support.u if support.u > 0 else None,
+                "unit": support.effect.unit(size_field(support.effect)),
+                "corrected_as": None if support.use == "none" else support.use,
+                "reason": support.reason,
+            }
+            for support in (*corrections.effects, *corrections.calibrated)
+        ],
+        "work": program_report.error_object(corrections.work),
+        "not_corrected": _not_corrected(corrections),
+        "programs": [program_report.as_object(program) for program in corrections.programs],
+        "controller": corrections.at_controller and controller_report.as_object(corrections.at_controller),
+    }
+
+
+def _not_corrected(corrections: Corrections) -> list[dict[str, Any]]:
+    """The targets of the path that stay as they were, by their line in the file."""
+    if not corrections.path:
+        return []
+    _, source, targets = corrections.path
+    return [
+        {"line": source.lines[target.place], "reason": target.reason, "why": target.what} for target in targets.left
+    ]
+
+
+def _each_um(values_mm: Array) -> list[float | None]:
+    """Values (n,) mm in µm, None where there is none."""
+    return [None if np.isnan(mm) else round(1e3 * mm, 3) for mm in values_mm.tolist()]
+
+
+def write(corrections: Corrections, directory: Path) -> list[Path]:
+    """Write corrections.yaml, dh.csv where a constant changes, the path, and programs under their own names. Raises
+    FileError where one is there."""
+    import pyarrow as pa  # noqa: PLC0415 - slow to import
+
+    from analysis.runs.written_files import holding, write_all_new, write_csv  # noqa: PLC0415
+
+    contents = _contents(corrections)
+    ways = [f"{key}: {way}" for key, way in _WAYS.items() if contents.get(key) or (key == "path" and corrections.path)]
+    date = dt.datetime.now(dt.UTC).date()
+    lines = [
+        _HEAD.format(name=corrections.rig.name, date=date),
+        *(ways or [_NOTHING if corrections.rig.takes_programs else "Nothing to enter is here: see --path."]),
+        _ONE,
+        "u: standard uncertainty.",
+    ]
+    head = "".join(f"# {line}\n" for line in lines)
+    against = [*(corrections.errors if why_nothing(corrections.rig) else corrections.in_vain)]
+    if why := why_not(corrections) if corrections.errors else why_nothing(corrections.rig):
+        head += f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: {why.removeprefix('correct nothing by this model: ')}.\n"
+    text = head + yaml.safe_dump(contents, sort_keys=False, allow_unicode=True, width=10_000)
+    files = {"corrections.yaml": holding(text.encode())}
+    if corrections.constants:
+        rows = corrected_table(corrections.rig, corrections.constants)
+        table = pa.table({key: [row[key] for row in rows] for key in ("axis", "name", *CONSTANTS)})
+        files["dh.csv"] = partial(write_csv, table)
+    if corrections.path:
+        given_path, path, targets = corrections.path
+        files[f"corrected-{given_path.name}"] = partial(
+            write_csv, corrected_columns(path, targets, ANYWAY if given_path in against else "")
+        )
+    for program in corrections.programs:
+        for name, data in ({} if program.held else program.files).items():
+            if name in files:
+                raise FileError(
+                    name, "would be written twice", "correct programs of one name into directories of their own"
+                )
+            files[name] = holding(
+                with_remark(maker_by(program.maker).reader.remark, name, data, ANYWAY)
+                if program.path in against
+                else data
+            )
+    return write_all_new(directory, files)

@@ -1,0 +1,190 @@
+"""A program with corrected targets on the screen and as JSON: how many, how far they moved, and what stayed as it
+was."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from analysis.apps.makers.corrected_program import MOST_MM, CorrectedProgram
+from analysis.apps.makers.target import WHY
+from analysis.correction.corrected_targets import WorkError
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.noise.readings import rms
+
+_LISTED = 30
+"""So many of what was left are on the screen; corrections.yaml has all of them."""
+_KEPT = 10_000
+"""So many are in corrections.yaml and in JSON: more are of a file that is no robot program."""
+NOT_TRIED = (
+    "No real controller has run a program that rig corrected, only rig's own models of controllers: try it as "
+    "docs/correct-a-program.md says"
+)
+_SHOWN_UM = 1.0
+"""Rounding below it is not mentioned: no gauge here resolves it."""
+
+
+def lines(program: CorrectedProgram) -> list[str]:
+    """Return the lines for the screen."""
+    count, moved = len(program.names), program.moved_mm
+    text_lines = [_head(program)]
+    if program.held:
+        text_lines.append("  not written: places were left, and --all-or-nothing writes only whole programs")
+    if steps := len(program.beside_left_mm):
+        text_lines.append(
+            f"  half corrected: where one of two neighbours was left ({_steps(steps)}), they now stand "
+            f"{program.beside_left_mm.mean():.3f} mm (mean) off how they were taught to each other"
+            + ("" if program.held else "; --all-or-nothing does not write such a program")
+        )
+    text_lines += [
+        f"  {_place(program, overruling.file, overruling.line)}: the program gives {overruling.kind} "
+        f"{overruling.name} other numbers than "
+        f"--{overruling.kind}; from there its own count"
+        for overruling in program.overruled[:_LISTED]
+    ]
+    if program.start:
+        start = ", ".join(f"{angle:g}" for angle in np.degrees(program.start).round(6))
+        text_lines.append(
+            f"  --start-joints states that the arm stands at {start}° whenever this program begins; "
+            "if it comes from another posture, its first targets are corrected for the wrong one"
+        )
+    if count:
+        text_lines.append(
+            f"  moved by up to {moved.max():.3f} mm, {rms(moved):.3f} mm rms; "
+            f"{reached(program.u_frame_mm, program.u_mm)}"
+        )
+    if count and program.rounded_um.max() > _SHOWN_UM:
+        text_lines.append(f"  the decimals of this format put targets off by up to {program.rounded_um.max():.1f} µm")
+    if outside := sum(map(bool, program.unknown)):
+        text_lines.append(f"  {targets_in_words(outside)} beyond what the runs drove, corrected by a guess:")
+        reasons = zip(program.places, program.unknown, strict=True)
+        where = dict.fromkeys(f"    {_place(program, *place)}: {why}" for place, why in reasons if why)
+        text_lines += list(where)[:_LISTED] + ["    …"] * (len(where) > _LISTED)
+    return [*text_lines, *_left_lines(program), *([f"  {NOT_TRIED}"] if count else [])]
+
+
+def reached(u_frame_mm: Array, u_mm: Array) -> str:
+    """Return how well corrected targets are reached by their uncertainties (n,) mm, NaN where no run says it."""
+    if np.isnan(u_mm).all():
+        return "how well they are reached is not known: no run says it"
+    return (
+        f"reached to ± {np.nanmax(u_frame_mm):.3f} mm after with frame and tool taught with the robot, to "
+        f"± {np.nanmax(u_mm):.3f} mm in its base (standard uncertainty at the worst target"
+        f"{' of those where runs say it' if np.isnan(u_mm).any() else ''})"
+    )
+
+
+def _head(program: CorrectedProgram) -> str:
+    """How many targets were corrected, how many left, and how many steps lie between one of each."""
+    count, steps = len(program.names), len(program.beside_left_mm)
+    head = f"{program.path.name} ({program.maker}): {targets_in_words(count)} corrected"
+    between = f", {_steps(steps)} from one to the other" if steps else ""
+    places = len(program.left)
+    stay = f"{places or 'no'} place left as it was" if places < 2 else f"{places} places left as they were"
+    return f"{head}, {stay}{between}"
+
+
+def _left_lines(program: CorrectedProgram) -> list[str]:
+    """How many targets were left for which reason, then each with the places that make it so."""
+    text_lines = []
+    for reason, number in Counter(left_target.reason for left_target in program.left).most_common():
+        limit = f" (more than {MOST_MM:g} mm, 1°, or 10° of a joint)" if reason == "too_large" else ""
+        text_lines.append(f"  left, {number} ×: {WHY[reason]}{limit}")
+    for left_target in program.left[:_LISTED]:
+        causes = "; ".join(
+            f"{_place(program, place.file, place.line)}: {place.why}" if place.line else place.why
+            for place in left_target.because
+        )
+        why = f"{WHY[left_target.reason]} ({causes})" if causes else WHY[left_target.reason]
+        text_lines.append(f"    {_place(program, left_target.file, left_target.line)}: {left_target.name} {why}")
+    if len(program.left) > _LISTED:
+        text_lines.append(f"    and {len(program.left) - _LISTED} more, all of them in corrections.yaml")
+    return text_lines
+
+
+def as_object(program: CorrectedProgram) -> dict[str, Any]:
+    """Return the same for scripts: lengths in mm, rounding in µm."""
+    in_mm = (program.moved_mm, program.u_mm, program.u_frame_mm)
+    columns = (program.names, program.places, *in_mm, program.rounded_um, program.unknown)
+    return {
+        "program": program.path.name,
+        "controller": program.maker,
+        "files": list(program.files),
+        "corrected": len(program.names),
+        "written": not program.held,
+        "run_by_a_real_controller": False,
+        "start_joints_deg": np.degrees(program.start).round(6).tolist() if program.start else None,
+        "beside_left": {
+            "steps": len(program.beside_left_mm),
+            "mean_mm": float(program.beside_left_mm.mean()) if len(program.beside_left_mm) else None,
+        },
+        "overruled": [
+            {
+                "name": overruling.name,
+                "kind": overruling.kind,
+                "file": program.sources[overruling.file],
+                "line": overruling.line,
+            }
+            for overruling in program.overruled[:_KEPT]
+        ],
+        "moved_mm": {
+            "largest": float(program.moved_mm.max(initial=0.0)),
+            "rms": rms(program.moved_mm) if len(program.moved_mm) else 0.0,
+        },
+        "rounded_um": float(program.rounded_um.max(initial=0.0)),
+        "outside_driven_ranges": sum(map(bool, program.unknown)),
+        "error": program.error and error_object(program.error),
+        "targets": [
+            {
+                "name": name,
+                "file": list(program.files)[file],
+                "line": line,
+                "moved_mm": round(float(moved), 6),
+                "u_mm": None if np.isnan(u) else round(float(u), 6),
+                "u_frame_mm": None if np.isnan(u_frame) else round(float(u_frame), 6),
+                "rounded_um": round(float(rounded), 3),
+                "outside_driven_ranges": bool(why),
+                "unknown": why or None,
+            }
+            for name, (file, line), moved, u, u_frame, rounded, why in zip(*columns, strict=True)
+        ],
+        "left": [
+            {
+                "file": program.sources[left_target.file],
+                "line": left_target.line,
+                "name": left_target.name,
+                "reason": left_target.reason,
+                "why": WHY[left_target.reason],
+                "because": [
+                    {"file": program.sources[place.file] if place.line else None, "line": place.line, "why": place.why}
+                    for place in left_target.because
+                ],
+            }
+            for left_target in program.left[:_KEPT]
+        ],
+        "left_count": len(program.left),
+    }
+
+
+def error_object(error: WorkError) -> dict[str, Any]:
+    """Return the error over the work or over targets for scripts, in µm."""
+    in_base = {name: round(um, 3) for name, um in asdict(error.base).items()}
+    sizes = {name: round(getattr(error, name), 3) for name in (*in_base, "base_u_um")}
+    return {**sizes, "unknown_share": round(error.unknown, 3), "in_base": in_base}
+
+
+def targets_in_words(count: int) -> str:
+    """Return how many targets, as in a sentence."""
+    return "1 target" if count == 1 else f"{count} targets"
+
+
+def _steps(count: int) -> str:
+    return "1 step" if count == 1 else f"{count} steps"
+
+
+def _place(program: CorrectedProgram, file: int, line: int) -> str:
+    name = f"{program.sources[file]} " if len(program.files) > 1 or file >= len(program.files) else ""
+    return f"{name}line {line}"

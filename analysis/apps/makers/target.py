@@ -1,0 +1,299 @@
+"""What a robot program says about targets, in terms that all dialects share: points, their numbers in the text,
+moves."""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_left
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from analysis.apps.makers.program_machine import Unknown
+from analysis.robot.kinematics.arm import Arm, Array, Mask
+
+Form = Literal[
+    "joints_rad", "joints_deg", "pulses", "rotation_vector", "roll_pitch_yaw", "yaw_pitch_roll", "quaternion"
+]
+"""What the numbers of a target are: joint angles 1 to 6, pulses, or a place followed by an orientation."""
+JOINT_FORMS: tuple[Form, ...] = ("joints_rad", "joints_deg", "pulses")
+Way = Literal["joint", "line"]
+Reason = Literal[
+    "relative",
+    "computed",
+    "not_literal",
+    "handed",
+    "array",
+    "arc",
+    "changed",
+    "offset",
+    "displaced",
+    "tracked",
+    "external_tcp",
+    "coordinated",
+    "switched",
+    "selected",
+    "not_understood",
+    "unused",
+    "external_axes",
+    "incomplete",
+    "no_scale",
+    "several_frames",
+    "unknown_tool",
+    "unknown_frame",
+    "no_posture",
+    "ambiguous",
+    "other_flags",
+    "two_postures",
+    "past_singularity",
+    "unreachable",
+    "beyond_limits",
+    "singular",
+    "too_large",
+    "changes_flags",
+]
+WHY: dict[Reason, str] = {
+    "relative": "is a relative move",
+    "computed": "is computed by the program",
+    "not_literal": "is not a point with numbers in this program",
+    "handed": "is given to a routine, which may move to it in a tool, a frame or a posture of its own",
+    "array": "is in an array, whose elements are not followed",
+    "arc": "is of an arc of a number of degrees, which does not end at its target",
+    "changed": "is also used, or assigned, elsewhere in the program",
+    "offset": "is used with an offset that is not known, or whose place may need another correction than the point",
+    "displaced": "is moved by a displacement that is, or may be, active there",
+    "tracked": "is, or may be, followed on a conveyor, or moved by a sensor or a force, there",
+    "external_tcp": "is, or may be, reached with a tool that stands outside of the robot",
+    "coordinated": "is, or may be, coordinated with another axis or robot there",
+    "switched": "is, or may be, read otherwise there, after a switch of the language",
+    "selected": "is of a frame or a tool that is not certain to be the selected one there: a controller that does not "
+    "check the numbers may drive it in another; select them before it (UFRAME_NUM=, UTOOL_NUM=)",
+    "not_understood": "is reached after something that is not understood, which may move or change anything",
+    "unused": "is not the target of any move that was understood",
+    "external_axes": "has external axes, or a second group",
+    "incomplete": "does not have all six numbers",
+    "no_scale": "is in pulses: give --scale with the counts per degree of each axis",
+    "several_frames": "is used with several tools or frames",
+    "unknown_tool": "is in a tool that is not known: give --tool",
+    "unknown_frame": "is in a frame that is not known: give --frame",
+    "no_posture": "has no posture that is certain: not every way that leads to it says how the arm stands",
+    "ambiguous": "can be reached in several postures, and the program does not say clearly which",
+    "other_flags": "has flags of posture that no solution of the nominal arm has",
+    "two_postures": "is reached in two postures, which need two corrections",
+    "past_singularity": "is reached past a singularity, where the controller decides how the wrist goes on",
+    "unreachable": "is out of the nominal arm's reach",
+    "beyond_limits": "is, or would be, beyond a joint's limits",
+    "singular": "is at a singularity or at a limit, where no correction exists",
+    "too_large": "would move by more than is plausible for a correction",
+    "changes_flags": "would get another posture or turn than its flags say: touch it up by hand",
+}
+"""Completes a sentence whose subject is the target."""
+
+NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = re.compile(NUMBER)
+_MARK = "\xef\xbb\xbf"
+"""The byte order mark of UTF-8, read as Latin-1."""
+_FILLED = re.compile(r"[^\n]")
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number and its place in the text, from the character `begin` up to `end`."""
+
+    begin: int
+    end: int
+    value: float
+
+
+Agreeing = Callable[[Arm, Array, tuple[int, ...], float], Mask]
+"""Which of the solutions q (n, 6) rad, n at least 1, agree with the values of flags, as (n,); the last is by how many
+rad an angle may stand beyond its sign, quadrant or turn."""
+
+
+@dataclass(frozen=True)
+class Flags:
+    """Which of the arm's solutions a target means: values in the words of a maker, who says which solutions agree."""
+
+    values: tuple[int, ...]
+    agreeing: Agreeing
+
+
+@dataclass(frozen=True)
+class Target:
+    """A target with numbers. `file` counts the program's files; `numbers` stand in the order of the form, whatever
+    their order in the text. `tool` and `frame` are frames (4, 4) in mm, or the program's name for one; `near` (6,) rad
+    are joint angles beside which the program says that the solution lies. A target with an `offset` stands at another
+    one, number `of`, with that added: in the frame, or in the tool, as a frame (4, 4) in mm."""
+
+    name: str
+    file: int
+    line: int
+    form: Form
+    numbers: tuple[Number, ...]
+    tool: Array | str = ""
+    frame: Array | str = ""
+    flags: Flags | None = None
+    near: tuple[float, ...] | None = None
+    offset: tuple[str, Array] | None = None
+    of: int | None = None
+
+    @property
+    def joints(self) -> bool:
+        """Whether the target is a set of joint angles; otherwise it is a pose."""
+        return self.form in JOINT_FORMS
+
+
+@dataclass(frozen=True)
+class Left:
+    """What was left as it stood: its place in the program, a name, why, and the places that make it so."""
+
+    file: int
+    line: int
+    name: str
+    reason: Reason
+    because: tuple[Unknown, ...] = ()
+
+
+AT_BEGIN = -1
+"""The place in the list of targets for where the arm stands when the program begins."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A move to a target, given by its place in the list, from any of others, None for where the arm stands at no
+    certain place, AT_BEGIN for where it stands at the beginning; by its flags of posture, or else in the posture in
+    which the arm comes."""
+
+    target: int
+    comes_from: frozenset[int | None]
+    way: Way = "joint"
+    by_flags: bool = True
+
+
+@dataclass(frozen=True)
+class Parsed:
+    """The targets of a program, its moves, and what cannot be corrected. `next_to_left` are the targets that are next
+    to a point that is left, one for each such move; `sets` are the tools and frames to which the program itself gives
+    numbers."""
+
+    targets: tuple[Target, ...]
+    steps: tuple[Step, ...]
+    left: tuple[Left, ...]
+    next_to_left: tuple[int, ...] = ()
+    sets: tuple[Named, ...] = ()
+
+
+@dataclass(frozen=True)
+class Named:
+    """A tool or frame that the program gives the numbers of a frame (4, 4) in mm, under the name with which a person
+    could state it."""
+
+    name: str
+    kind: Literal["tool", "frame"]
+    file: int
+    line: int
+    value: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Texts:
+    """The texts of a program's files with their names; the first `own` are corrected, the others stand beside them in
+    the directory, and are read for what they do."""
+
+    names: tuple[str, ...]
+    texts: tuple[str, ...]
+    own: int = 1
+
+
+def numbers_in(text: str, begin: int, end: int, most: int = 64) -> tuple[Number, ...] | None:
+    """Return the numbers of a list "n, n, n" in the text from `begin` to `end`, or None where anything else stands
+    there."""
+    numbers, at = [], begin
+    for part in text[begin:end].split(",", most):
+        match = _NUMBER.fullmatch(part.strip())
+        if not match:
+            return None
+        start = at + len(part) - len(part.lstrip())
+        numbers.append(Number(start, start + len(match[0]), float(match[0])))
+        at += len(part) + 1
+    return tuple(numbers)
+
+
+def blanked(text: str, pattern: re.Pattern[str]) -> str:
+    """Return a text of the same length with spaces in place of comments and of what stands between quotes."""
+
+    def spaces(match: re.Match[str]) -> str:
+        matched = match[0]
+        if matched[0] in "\"'" and len(matched) > 1 and matched[-1] == matched[0]:
+            return matched[0] + " " * (len(matched) - 2) + matched[0]
+        return _FILLED.sub(" ", matched)
+
+    return pattern.sub(spaces, text)
+
+
+def brackets(text: str) -> dict[int, int]:
+    """Return where each bracket that opens in a text closes; those that never close are left out."""
+    open_at: list[int] = []
+    closes: dict[int, int] = {}
+    for match in re.finditer(r"[()\[\]{}]", text):
+        if match[0] in "([{":
+            open_at.append(match.start())
+        elif open_at:
+            closes[open_at.pop()] = match.start()
+    return closes
+
+
+def in_one_line(text: str, closes: dict[int, int]) -> str:
+    """Return a text of the same length in which what stands in brackets, which close there, is one line."""
+    parts, at = [], 0
+    for opening in sorted(closes):
+        if opening >= at:
+            parts += [text[at:opening], text[opening : closes[opening]].replace("\n", " ")]
+            at = closes[opening]
+    return "".join((*parts, text[at:]))
+
+
+def arguments(text: str, begin: int, end: int) -> list[tuple[int, int]]:
+    """Return the places of what commas outside of brackets separate, without the spaces around it."""
+    places, depth, start = [], 0, begin
+    for match in re.compile(r"[()\[\]{},]").finditer(text, begin, end):
+        if match[0] == "," and depth == 0:
+            places.append((start, match.start()))
+            start = match.end()
+        elif match[0] != ",":
+            depth += 1 if match[0] in "([{" else -1
+    places.append((start, end))
+    stripped = []
+    for first, stop in places:
+        inside = text[first:stop]
+        stripped.append((first + len(inside) - len(inside.lstrip()), stop - len(inside) + len(inside.rstrip())))
+    return stripped
+
+
+@dataclass(frozen=True)
+class Lines:
+    """The line numbers of places in a text, from 1; `ends` are where its lines end."""
+
+    ends: tuple[int, ...]
+
+    def at(self, place: int) -> int:
+        """Return the number of the line in which the character `place` stands."""
+        return bisect_left(self.ends, place) + 1
+
+
+def lines_of(text: str) -> Lines:
+    """Return the lines of a text."""
+    return Lines(tuple(match.start() for match in re.finditer("\n", text)))
+
+
+def words(text: str) -> frozenset[str]:
+    """Return the words of a closed list."""
+    return frozenset(text.split())
+
+
+def with_newlines(text: str) -> str:
+    """Return a text of the same length whose lines end in a newline alone, whatever they end in: a return before a
+    newline becomes a space, and so does the mark of UTF-8 at the beginning."""
+    if text.startswith(_MARK):
+        text = " " * len(_MARK) + text[len(_MARK) :]
+    return text.replace("\r\n", " \n").replace("\r", "\n")

@@ -1,0 +1,208 @@
+"""A path: targets in a CSV table, as joint angles or as poses, in the columns of docs/tables.md.
+
+Other columns are kept as text, at their place.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from analysis.apps.makers.programs.compensated import compensated
+from analysis.apps.makers.programs.motion_plan import Comment, Plan
+from analysis.correction.corrected_targets import Corrected
+from analysis.correction.support import ANYWAY, hold_verdict, why_nothing
+from analysis.intake.cells import TableFileError, TableProblem, value
+from analysis.intake.read import MOST_BYTES
+from analysis.robot.kinematics.arm import RAIL_MM, Array, roll_pitch_yaw
+from analysis.runs.table_layout import JOINTS, PLACE, RAIL, TURN, joint_columns
+from rigs.errors import FileError
+from rigs.files import read_bytes
+from rigs.rig import Rig
+
+POSES = (*PLACE, *TURN)
+ADDED = ("missed_mm", "left_out_mm", "u_um", "u_frame_um", "covered", "corrected")
+"""Columns of a corrected path beside the given ones: the error of the uncorrected arm at the target, the error of
+effects that are not corrected, the standard uncertainty of the corrected place, which includes the latter, in the
+robot's base and with frame and tool taught with the robot, whether all joints stand where the runs drove them (yes, no
+or unknown), and whether the target was corrected (yes or no)."""
+
+AGAINST = "against_verdict"
+"""A column that only a path has which was corrected although the model is to correct nothing."""
+
+
+@dataclass(frozen=True)
+class TargetPath:
+    """Targets: `columns` of the file by name, `lines` (n,) of each row, and `values` (n, axes or 6) of `names`, in mm
+    and degrees."""
+
+    columns: dict[str, list[str]]
+    names: tuple[str, ...]
+    lines: tuple[int, ...]
+    values: Array
+
+    @property
+    def joints(self) -> bool:
+        """Whether the targets are joint angles; otherwise they are poses."""
+        return self.names != POSES
+
+    def angles(self) -> Array:
+        """Return the joint angles (n, axes) rad of targets given as such, and behind them where the rail stands, in
+        m."""
+        units = [1 / RAIL_MM if name == RAIL else np.radians(1.0) for name in self.names]
+        return np.asarray(self.values * units)
+
+    def poses(self) -> Array:
+        """Return the poses (n, 4, 4) of targets given as poses, in the world of the rig file."""
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+        T = np.tile(np.eye(4), (len(self.values), 1, 1))
+        T[:, :3, :3] = Rotation.from_euler("xyz", self.values[:, 3:], degrees=True).as_matrix()
+        T[:, :3, 3] = self.values[:, :3]
+        return T
+
+
+def read_path(path: Path, axes: int = 6, *, rail: bool = False) -> TargetPath:
+    """Read targets of an arm of so many axes, as joint angles if the table has them, and where its rail stands. Raises
+    FileError for a file that is not a path, and TableFileError with every bad cell."""
+    names, rows = _rows(path)
+    joints = (*joint_columns(axes), RAIL) if rail else joint_columns(axes)
+    required, others = (joints, POSES) if set(joints) <= set(names) else (POSES, joints)
+    is_corrected = not {*ADDED, AGAINST}.isdisjoint(names)  # of which more is said later
+    if not is_corrected and set(required) <= set(names) and (both := [name for name in others if name in names]):
+        what = f"has the columns {required[0]} … {required[-1]} and {both[0]}: targets are joint angles or poses"
+        raise FileError(str(path), what, "leave out or rename those that are not the targets")
+    return _targets(path, names, rows, required, f"give {','.join(joints)}, or {','.join(POSES)}")
+
+
+def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
+    """Read a path that `rig correct` wrote: the joint angles of its targets, and the poses that the controller computes
+    there. Raises as `read_path` does."""
+    names, rows = _rows(path)
+    remedy = "give the table corrected-….csv that rig correct --path wrote"
+    return _targets(path, names, rows, JOINTS, remedy), _targets(path, names, rows, POSES, remedy)
+
+
+def compensated_plans(plans: Sequence[Plan], path: Path, rig: Rig, rig_file: str, *, anyway: bool) -> list[Plan]:
+    """Return the plans with the targets of a corrected path. Raises FileError where the model of the rig or of the path
+    is to correct nothing, unless they are written `anyway`, and as `read_path` and `compensated` do."""
+    hold_verdict(rig, rig_file, anyway=anyway)
+    joints, poses = read_corrected_path(path)
+    against = AGAINST in joints.columns
+    if against and not anyway:
+        raise FileError(str(path), f"was {ANYWAY}", "use the nominal targets, or add --anyway; the programs say so")
+    made = compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
+    if not (against or why_nothing(rig)):
+        return made
+    return [replace(plan, steps=(Comment(ANYWAY), *plan.steps)) for plan in made]
+
+
+def _targets(
+    path: Path, names: list[str], rows: list[tuple[int, list[str]]], required: tuple[str, ...], remedy: str
+) -> TargetPath:
+    missing = [name for name in required if name not in names]
+    if missing:
+        raise FileError(str(path), f"has no column {', '.join(missing)}", remedy)
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise FileError(str(path), f"has two columns {twice}", "rename one of them")
+    if not rows:
+        raise FileError(str(path), "has a header and no rows", "give the targets")
+    problems = [
+        TableProblem(line, "", f"has {len(row)} fields, the header {len(names)}")
+        for line, row in rows
+        if len(row) != len(names)
+    ]
+    values = np.zeros((len(rows), len(required)))
+    for k, (line, row) in enumerate(rows):
+        for column, name in enumerate(required):
+            if len(row) == len(names):
+                try:
+                    values[k, column] = value(name, row[names.index(name)])
+                except ValueError as error:
+                    problems.append(TableProblem(line, name, str(error)))
+    if problems:
+        raise TableFileError(str(path), problems)
+    columns = {name: [row[place] for _, row in rows] for place, name in enumerate(names)}
+    return TargetPath(columns, required, tuple(line for line, _ in rows), values)
+
+
+def hold_uncorrected(path: TargetPath, where: str) -> None:
+    """Raise FileError for a path with the columns of a corrected one."""
+    if added_columns := [
+        name for name in (*ADDED, AGAINST, "u_mm") if name in path.columns
+    ]:  # u_mm: of tables of earlier versions
+        raise FileError(where, f"has a column {added_columns[0]} already", "rename it; is the path corrected already?")
+
+
+def corrected_columns(path: TargetPath, corrected: Corrected, against: str = "") -> pa.Table:
+    """Return the same table with corrected targets, as joint angles and as poses, and their errors. A target that was
+    not corrected stays as it was, and has no numbers that are not known of it. against: the verdict against which it
+    was corrected, in words; empty where there is none."""
+    columns: dict[str, list[str] | list[float]] = dict(path.columns)
+    # A program takes both: the joint angles say in which of its postures the arm reaches a pose.
+    rail = RAIL in path.names
+    axes = corrected.q.shape[1] - rail
+    names = (*joint_columns(axes), *((RAIL,) if rail else ()), *POSES)
+    values = np.concatenate(
+        [
+            np.degrees(corrected.q[:, :axes]),
+            RAIL_MM * corrected.q[:, axes:],
+            np.concatenate([corrected.T[:, :3, 3], np.degrees(roll_pitch_yaw(corrected.T))], axis=1),
+        ],
+        axis=1,
+    )
+    values[np.ix_(~corrected.done, np.isin(names, path.names))] = path.values[~corrected.done]
+    columns |= {
+        name: _cells(np.round(column, 7) + 0.0)  # no -0.0
+        for name, column in zip(names, values.T, strict=True)
+    }
+    added = (
+        corrected.missed_mm,
+        np.linalg.norm(corrected.left_out_mm, axis=1),
+        1e3 * corrected.u_mm,
+        1e3 * corrected.u_frame_mm,
+    )
+    columns |= {name: _cells(np.round(column, 6)) for name, column in zip(ADDED, added, strict=False)}
+    inside = (
+        np.where(corrected.covered, "yes", "no")
+        if corrected.covered is not None
+        else np.full(len(corrected.q), "unknown")
+    )
+    covered = np.where(corrected.done, inside, "no")
+    columns["covered"] = covered.tolist()
+    columns["corrected"] = np.where(corrected.done, "yes", "no").tolist()
+    if against:
+        columns[AGAINST] = [against] * len(corrected.q)
+    return pa.table(columns)
+
+
+def _cells(values: Array) -> list[str] | list[float]:
+    """Return values (n,) as cells of a column, empty where they are NaN."""
+    cells: list[float] = values.tolist()
+    return cells if np.isfinite(values).all() else ["" if np.isnan(number) else repr(number) for number in cells]
+
+
+def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    try:
+        text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise FileError(str(path), "is not UTF-8 text", "save it as CSV in UTF-8") from None
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    try:
+        rows = [(reader.line_num, fields) for fields in reader if fields]
+    except csv.Error as error:
+        raise FileError(
+            f"{path}, line {reader.line_num}", f"cannot be split into fields: {error}", "check its quotes"
+        ) from None
+    if not rows:
+        raise FileError(str(path), "is empty", "give a table with a header line")
+    return [name.strip() for name in rows[0][1]], rows[1:]

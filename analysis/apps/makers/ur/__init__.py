@@ -1,0 +1,35 @@
+"""Universal Robots: URScript, and calibration.conf.
+
+The angle of a link is the reading plus delta_theta, so delta_theta grows; the reading stays.
+"""
+
+import math
+
+from analysis.apps.makers import LATER, ConstantParameter, Controller, ProgramFiles
+
+FILES = ProgramFiles("UR", (".script", ".urscript"))
+CONTROLLER = Controller(
+    "Universal Robots",
+    "calibration.conf",
+    "delta_theta[{axis}]",
+    "rad",
+    math.radians(1),
+    "",
+    (
+        "Values are added to those in the controller's calibration.conf; values in [ ] count from 1.",
+        "Keep a copy of calibration.conf; the controller reads it when it starts.",
+        "delta_a and delta_alpha fit where the rig file holds the robot's own calibration, or where delta_theta of "
+        "that axis is near zero.",
+    ),
+    "docs.ros.org, ur_calibration: the DH parameters of a calibrated robot; "
+    "github.com/savidini/match_ur_control_backup: units (W); the maker's forum, threads 538 and 18921 (W): the "
+    "file can be written, and holds calibration_status = 2 for a linearised robot",
+    "a and alpha before axis 1 belong to the base frame; beta has no parameter; whether a controller accepts a "
+    "changed file with the old joint_checksum was not found: keep calibration_status and the checksums as they are",
+    changes_reading=False,
+    constants=(
+        ConstantParameter("a_mm", "delta_a[{axis}]", "m", 1e-3, 1, LATER),
+        ConstantParameter("alpha_deg", "delta_alpha[{axis}]", "rad", math.radians(1), 1, LATER),
+        ConstantParameter("d_mm", "delta_d[{axis}]", "m", 1e-3),
+    ),
+)

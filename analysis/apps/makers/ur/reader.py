@@ -1,0 +1,443 @@
+"""Targets in URScript: joint lists in rad and poses p[x, y, z, rx, ry, rz] in m and rad, in moves or in variables.
+
+Source: Universal Robots, Script Manual (e-Series, 5.x). A pose counts in the base; movel and movec keep the posture in
+which the arm stands, get_inverse_kin takes the solution closest to qnear. PolyScope writes for a waypoint NAME a pose
+NAME_p and the taught joint angles NAME_q (scripts of PolyScope 5 in public repositories). A script is one file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from analysis.apps.makers.numbers import Decimals, frame_of
+from analysis.apps.makers.points import Points, as_value
+from analysis.apps.makers.program_machine import (
+    OFF,
+    Blocks,
+    Call,
+    Elsewhere,
+    End,
+    Forget,
+    Move,
+    Program,
+    Ref,
+    Set,
+    Statement,
+    Unknown,
+    Value,
+)
+from analysis.apps.makers.reading import ProgramReader, Remark
+from analysis.apps.makers.target import (
+    Form,
+    Left,
+    Lines,
+    Named,
+    Number,
+    Parsed,
+    Reason,
+    Target,
+    Texts,
+    Way,
+    arguments,
+    blanked,
+    brackets,
+    in_one_line,
+    lines_of,
+    numbers_in,
+    with_newlines,
+    words,
+)
+
+_DECIMALS = Decimals(place=(8, 10), turn=(8, 10))
+"""1e-8 m is 0.01 µm; PolyScope writes twelve decimals and more."""
+_QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
+_BLANK = re.compile(rf"#[^\n]*|{_QUOTED.pattern}|^[ \t]*\$[^\n]*", re.MULTILINE)
+_DECLARED = re.compile(
+    r"^[ \t]*(?:global[ \t]+|local[ \t]+)?(?P<name>[A-Za-z_]\w*)[ \t]*=[ \t]*(?P<kind>p?)\[(?P<list>[^\[\]\n]*)\]"
+    r"[ \t]*$",
+    re.MULTILINE,
+)
+_PART_DECLARED = re.compile(
+    r"(?<![\w.])(?P<name>[A-Za-z_]\w*(?:\.\w+|\[[^\[\]\n]*\])+)[ \t]*=[ \t]*p?\[(?P<list>[^\[\]]*)\]"
+)
+"""Numbers that become a part of a struct or of a list."""
+_EVENT = re.compile(
+    r"\b(?P<routine>def|thread|sec)[ \t]+(?P<name>[A-Za-z_]\w*)[ \t]*(?P<parameters>\([^()\n]*\))?[ \t]*:"
+    r"|\brun[ \t]+(?P<run>[A-Za-z_]\w*)"
+    r"|(?<![\w.])(?P<flow>(?:end|if|elif|else|while|return|break|continue|halt)(?!\w)"
+    r"|(?:for|switch|case|default)\b(?=[^\n=]*:[ \t]*$))"
+    r"|(?<![\w.])(?P<call>[A-Za-z_]\w*)[ \t]*\("
+    r"|(?P<mark>[:\n])"
+)
+_WRITTEN = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*(?:\[[^\[\]\n]*\]\s*|\.\w+\s*)*=(?!=)")
+_WAYS: dict[str, Way] = {
+    "movej": "joint", "movel": "line", "movep": "line", "movec": "line", "servoj": "joint", "servoc": "line",
+    "optimovej": "joint", "optimovel": "line",
+}  # fmt: skip
+_STREAMED = ("servoj", "servoc")
+"""The arm does not stand at such a target when the next statement runs."""
+_SWITCHES = {
+    "path_offset_enable": ("shift", "on"), "path_offset_disable": ("shift", OFF),
+    "track_conveyor_linear": ("tracking", "on"), "track_conveyor_circular": ("tracking", "on"),
+    "stop_conveyor_tracking": ("tracking", OFF),
+    "force_mode": ("tracking", "on"), "end_force_mode": ("tracking", OFF),
+    "screw_driving": ("tracking", "on"), "end_screw_driving": ("tracking", OFF),
+    "freedrive_mode": ("tracking", "on"), "end_freedrive_mode": ("tracking", OFF),
+    "teach_mode": ("tracking", "on"), "end_teach_mode": ("tracking", OFF),
+}  # fmt: skip
+_ELSEWHERE = words("speedj speedl")
+_NOTHING = words("""
+    acos asin atan atan2 ceil cos d2r exp floor log pow r2d random sin sqrt tan abs and or not xor norm point_dist
+    pose_add pose_dist pose_inv pose_sub pose_trans wrench_trans interpolate_pose inv transpose normalize
+    get_list_length length size make_list struct get_matrix_dim binary_list_to_integer integer_to_binary_list
+    rotvec2rpy rpy2rotvec to_num to_str to_int str_at str_cat str_empty str_find str_len str_sub tostr
+    time sleep sync textmsg popup request_boolean_from_primary_client request_float_from_primary_client
+    request_integer_from_primary_client request_string_from_primary_client protective_stop
+    enter_critical exit_critical join kill stopj stopl is_within_safety_limits is_steady powerdown
+    get_actual_joint_positions get_actual_joint_positions_history get_actual_joint_speeds get_actual_tcp_pose
+    get_actual_tcp_speed get_actual_tool_flange_pose get_controller_temp get_conveyor_tick_count get_coordinated_joint
+    get_forward_kin get_freedrive_status get_inverse_kin get_inverse_kin_has_solution get_joint_temp
+    get_joint_torques get_steptime get_target_joint_positions get_target_joint_speeds get_target_joint_accelerations
+    get_target_payload get_target_payload_cog get_target_payload_inertia get_target_tcp_pose get_target_tcp_speed
+    get_target_waypoint get_tcp_force get_tcp_offset get_tool_accelerometer_reading get_tool_current
+    get_tool_temp get_tool_voltage get_jacobian get_jacobian_time_derivative get_mass_matrix
+    get_coriolis_and_centrifugal_torques get_friction_torques get_gravity_torques get_base_acceleration
+    estimate_payload high_holding_torque_disable high_holding_torque_enable set_base_acceleration
+    set_gravity set_payload set_payload_mass set_payload_cog set_target_payload set_payload_inertia
+    set_safety_mode_transition_hardness position_deviation_warning zero_ftsensor ft_rtde_input_enable
+    tool_contact collision_detection_enable
+    force_mode_set_damping force_mode_set_gain_scaling
+    path_offset_get path_offset_set path_offset_set_alpha_filter path_offset_set_max_offset
+    conveyor_pulse_decode encoder_enable_pulse_decode encoder_enable_set_tick_count encoder_get_tick_count
+    encoder_set_tick_count encoder_unwind_delta_tick_count set_conveyor_tick_count
+    get_analog_in get_analog_out get_configurable_digital_in get_configurable_digital_out get_digital_in
+    get_digital_out get_euromap_input get_euromap_output get_flag get_standard_analog_in get_standard_analog_out
+    get_standard_digital_in get_standard_digital_out get_tool_analog_in get_tool_digital_in get_tool_digital_out
+    set_analog_inputrange set_analog_out set_analog_outputdomain set_configurable_digital_input_action
+    set_configurable_digital_out set_configurable_digital_output_action set_digital_out set_euromap_output
+    set_euromap_runstate_dependent_choice set_flag set_gp_boolean_input_action set_gp_boolean_output_action
+    set_input_actions_to_default set_output_actions_to_default set_runstate_configurable_digital_output_to_value
+    set_runstate_gp_boolean_output_to_value set_runstate_standard_analog_output_to_value
+    set_runstate_standard_digital_output_to_value set_runstate_tool_digital_output_to_value
+    set_standard_analog_input_domain set_standard_analog_out set_standard_digital_input_action
+    set_standard_digital_out set_standard_digital_output_action set_tool_analog_input_domain
+    set_tool_analog_output_domain set_tool_communication set_tool_digital_input_action set_tool_digital_out
+    set_tool_digital_output_action set_tool_digital_output_mode set_tool_output_mode set_tool_voltage
+    modbus_add_signal modbus_delete_signal modbus_get_signal_status modbus_get_time_since_signal_invalid
+    modbus_send_custom_command modbus_set_digital_input_action modbus_set_output_register modbus_set_output_signal
+    modbus_set_runstate_dependent_choice modbus_set_signal_update_frequency modbus_set_signal_watchdog
+    modbus_get_error_code modbus_get_signal_name read_input_boolean_register read_input_float_register
+    read_input_integer_register read_output_boolean_register read_output_float_register
+    read_output_integer_register read_port_bit read_port_register write_output_boolean_register
+    write_output_float_register write_output_integer_register write_port_bit write_port_register
+    force assert get_tool_digital_output_mode get_tool_output_mode
+    rpc_factory rtde_set_watchdog socket_close socket_get_var socket_init socket_open socket_read_ascii_float
+    socket_read_binary_integer socket_read_byte_list socket_read_line socket_read_string socket_send_byte
+    socket_send_int socket_send_line socket_send_string socket_set_var
+    """)
+"""What leaves the arm, its tool and its base as they are: the functions of the manual that compute, read, write
+outputs and registers, wait, or speak; `get_inverse_kin` is a target where a move has it."""
+_TARGET = re.compile(r"(?:q|pose|pose_via|pose_to|x)\s*=\s*")
+_INVERSE = re.compile(r"get_inverse_kin\s*\(")
+_WORD = re.compile(r"[A-Za-z_]\w*")
+_LONGEST = 1000
+"""Characters of a literal tool, more than seven numbers have."""
+
+
+@dataclass
+class _Reader:
+    text: str
+    lines: Lines
+    closes: dict[int, int]
+    points: Points = field(default_factory=lambda: Points(1))
+    joints: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    poses: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    spent: set[int] = field(default_factory=set)
+    """Where names of points stand as targets or are declared."""
+    tools: dict[str, int] = field(default_factory=dict)
+    """Where set_tcp is given a name."""
+    reached: set[str] = field(default_factory=set)
+    """Names that moves are given."""
+    defined: Counter[str] = field(default_factory=Counter)
+    routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
+    open: list[tuple[str, Blocks]] = field(default_factory=lambda: [("", Blocks())])
+    beside: list[Call] = field(default_factory=list)
+    outer: list[str] = field(default_factory=list)
+
+    def left(self, place: int, reason: Reason, name: str) -> Left:
+        return Left(0, self.lines.at(place), name[:60], reason)
+
+    def why(self, place: int, fact: str) -> Unknown:
+        return Unknown(0, self.lines.at(place), fact)
+
+    @property
+    def blocks(self) -> Blocks:
+        return self.open[-1][1]
+
+
+def parse(texts: Texts) -> Parsed:
+    """Return the targets of a script."""
+    text = blanked(with_newlines(texts.texts[0]), _BLANK)
+    closes = brackets(text)
+    reader = _Reader(in_one_line(text, closes), lines_of(text), closes)
+    if odd := re.search("[\"']", _QUOTED.sub(lambda quoted: " " * len(quoted[0]), text)):
+        _misread(reader, odd.start(), "a text does not end in its line")
+    text = reader.text
+    events = list(_EVENT.finditer(text))
+    reader.defined.update(event["name"] for event in events if event["routine"])
+    _declare(reader, events)
+    # List the numbers of targets that become parts of structs and lists: moves to them are computed.
+    for part in _PART_DECLARED.finditer(reader.text):
+        numbers = numbers_in(reader.text, part.start("list"), part.end("list"))
+        if numbers and len(numbers) == 6:
+            reader.points.leave(reader.left(part.start(), "not_literal", part["name"]))
+    _read(reader, events)
+    for name in reader.tools.keys() & reader.reached:
+        reader.points.change(name, 0, reader.lines.at(reader.tools[name]))
+    for word in _WORD.finditer(text):
+        if reader.points.knows(word[0]) and word.start() not in reader.spent:
+            reader.points.change(word[0], 0, reader.lines.at(word.start()))
+    # What stands outside of all routines runs when a script is sent, or the only one around others.
+    starts = "" if reader.routines[""] else reader.outer[0] if len(reader.outer) == 1 else None
+
+    def initial(part: str) -> Value:
+        return "tcp" if part == "tool" else OFF
+
+    return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside), kept=("tool",), starts=starts))
+
+
+def _declare(reader: _Reader, events: list[re.Match[str]]) -> None:
+    """Take the variables that are lists of six numbers; only those that nothing else assigns are literals."""
+    text = reader.text
+    written = Counter(
+        assignment[1]
+        for assignment in _WRITTEN.finditer(text)
+        if text[: assignment.start()].rstrip()[-1:] not in ("(", ",")
+    )
+    for event in events:
+        written.update(_WORD.findall(event["parameters"] or ""))
+    for declared in _DECLARED.finditer(text):
+        numbers = numbers_in(text, declared.start("list"), declared.end("list"))
+        name, pose = declared["name"], declared["kind"] == "p"
+        if numbers is None or len(numbers) != 6:
+            continue
+        reader.spent.add(declared.start("name"))
+        if written[name] == 1:
+            (reader.poses if pose else reader.joints)[name] = tuple(number.value for number in numbers)
+        reader.points.silent.update(() if pose else (name,))
+        line = reader.lines.at(declared.start("name"))
+        form: Form = "rotation_vector" if pose else "joints_rad"
+        reader.points.declare(name, Target(name, 0, line, form, numbers, "tcp", "base"))
+
+
+def _read(reader: _Reader, events: list[re.Match[str]]) -> None:
+    """Read the statements in the order in which they act: a call when its arguments are there."""
+    ordered = sorted(
+        events, key=lambda event: reader.closes.get(event.end() - 1, 0) if event["call"] else event.start()
+    )
+    waiting = ""
+    for event in ordered:
+        if event["routine"]:
+            if event["routine"] == "def" and len(reader.open) == 1:
+                reader.outer.append(event["name"])
+            reader.open.append((event["name"], Blocks()))
+            if event["routine"] == "sec":
+                reader.beside.append(Call(event["name"], reader.why(event.start(), f"{event['name']} runs beside")))
+        elif event["run"]:
+            reader.beside.append(Call(event["run"], reader.why(event.start(), f"{event['run']} runs beside")))
+        elif event["call"]:
+            _call(reader, event)
+        elif event["mark"]:
+            waiting = _mark(reader, event["mark"], waiting)
+        else:
+            waiting = _flow(reader, event, waiting)
+    if len(reader.open) > 1 or reader.blocks.depth:
+        _misread(reader, len(reader.text) - 1)
+    while len(reader.open) > 1:
+        _end_routine(reader)
+    reader.routines[""] = reader.open[0][1].done()
+
+
+def _mark(reader: _Reader, mark: str, waiting: str) -> str:
+    """Take a colon or the end of a line, for which a condition or a return waits."""
+    if mark == "\n":
+        if waiting == "return":
+            reader.blocks.add(End())
+        return "" if waiting == "return" else waiting
+    match waiting:
+        case "if":
+            reader.blocks.branch()
+        case "switch":
+            reader.blocks.cases()
+        case "elif" | "case":
+            reader.blocks.guard()
+        case "while" | "for":
+            reader.blocks.may_leave()
+    return "" if waiting != "return" else waiting
+
+
+def _flow(reader: _Reader, event: re.Match[str], waiting: str) -> str:
+    """Take a word of the language, and return it where more of it comes."""
+    blocks, word = reader.blocks, event["flow"]
+    if waiting == "return":
+        blocks.add(End())
+    match word:
+        case "if" | "switch" | "return":
+            return str(word)
+        case "elif" | "case":
+            blocks.other()
+            return str(word)
+        case "else" | "default":
+            blocks.other()
+        case "while" | "for":
+            blocks.loop()
+            return str(word)
+        case "break":
+            blocks.leave()
+        case "continue":
+            blocks.again()
+        case "halt":
+            blocks.add(End(halts=True))
+        case _:
+            if blocks.depth:
+                blocks.close()
+            elif len(reader.open) > 1:
+                _end_routine(reader)
+            else:
+                _misread(reader, event.start())
+    return ""
+
+
+def _end_routine(reader: _Reader) -> None:
+    name, blocks = reader.open.pop()
+    if reader.defined[name] > 1:  # which one is called is not certain
+        why = Unknown(0, 0, f"{name} is defined twice")
+        reader.routines[f"{name} {len(reader.routines)}"] = (Forget(why), *blocks.done())
+    else:
+        reader.routines[name] = blocks.done()
+
+
+def _misread(reader: _Reader, place: int, fault: str = "the blocks do not end where they should") -> None:
+    """What does not end where it should is of a language that is not known: anything may happen."""
+    reader.beside.append(Call("\0", reader.why(place, fault)))
+
+
+def _call(reader: _Reader, event: re.Match[str]) -> None:
+    """Take a call: of a routine of the script, of a move, or of another function of the manual."""
+    name, at, blocks = event["call"], event.start(), reader.blocks
+    end = reader.closes.get(event.end() - 1)
+    if name in reader.defined:
+        before = reader.text[reader.text.rfind("\n", 0, at) + 1 : at]
+        blocks.evaluated(before, Call(name, reader.why(at, f"{name} is called")))
+    elif name in _WAYS:
+        if end is None:
+            _leave(reader, at, "computed", name)
+            return
+        places = arguments(reader.text, event.end(), end)
+        named = [place for place in places if _TARGET.match(reader.text, *place)]
+        named.sort(key=lambda place: not reader.text.startswith("pose_via", place[0]))  # it is passed first
+        count = 2 if name == "movec" and len(places) > 1 else 1
+        for place in named or places[:count]:
+            _target(reader, name, *place)
+        if name in _STREAMED:
+            blocks.add(Elsewhere())
+    elif name == "set_tcp":
+        blocks.add(Set("tool", _tool(reader, at, event.end() - 1)))
+    elif name in _SWITCHES:
+        blocks.add(Set(*_SWITCHES[name]), Elsewhere())
+    elif name in _ELSEWHERE:
+        blocks.add(Elsewhere())
+    elif name not in _NOTHING:
+        blocks.add(Forget(reader.why(at, f"{name} is not known here")))
+        for place in arguments(reader.text, event.end(), end) if end else ():
+            if _list(reader.text, *place):
+                reader.points.leave(reader.left(place[0], "handed", reader.text[slice(*place)]))
+
+
+def _leave(reader: _Reader, place: int, reason: Reason, name: str) -> None:
+    reader.points.leave(reader.left(place, reason, name))
+    reader.blocks.add(Elsewhere())
+
+
+def _tool(reader: _Reader, at: int, opening: int) -> Value:
+    """Return the tool of set_tcp, whose bracket opens there: its numbers, or unknown."""
+    unknown = reader.why(at, "set_tcp sets a tool that is computed")
+    end = reader.closes.get(opening, 0)
+    if not opening < end < opening + _LONGEST:
+        return unknown
+    begin, stop = arguments(reader.text, opening + 1, end)[0]
+    if named := re.compile(r"pose\s*=\s*").match(reader.text, begin, stop):
+        begin = named.end()
+    name = reader.text[begin:stop]
+    literal = _list(reader.text, begin, stop)
+    values = tuple(number.value for number in literal[1]) if literal and literal[0] else reader.poses.get(name)
+    if values is None or not np.isfinite(values).all():
+        return unknown
+    if not literal:
+        reader.spent.add(begin)
+        reader.tools[name] = begin
+        reader.points.silent.add(name)
+    value = as_value(frame_of("rotation_vector", values))
+    reader.points.state(Named("tcp", "tool", 0, reader.lines.at(at), value))
+    return value
+
+
+def _list(text: str, begin: int, end: int) -> tuple[str, tuple[Number, ...]] | None:
+    """Return "p" or "" and the six numbers of a literal, or None."""
+    literal = re.compile(r"(p?)\[([^\[\]]*)\]").fullmatch(text, begin, end)
+    numbers = numbers_in(text, literal.start(2), literal.end(2)) if literal else None
+    return (literal[1], numbers) if literal and numbers and len(numbers) == 6 else None
+
+
+def _target(
+    reader: _Reader, call: str, begin: int, end: int, near: tuple[float, ...] | None = None, *, solved: bool = False
+) -> None:
+    """Take a target of a move; `solved` if it stands in get_inverse_kin, with the joint angles `near` (6,) rad."""
+    text, line = reader.text, reader.lines.at(begin)
+    if named := _TARGET.match(text, begin, end):
+        begin = named.end()
+    if not solved and (inverse := _INVERSE.match(text, begin, end)) and "get_inverse_kin" not in reader.defined:
+        _inverse(reader, call, inverse.end(), reader.closes.get(inverse.end() - 1))
+        return
+    name = text[begin:end]
+    key = name
+    if literal := _list(text, begin, end):
+        key = f"{call} at {begin}"
+        form: Form = "rotation_vector" if literal[0] else "joints_rad"
+        reader.points.declare(key, Target(call, 0, line, form, literal[1], "tcp", "base"))
+    elif reader.points.knows(name):
+        reader.spent.add(begin)
+        reader.reached.add(name)
+        if near is None and name.endswith("_p"):
+            near = reader.joints.get(f"{name[:-2]}_q")
+    if not reader.points.knows(key):
+        _leave(reader, begin, "not_literal" if _WORD.fullmatch(name) else "computed", name)
+        return
+    way = "joint" if near is not None else _WAYS[call]
+    needs = ("shift", "tracking")
+    reader.blocks.add(Move(key, way, 0, line, Ref("tool"), needs=needs, near=near))
+
+
+def _inverse(reader: _Reader, call: str, begin: int, end: int | None) -> None:
+    """Take get_inverse_kin(pose, qnear): a pose with the joint angles beside which its solution lies."""
+    places = arguments(reader.text, begin, end) if end else []
+    near = None
+    if len(places) > 1:
+        start, stop = places[1]
+        if named := re.compile(r"q_?near\s*=\s*").match(reader.text, start, stop):
+            start = named.end()
+        literal = _list(reader.text, start, stop)
+        near = tuple(number.value for number in literal[1]) if literal else reader.joints.get(reader.text[start:stop])
+        if near is not None and not literal:
+            reader.spent.add(start)
+    if not places or (len(places) > 1 and near is None) or len(places) > 2:
+        _leave(reader, begin, "computed", call)
+        return
+    _target(reader, call, *places[0], near, solved=True)
+
+
+READER = ProgramReader(parse, _DECIMALS, Remark("# "), null_frames=("base",))

@@ -1,0 +1,63 @@
+"""Writing the programs of a test: what a maker's writer offers, and files that are all new or not written at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from analysis.apps.makers import maker_by
+from analysis.apps.makers.programs.motion_plan import Demand, Plan
+from analysis.runs.written_files import Writer, holding, write_all_new
+from rigs.errors import FileError
+from rigs.schema.feedback import Feedback, ModbusJoints
+from rigs.schema.vocabulary import MakerName
+
+BY_ITSELF = "the controller serves it without the program"
+
+
+@dataclass(frozen=True)
+class ProgramWriter:
+    """write: the files of a plan by their names, lines ending with a line feed; feedbacks: the interfaces that this
+    maker's controllers serve beside Modbus, and what they need for that; newline: what the controller's files end lines
+    with; outputs: the numbers of its digital outputs, which count from 1: some have up to 4096, others
+    fewer."""
+
+    write: Callable[[Plan, Demand], dict[str, str]]
+    feedbacks: Mapping[type, str] = field(default_factory=dict)
+    newline: str = "\r\n"
+    outputs: range = range(1, 4097)
+
+
+def feedback_note(maker: MakerName, feedback: Feedback) -> str:
+    """What the feedback of the rig file needs on a controller, in words."""
+    served = {ModbusJoints: BY_ITSELF} | dict(maker_by(maker).writer.feedbacks)
+    need = served.get(type(feedback), "nothing in this program serves it; provide it yourself")
+    return f"feedback {feedback.interface}: {need}"
+
+
+def programs_of(maker: MakerName, plans: Sequence[tuple[Plan, Demand]]) -> dict[str, str]:
+    """The text of each file by its name; what several plans share is one file. Raises FileError where two plans would
+    be one program, and for an output that the controller does not have."""
+    files: dict[str, str] = {}
+    writer = maker_by(maker).writer
+    outputs = writer.outputs
+    for plan, demand in plans:
+        if unknown := [number for number in plan.signal_place.outputs if number not in outputs]:
+            problem = f"a controller of {maker} has no digital output {unknown[0]}"
+            raise FileError(plan.name, problem, f"give --outputs from {outputs.start} to {outputs.stop - 1}")
+        for name, text in writer.write(plan, demand).items():
+            if files.setdefault(name, text) != text:
+                raise FileError(name, "would hold two programs", "give the rig file a shorter name")
+    return files
+
+
+def write_programs(maker: MakerName, files: dict[str, str], directory: Path) -> list[Path]:
+    """Write the files into a directory, all of them or none. Raises FileError where one is there already."""
+    return write_all_new(directory, encoded_programs(maker, files))
+
+
+def encoded_programs(maker: MakerName, files: dict[str, str]) -> dict[str, Writer]:
+    """The writers of program files, with the line ends of their controller."""
+    end = maker_by(maker).writer.newline
+    return {name: holding(text.replace("\n", end).encode("ascii")) for name, text in files.items()}

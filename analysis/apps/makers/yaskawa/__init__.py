@@ -1,0 +1,22 @@
+"""Yaskawa: INFORM, and the home position.
+
+An axis reads (count - count at zero) / counts per degree, so the count at zero falls.
+"""
+
+from analysis.apps.makers import Controller, ProgramFiles
+
+FILES = ProgramFiles("Yaskawa", (".jbi",))
+CONTROLLER = Controller(
+    "Yaskawa",
+    "the home position (ABSO data)",
+    "home position (ABSO data) of axis {axis}",
+    "pulses",
+    -1.0,
+    "pulses per degree",
+    ("Change the absolute data of the home position, in management mode.",),
+    "a service article (W): industrialmonitordirect.com/blogs/knowledgebase/"
+    "yaskawa-dx100-home-position-mastering-pulse-recovery-guide",
+    "the sign of the pulses and parameters for link constants were not found in public, so corrected targets are "
+    "the way to the rest; pulses per degree follow from the gear ratio and encoder in ALL.PRM (W): "
+    "industrialmonitordirect.com/blogs/knowledgebase/calculating-pulses-per-degree-on-yaskawa-up130-robot-axes",
+)

@@ -1,0 +1,349 @@
+"""Targets in Yaskawa jobs (.JBI): positions in pulses, or in mm and degrees with their posture (RCONF).
+
+Source: Yaskawa, DX100 Options, Instructions for data transmission (156191-1CD), chapter 4, and Instructions for INFORM
+language (RE-CKI-A457). BASE and ROBOT count in the robot's base, since positions of a base axis are left; USER n is a
+frame that a person states. IMOV is relative, and between SFTON and SFTOF every position is shifted, also in jobs that
+are called there. P variables belong to the controller. A file can have several jobs.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from analysis.apps.makers.numbers import Decimals
+from analysis.apps.makers.points import Points
+from analysis.apps.makers.program_machine import (
+    OFF,
+    Blocks,
+    Built,
+    Call,
+    Elsewhere,
+    End,
+    Forget,
+    Jump,
+    Label,
+    Lose,
+    Move,
+    Program,
+    Ref,
+    Set,
+    Statement,
+    Unknown,
+    Value,
+)
+from analysis.apps.makers.programs.posture import agreeing
+from analysis.apps.makers.reading import ProgramReader, Remark
+from analysis.apps.makers.target import (
+    Flags,
+    Form,
+    Left,
+    Parsed,
+    Reason,
+    Target,
+    Texts,
+    blanked,
+    numbers_in,
+    with_newlines,
+    words,
+)
+from analysis.robot.kinematics.arm import Arm, Array, Mask
+
+_DECIMALS = Decimals(place=(3, 3), turn=(4, 4))
+"""The job format's own resolution."""
+_BLANK = re.compile(r"\"[^\"\n]*\"|(?:^|(?<=\s))'[^\n]*", re.MULTILINE)
+_POSITION = re.compile(r"\s*([BE]?C\d{1,6}|B?P\d{1,6})\s*=(.*)")
+_MOVE = re.compile(r"(?P<kind>S?MOV[JLCS]|IMOV)\s+(?P<point>\S+)(?P<rest>.*)")
+_CALL = re.compile(r"(?P<word>CALL|PSTART)\b.*?\bJOB\s*:\s*(?P<job>\S+)(?P<rest>.*)")
+_NAME = re.compile(r"\b[BE]?C\d{1,6}\b")
+_MODIFIERS = re.compile(
+    r"\b(?:VJ|VR|VE|V|PL|ACC|DEC|CR|P|SPD|AVP|ATT)\s*=\s*(?:L?[IDRB])?[\d.]+|\b(?:NWAIT|FPT|CONT)\b|[\s,]"
+)
+"""What stands behind a target and changes neither where it is nor how it is reached: speeds, corners, no waiting."""
+_UNTIL = re.compile(r"\bUNTIL\b.*")
+_TRACKED = re.compile(r"\bCV#|\bSYNC\b")
+_FRAME = re.compile(r"(?P<word>MFRAME|SETTOOL|SETUFRAME|SETUF|SETFILE(?=.*\b(?:UF|TL)#))\b(?P<rest>.*)")
+_NOTHING = words("""
+    NOP PAUSE TIMER DOUT DIN AOUT PULSE WAIT SET SETE SETR GETE GETS GETPOS CLEAR INC DEC ADD SUB MUL DIV MOD CNVRT
+    MULMAT INVMAT AND OR NOT XOR SIN COS TAN ATAN SQRT SQRTS SPEED MSG PRINT ARCON ARCOF ARCSET ARCCTS ARCCTE WVON WVOF
+    AWELD VWELD SVSPOT SVGUNCL GUNCL GUNCHG SVDRESSMV PWAIT CLOSE OPEN DIALOG DIALOGVAL SETUALM RSTUALM
+    VAL2STR STR2VAL ASC CHR$ MID$ LEN CAT$ GETREG SETREG BIND REFP HAND HSEN TOOLON TOOLOF PAINTON PAINTOF SPYON SPYOF
+    HPVELON HPVELOF GETFILE SETFILE DOUTWAIT CLRSTP LATCH ADVINIT ADVSTOP DELAY SWAIT CWAIT TSYNC MSHIFT
+    """)
+"""Instructions that change neither tool, frame nor shift, nor where the arm stands: variables, signals, waiting,
+messages, welding, guns."""
+_SWITCHES = {
+    "SFTON": ("shift", "on"), "SFTOF": ("shift", OFF), "CVON": ("tracking", "on"), "CVOF": ("tracking", OFF),
+    "SYSTART": ("tracking", "on"), "SYEND": ("tracking", OFF), "COMARCON": ("tracking", "on"),
+    "COMARCOF": ("tracking", OFF), "MTOFON": ("shift", "on"), "MTOFOF": ("shift", OFF),
+}  # fmt: skip
+
+_FLOW: dict[str, tuple[Callable[[Blocks], None], ...]] = {
+    **dict.fromkeys(("IFTHEN", "IFTHENEXP", "IF"), (Blocks.branch,)),
+    "SWITCH": (Blocks.cases,),
+    **dict.fromkeys(("ELSEIF", "ELSEIFEXP", "CASE"), (Blocks.other, Blocks.guard)),
+    **dict.fromkeys(("ELSE", "DEFAULT"), (Blocks.other,)),
+    **dict.fromkeys(("WHILE", "WHILEEXP", "FOR"), (Blocks.loop, Blocks.may_leave)),
+    **dict.fromkeys(("ENDIF", "ENDSWITCH", "ENDWHILE", "NEXT", "ENDFOR"), (Blocks.close,)),
+    "BREAK": (Blocks.leave,),
+    "CONTINUE": (Blocks.again,),
+}
+"""What the words of a block do."""
+
+
+@dataclass
+class _State:
+    """What holds for the positions that follow."""
+
+    kind: str = "PULSE"
+    tool: str = "0"
+    user: str = "unset"
+    posture: tuple[int, ...] = ()
+
+
+@dataclass
+class _Reader:
+    points: Points
+    jobs: dict[str, list[str]] = field(default_factory=dict)
+    routines: dict[str, tuple[Statement, ...]] = field(default_factory=dict)
+    beside: list[Call] = field(default_factory=list)
+    file: int = 0
+    line: int = 0
+    job: str = ""
+    frame: str | None = None
+    """The frame of a relative job, in which it is repeated."""
+    blocks: Blocks = field(default_factory=Blocks)
+
+    def why(self, fact: str) -> Unknown:
+        return Unknown(self.file, self.line, " ".join(fact.split())[:80])
+
+    def leave(self, name: str, reason: Reason) -> None:
+        if self.file == 0:
+            self.points.leave(Left(0, self.line, name[:60], reason))
+        self.blocks.add(Elsewhere())
+
+    def key(self, name: str) -> str:
+        """Return the key of a position, which belongs to its job."""
+        return f"{self.job}/{name}"
+
+    def called(self, name: str) -> Statement:
+        """Return the call of a job: the only one of that name."""
+        jobs = self.jobs.get(name.upper(), [])
+        jobs_of_program = [job for job in jobs if job.startswith("0:")]
+        callees = jobs_of_program if len(jobs_of_program) == 1 else jobs
+        why = self.why(f"{name} is called" if len(callees) == 1 else f"{name} is not known here")
+        return Call(callees[0], why) if len(callees) == 1 else Forget(why)
+
+
+def parse(texts: Texts) -> Parsed:
+    """Return the targets of the jobs of a file."""
+    reader = _Reader(Points(1))
+    blank = [blanked(with_newlines(text), _BLANK).split("\n") for text in texts.texts]
+    for file, lines in enumerate(blank):
+        stem = texts.names[file].rpartition(".")[0].upper()
+        for number, line in enumerate(lines):
+            if line.startswith("//NAME"):
+                name = line[6:].strip().upper()
+                reader.jobs.setdefault(name, []).append(f"{file}:{number}")
+        if not any(line.startswith("//NAME") for line in lines):
+            reader.jobs.setdefault(stem, []).append(f"{file}:")
+    for file, lines in enumerate(blank):
+        _read_file(reader, file, lines)
+
+    def initial(part: str) -> Value:
+        family, _, number = part.partition("[")
+        return number.rstrip("]") if family in ("USER", "TOOL") else OFF
+
+    return reader.points.parsed(
+        Program(reader.routines, initial, tuple(reader.beside), kept=("USER[", "TOOL["), cycles=True)
+    )
+
+
+def _read_file(reader: _Reader, file: int, lines: list[str]) -> None:
+    """Read the jobs of a file, each with its positions and its instructions."""
+    reader.file, reader.job, reader.blocks = file, f"{file}:", Blocks()
+    state, at, moving = _State(), 0, False
+    for number, line in enumerate(lines):
+        begin, at, reader.line = at, at + len(line) + 1, number + 1
+        if line.startswith(("/JOB", "//NAME")):
+            if moving:
+                reader.routines[reader.job] = reader.blocks.done()
+            state, moving, reader.frame = _State(), False, None
+            if line.startswith("//NAME"):
+                reader.job, reader.blocks = f"{file}:{number}", Blocks()
+        elif line.startswith("//INST"):
+            moving = True
+        elif not moving:
+            _position(reader, line, begin, state)
+        else:
+            _instruction(reader, line.strip())
+    reader.routines[reader.job] = reader.blocks.done()
+
+
+def _position(reader: _Reader, line: str, begin: int, state: _State) -> None:
+    words = line.split()
+    match words:
+        case ["///TOOL", tool, *_]:
+            state.tool = tool.split(",")[0]
+        case ["///USER", user, *_]:
+            state.user = user
+        case ["///POSTYPE", kind, *_]:
+            state.kind = kind.upper()
+        case ["///PULSE"]:
+            state.kind = "PULSE"
+        case ["///RCONF", values, *_]:
+            state.posture = tuple(int(value) if value in ("0", "1") else -1 for value in values.split(",")[:6])
+    position = _POSITION.fullmatch(line)
+    if not position or reader.file:
+        return
+    numbers = numbers_in(line, position.start(2), position.end(2)) or ()
+    numbers = tuple(type(number)(begin + number.begin, begin + number.end, number.value) for number in numbers)
+    pulses = state.kind == "PULSE"
+    frame = _frame(state.kind, state.user)
+    flags = Flags(state.posture, _agreeing) if len(state.posture) == 6 and not pulses else None
+    form: Form = "pulses" if pulses else "roll_pitch_yaw"
+    target = Target(position[1], 0, reader.line, form, numbers, state.tool, frame, flags)
+    reason: Reason | None = None if len(numbers) == 6 else "incomplete"
+    if position[1][0] in "BE" or len(numbers) > 6:
+        reason = "external_axes"
+    elif position[1][0] == "P":
+        reason = "not_literal"
+    reader.points.declare(reader.key(position[1]), target, reason)
+
+
+def _frame(kind: str, user: str) -> str:
+    """Return the name of the frame of positions, or of a relative job."""
+    return {"BASE": "base", "ROBOT": "base", "USER": user}.get(kind, kind.lower())
+
+
+def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:
+    """Which solutions q (n, 6) rad agree with the first six of RCONF: no flip, not up, not front, in the sense of `rig
+    program`, and whether R, T and S stand beyond half a turn."""
+    sides, numbers = tuple(1 - value for value in values[:3]), dict(zip((3, 5, 0), values[3:], strict=True))
+    return agreeing(arm, q, sides, numbers, lambda angle: int(not -np.pi < angle <= np.pi), slack_rad)
+
+
+def _instruction(reader: _Reader, text: str) -> None:
+    """Take an instruction of a job."""
+    blocks = reader.blocks
+    if text.startswith("///") or not text:
+        if text.startswith("////FRAME"):
+            kind, user = (*text.upper().split()[1:3], "", "")[:2]
+            reader.frame = _frame(kind, user)
+        return
+    if move := _MOVE.match(text):
+        _move(reader, move)
+        return
+    for mention in _NAME.finditer(text) if reader.file == 0 else ():  # a position that is no target there
+        if reader.points.knows(reader.key(mention[0])):
+            reader.points.change(reader.key(mention[0]), 0, reader.line)
+    word = text.split(maxsplit=1)[0].upper()
+    conditional = re.search(r"\bIF\b", text[len(word) :]) is not None
+    if text.startswith("*"):
+        blocks.add(Label(text.split(maxsplit=1)[0]))
+    elif word == "JUMP":
+        _jump(reader, text, falls=conditional)
+    elif call := _CALL.match(text):
+        _call(reader, call)
+    elif word in ("RET", "END", "ABORT"):
+        (blocks.perhaps if conditional else blocks.add)(End(halts=word == "ABORT"))
+    elif frame := _FRAME.match(text):
+        number = re.search(r"\b(?:UF|TL)#\((\d+)\)", frame["rest"])
+        family = "TOOL" if frame["word"] == "SETTOOL" or "TL#" in frame["rest"] else "USER"
+        why = reader.why(f"{frame['word']} sets it")
+        blocks.add(Set(f"{family}[{int(number[1])}]", why) if number else Lose(family, why))
+    elif word in _SWITCHES:
+        blocks.add(Set(*_SWITCHES[word]))
+    elif not _flow(blocks, word, text) and word not in _NOTHING:
+        blocks.add(Forget(reader.why(f"{text} is not known here")))
+
+
+def _flow(blocks: Blocks, word: str, text: str) -> bool:
+    """Take a word of a block of the language, if it is one."""
+    for take in _FLOW.get(word, ()):
+        take(blocks)
+    if word == "SWITCH" and re.search(r"\bCASE\b", text, re.IGNORECASE):  # the first one on the same line
+        blocks.other()
+        blocks.guard()
+    return word in _FLOW
+
+
+def _jump(reader: _Reader, text: str, *, falls: bool) -> None:
+    label = re.search(r"\*\S+", text)
+    job = re.search(r"\bJOB\s*:\s*(\S+)", text)
+    if label:
+        reader.blocks.add(Jump((label[0],), falls=falls))
+    elif job:  # it does not come back
+        reader.blocks.perhaps(reader.called(job[1]), End())
+        if not falls:
+            reader.blocks.add(End())
+    else:
+        reader.blocks.add(Forget(reader.why(f"{text} is not known here")))
+
+
+def _call(reader: _Reader, call: re.Match[str]) -> None:
+    statement = reader.called(call["job"])
+    if call["word"] == "PSTART":
+        name = statement.name if isinstance(statement, Call) else f"{call['job']} "
+        reader.beside.append(Call(name, reader.why(f"{call['job']} may run at any moment")))
+        return
+    statements = [statement]
+    if re.search(r"\bUF#", call["rest"]):  # a relative job, in the user frame of the call
+        elsewhere = reader.why(f"{call['job']} is called in another user frame")
+        statements = [Set("relative", elsewhere), statement, Set("relative", OFF)]
+    (reader.blocks.perhaps if re.search(r"\bIF\b", call["rest"]) else reader.blocks.add)(*statements)
+
+
+def _unless_relative(name: str, values: tuple[Value, ...]) -> Value:
+    """Return the frame of a position, by its name if it has no other value, unless the job runs in that of its call."""
+    relative, *frame = values
+    return relative if isinstance(relative, Unknown) else frame[0] if frame else name
+
+
+def _move(reader: _Reader, move: re.Match[str]) -> None:
+    name, options, blocks = move["point"], move["rest"], reader.blocks
+    key = reader.key(name)
+    reason: Reason | None = None
+    if move["kind"] == "IMOV":
+        reason = "relative"
+    elif re.search(r"\b[BE](?:C|P|X)\d+|\+\s*S?MOV", options):
+        reason = "external_axes"
+    if reason or not reader.points.knows(key):
+        if reader.points.knows(key):
+            reader.points.change(key, 0, reader.line)
+        reader.leave(name, reason or "not_literal")
+        return
+    stops = _UNTIL.search(options)
+    tracked = _TRACKED.search(options)
+    unknown = _MODIFIERS.sub("", _UNTIL.sub("", re.sub(r"\bCV#\([^)]*\)|\bSYNC\b", "", options))).strip()
+    blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
+    blocks.add(Set("coordinated here", "on" if move["kind"].startswith("S") else OFF))
+    blocks.add(Set("option here", reader.why(f"{unknown} is not known here") if unknown else OFF))
+    target = reader.points.target(key)
+    tool = Ref(f"TOOL[{int(str(target.tool))}]") if str(target.tool).isdigit() else str(target.tool)
+    user = str(target.frame)
+    frame: Value | Built = reader.why("the job is relative to another frame than that of its positions")
+    if target.joints:
+        frame = user
+    elif reader.frame in (None, user):
+        parts = (f"USER[{int(user)}]",) if user.isdigit() else ()
+        frame = Built(("relative", *parts), partial(_unless_relative, user))
+    needs = ("shift", "tracking here", "coordinated here", "option here")
+    way = "joint" if move["kind"].endswith("MOVJ") else "line"
+    blocks.add(Move(key, way, 0, reader.line, tool, frame, needs))
+    if stops:
+        blocks.add(Elsewhere())
+
+
+READER = ProgramReader(
+    parse,
+    _DECIMALS,
+    Remark("'", width=32, before={".jbi": re.compile(rb"^[ \t]*END\b", re.MULTILINE)}),
+    null_frames=("base",),
+    beside=(".jbi",),
+)
+"""A comment has 32 characters (RE-CKI-A457), so a longer remark takes several lines."""

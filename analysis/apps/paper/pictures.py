@@ -1,0 +1,384 @@
+"""The data figures of Oh 2019 as the simulated robot draws them, each with the paper's numbers beside ours.
+
+3 to 8: yaw; 10 and 11: roll; 13 and 14: the hemisphere; 15: repeatability. 1, 2, 9 and 12 show equipment. What stands
+for a measurement of the paper (3, 5, 6, 10, 13, 15) has all effects of the rig file; its simulations have those that
+the paper names: eccentricity alone (4), datum errors and plays (8), gear errors (14).
+The runs behind all of them are simulated, and then evaluated like any others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase
+
+from analysis.api import CircleCurve, RadialCurve, RepeatabilityCurve, Result, evaluate
+from analysis.apps.paper.published import NOMINAL_RADIUS_MM, datum_and_play, gears
+from analysis.apps.paper.rows import DIRECTIONS, Row, eccentric, written
+from analysis.apps.paper.simulated_tests import SCATTER, joint_lap, repeats, typical_seed
+from analysis.procedures.simulate import simulated_run
+from analysis.report.still_chart import Sheet
+from analysis.robot.kinematics.arm import Array
+from rigs.effects import Effect
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction, TestName
+
+
+@dataclass(frozen=True)
+class JointLap:
+    """The reported joint angles on one lap: phi_deg (n,), q_deg (n, 6), and the names of the axes."""
+
+    phi_deg: Array
+    q_deg: Array
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SimulatedFigures:
+    """Evaluated runs by figure: yaw 3, 5, 6; eccentric 4; joints 7; yaw_datum_and_play 8; roll 10, 11; sphere 13;
+    sphere_gears 14; repeatability 15. Free of noise but the last."""
+
+    yaw: dict[Direction, Result]
+    eccentric: Result
+    joints: JointLap
+    yaw_datum_and_play: dict[Direction, Result]
+    roll: dict[Direction, Result]
+    sphere: Result
+    sphere_gears: Result
+    repeatability: Result
+
+
+def figures_of(rig: Rig, rig_text: str) -> SimulatedFigures:
+    """Simulate every run. Raises FileError where the robot cannot do a test."""
+
+    def result(test: TestName, direction: Direction | None, effects: Sequence[Effect], of: Rig = rig) -> Result:
+        return evaluate(simulated_run(of, rig_text, test, direction, None, effects))
+
+    def both(test: TestName, effects: Sequence[Effect]) -> dict[Direction, Result]:
+        return {direction: result(test, direction, effects) for direction in DIRECTIONS}
+
+    seed = typical_seed(repeats(rig, rig.effects))
+    phi, q = joint_lap(rig)
+    return SimulatedFigures(
+        yaw=both("yaw", rig.effects),
+        eccentric=result("yaw", "acw", (), eccentric(rig)),
+        joints=JointLap(np.degrees(phi), np.degrees(q), tuple(axis.name for axis in rig.robot.axes)),
+        yaw_datum_and_play=both("yaw", datum_and_play(rig.effects)),
+        roll=both("roll", rig.effects),
+        sphere=result("radial", None, rig.effects),
+        sphere_gears=result("radial", None, gears(rig.effects)),
+        repeatability=evaluate(simulated_run(rig, rig_text, "repeatability", None, seed, noise=SCATTER)),
+    )
+
+
+_INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
+_GREY = "#777777"
+_ARROW = {"arrowstyle": "-|>", "lw": 2.0, "color": "black"}
+_MAGNIFIED = 100
+"""Deviations from a sphere of 400 mm are drawn so much larger, as millimetres cannot be seen on it."""
+
+
+def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[Path]:
+    """Write the pictures, named by the numbers of the paper; returns their paths. Raises FileError where nothing can
+    be written."""
+    from analysis.runs.written_files import write_views  # noqa: PLC0415 - slow to import
+
+    simulated = figures_of(rig, rig_text)
+
+    def save_figure(number: int, file: BinaryIO) -> None:
+        _, title, draw, height_inch = _FIGURES[number]
+        # Beside figures 4 and 7 stand the rows of the section and the table that they belong to.
+        where = {4: "§2.1", 7: "Table 1"}.get(number, f"Fig. {number}")
+        rows_of_figure = [row for row in rows if row.where == where]
+        figure = _sheet(f"Figure {number} · {title} · {rig.name}", rows_of_figure, height_inch)
+        draw(figure.subfigs[0], simulated)
+        figure.savefig(file, format="png", dpi=150)
+
+    names = {number: f"figure-{number:02d}-{name}.png" for number, (name, *_) in _FIGURES.items()}
+    return write_views(directory, {name: partial(save_figure, number) for number, name in names.items()})
+
+
+def _sheet(title: str, rows: Sequence[Row], height_inch: float) -> Sheet:
+    """A sheet with room for a drawing in its first subfigure, and with the rows below."""
+    rows_inch = 0.24 * (len(rows) + 1) + 0.1
+    sheet = Sheet(9, height_inch + rows_inch)
+    sheet.suptitle(title, fontsize=11)
+    grid = sheet.add_gridspec(2, 1, height_ratios=(height_inch, rows_inch))
+    _, below = (sheet.add_subfigure(cell) for cell in (grid[0], grid[1]))
+    axes = below.subplots()
+    axes.set_axis_off()
+    if not rows:
+        axes.text(0.5, 0.5, "the paper gives no number for this figure", ha="center", va="center", fontsize=8)
+        return sheet
+    cells = [[row.figure, written(row, row.paper), written(row, row.ours)] for row in rows]
+    table = axes.table(
+        cells, colLabels=["", "paper", "ours"], colWidths=(0.5, 0.2, 0.2), loc="center", edges="horizontal"
+    )
+    table.auto_set_font_size(False)
+    table.set_fontsize(8)
+    for (_, column), cell in table.get_celld().items():
+        cell.set_edgecolor("#dddddd")
+        cell.set_text_props(ha="left" if column == 0 else "right")
+    return sheet
+
+
+def _circle_panels(figure: FigureBase, count: int, y: str) -> list[Axes]:
+    panels: list[Axes] = list(figure.subplots(count, 1, sharex=True, sharey=True, squeeze=False)[:, 0])
+    for axes in panels:
+        _label_axes(axes, "", y)
+        axes.set_xlim(0, 360)
+        axes.set_xticks(range(0, 361, 30))
+    panels[-1].set_xlabel("circle angle φ / °")
+    return panels
+
+
+def _curve(result: Result) -> CircleCurve:
+    assert isinstance(result.curve, CircleCurve)  # noqa: S101 - of a circle
+    return result.curve
+
+
+def _sine_deg(result: Result) -> Array:
+    """The least-squares sine (n,) deg of a run at the circle angles of its curve."""
+    amplitude, shift, offset = (result.figures[f"{name}_deg"].value for name in ("amplitude", "shift", "offset"))
+    return offset + amplitude * np.sin(np.radians(_curve(result).phi_deg + shift))
+
+
+def _raw(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """3: the angle in each direction with its least-squares sine."""
+    for axes, direction in zip(_circle_panels(figure, 2, "yaw angle / °"), DIRECTIONS, strict=True):
+        result = simulated.yaw[direction]
+        curve = _curve(result)
+        axes.plot(curve.phi_deg, curve.angle_deg, color=_INK[direction], lw=1.2, label=direction)
+        sine = f"least-squares sine, amplitude {result.figures['amplitude_deg'].value:.3f}°"
+        axes.plot(curve.phi_deg, _sine_deg(result), "k--", lw=0.8, label=sine)
+        axes.legend(loc="upper left", fontsize=8)
+
+
+def _eccentric(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """4: the angle that an eccentricity alone makes."""
+    (axes,) = _circle_panels(figure, 1, "yaw angle / °")
+    curve = _curve(simulated.eccentric)
+    axes.plot(curve.phi_deg, curve.angle_deg, color=_INK["acw"], lw=1.2)
+    for end in (-1, 1):
+        axes.axhline(end * np.abs(curve.angle_deg).max(), color=_GREY, lw=0.7, ls="--")
+
+
+def _fitted(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """5: what the least-squares sine leaves; every tenth point with its deviation, drawn larger."""
+    (axes,) = _circle_panels(figure, 1, "yaw angle / °")
+    result = simulated.yaw["cw"]
+    curve, sine = _curve(result), _sine_deg(result)
+    every_tenth = slice(None, None, 10)
+    axes.plot(curve.phi_deg, sine, "k-", lw=1, label="least-squares sine  A + r sin(φ + α)")
+    axes.plot(
+        curve.phi_deg[every_tenth], curve.angle_deg[every_tenth], "o", ms=3, color=_INK["cw"], label="cw, every 5°"
+    )
+    axes.vlines(curve.phi_deg[every_tenth], sine[every_tenth], curve.angle_deg[every_tenth], color=_INK["cw"], lw=0.8)
+    axes.legend(loc="upper left", fontsize=8)
+
+
+def _yaw_error(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """6: the orientation error in each direction."""
+    _errors(figure, [simulated.yaw[direction] for direction in DIRECTIONS])
+
+
+def _yaw_simulated(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """8: the same of a robot with datum errors and plays alone."""
+    _errors(figure, [simulated.yaw_datum_and_play[direction] for direction in DIRECTIONS])
+
+
+def _errors(figure: FigureBase, results: Sequence[Result]) -> None:
+    for axes, direction, result in zip(
+        _circle_panels(figure, 2, "orientation error / °"), DIRECTIONS, results, strict=True
+    ):
+        error = _curve(result).error_deg
+        axes.plot(_curve(result).phi_deg, error, color=_INK[direction], lw=1.2)
+        axes.axhspan(error.min(), error.max(), color=_INK[direction], alpha=0.08, lw=0)
+        axes.set_title(f"{direction}, error band {result.figures['band_deg'].value:.3f}°", fontsize=9, loc="left")
+        axes.margins(y=0.3)
+        # A dashed line where a joint turns back; names of close neighbours take turns in height.
+        previous, step = -100.0, 0
+        for turn in result.reversals:
+            phi = turn.phi_deg
+            step = (step + 1) % 3 if phi - previous < 16 else 0
+            axes.axvline(phi, color=_GREY, lw=0.7, ls="--")
+            axes.annotate(
+                f"axis {turn.joint} {'↓' if turn.upper else '↑'}",
+                (phi, 1.0 - 0.085 * step),
+                xycoords=("data", "axes fraction"),
+                xytext=(-3 if phi > 345 else 2, -2),
+                textcoords="offset points",
+                fontsize=7.5,
+                color=_GREY,
+                va="top",
+                ha="right" if phi > 345 else "left",
+            )
+            previous = phi
+
+
+def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """7: the joints on the circle, and as in the paper a square where each turns back."""
+    lap = simulated.joints
+    panels = list(figure.subplots(3, 2, sharex=True).flat)
+    for axes, name, q_deg in zip(panels, lap.names, lap.q_deg.T, strict=True):
+        _label_axes(axes, "", f"{name} / °")
+        axes.plot(lap.phi_deg, q_deg, color=_INK["cw"], lw=1.2)
+        axes.set_xlim(0, 360)
+        axes.set_xticks(range(0, 361, 60))
+        axes.margins(y=0.25)
+        turns = [turn for turn in simulated.yaw["acw"].reversals if turn.name == name]
+        for turn in turns:
+            at = (turn.phi_deg, float(np.interp(turn.phi_deg, lap.phi_deg, q_deg)))
+            axes.plot(*at, "s", ms=8, mfc="none", mec="black", mew=1.4, clip_on=False)
+            style = {"xytext": (-7 if turn.phi_deg > 300 else 7, 9 if turn.upper else -14), "fontsize": 8}
+            side = "right" if turn.phi_deg > 300 else "left"
+            axes.annotate(f"{turn.phi_deg:.1f}°", at, textcoords="offset points", ha=side, **style)
+        if not turns:
+            axes.text(0.5, 0.9, "does not turn back", transform=axes.transAxes, ha="center", fontsize=8, color=_GREY)
+    for axes in panels[-2:]:
+        axes.set_xlabel("circle angle φ / °")
+
+
+def _roll(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """10: the whole roll angle in each direction; the paper takes no sine off."""
+    for axes, direction in zip(_circle_panels(figure, 2, "roll angle / °"), DIRECTIONS, strict=True):
+        curve = _curve(simulated.roll[direction])
+        axes.plot(curve.phi_deg, curve.angle_deg, color=_INK[direction], lw=1.2)
+        axes.set_title(direction, fontsize=9, loc="left")
+
+
+def _roll_mean(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """11: the mean of both directions."""
+    (axes,) = _circle_panels(figure, 1, "roll angle / °")
+    curves = [_curve(simulated.roll[direction]) for direction in DIRECTIONS]
+    mean_deg = np.mean([curve.angle_deg for curve in curves], axis=0)
+    axes.plot(curves[0].phi_deg, mean_deg, color="black", lw=1.2)
+    for at in (np.argmax(mean_deg), np.argmin(mean_deg)):
+        axes.plot(curves[0].phi_deg[at], mean_deg[at], "o", color=_INK["acw"], ms=5)
+
+
+def _sphere(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """13: the sphere with all errors."""
+    _radial(figure, simulated.sphere)
+
+
+def _sphere_gears(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """14: with gear errors alone."""
+    _radial(figure, simulated.sphere_gears)
+
+
+def _radial(figure: FigureBase, result: Result) -> None:
+    """From the side that the sphere is pulled to, from above, and over the azimuth: the errors of the targets' distance
+    from the ball, whose pull to one side is a wave once around."""
+    curve = result.curve
+    assert isinstance(curve, RadialCurve)  # noqa: S101 - of a hemisphere
+    polar, azimuth = np.radians(curve.polar_deg), np.radians(curve.azimuth_deg)
+    ways = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
+    centre = np.array([result.figures[f"centre_{name}_mm"].value for name in "xyz"])
+    radius_mm = result.figures["radius_mm"].value
+    # How far a target lies outside of the nominal sphere about the ball; millimetres on 400 leave the first order.
+    error_mm = radius_mm - NOMINAL_RADIUS_MM + centre @ ways + curve.deviation_mm
+    pulled_deg = float(np.degrees(np.arctan2(centre[1], centre[0])))
+    side, above, wave = figure.subplots(1, 3, width_ratios=(1.5, 0.85, 1.05))
+    _draw_side(side, ways, error_mm, centre, radius_mm)
+    _draw_above(above, curve, error_mm, pulled_deg)
+    around_deg = (curve.azimuth_deg - pulled_deg + 180) % 360 - 180
+    for ring in np.unique(curve.polar_deg[curve.polar_deg > 0]):
+        ring_rows = np.flatnonzero(curve.polar_deg == ring)
+        ring_rows = ring_rows[np.argsort(around_deg[ring_rows])]
+        wave.plot(around_deg[ring_rows], error_mm[ring_rows], "o-", ms=4, lw=1.0, label=f"{ring:.0f}° from the axis")
+    wave.axhline(0, color="black", lw=0.8)
+    wave.set_xticks(range(-180, 181, 90))
+    _label_axes(wave, "azimuth from the side pulled to / °", "outside the nominal sphere / mm")
+    wave.legend(fontsize=7)
+    wave.set_title("largest on that side, smallest on the other", fontsize=8)
+
+
+def _draw_side(axes: Axes, ways: Array, error_mm: Array, centre_mm: Array, radius_mm: float) -> None:
+    """The targets, the nominal sphere about the ball, and the least-squares sphere, seen across the pull; errors
+    enlarged. ways (3, t): directions of the targets."""
+    along = np.array([centre_mm[0], centre_mm[1], 0.0]) / max(float(np.hypot(*centre_mm[:2])), 1e-12)
+    turn = np.linspace(-np.pi / 2, np.pi / 2, 181)
+    outline = np.stack([np.sin(turn), np.cos(turn)])
+    nominal = NOMINAL_RADIUS_MM * outline
+    axes.plot(*nominal, "--", color=_GREY, lw=1.2, label="nominal sphere about the ball")
+    shift = _MAGNIFIED * np.array([centre_mm @ along, centre_mm[2]])
+    drawn_mm = NOMINAL_RADIUS_MM + _MAGNIFIED * (radius_mm - NOMINAL_RADIUS_MM)
+    axes.plot(*(drawn_mm * outline + shift[:, None]), "k-", lw=1.2, label="least-squares sphere")
+    seen = np.stack([along @ ways, ways[2]])
+    begin, end = NOMINAL_RADIUS_MM * seen, (NOMINAL_RADIUS_MM + _MAGNIFIED * error_mm) * seen
+    axes.plot(np.stack([begin[0], end[0]]), np.stack([begin[1], end[1]]), "-", color="red", lw=0.8)
+    axes.plot(*end, "o", color="red", ms=3, label=f"targets, errors × {_MAGNIFIED}")
+    axes.annotate(
+        "",
+        (float(shift[0]), float(shift[1])),
+        (0.0, 0.0),
+        arrowprops={"arrowstyle": "-|>", "lw": 2.0, "color": "black"},
+    )
+    axes.plot(0, 0, "+", color=_GREY, ms=10)
+    axes.set_aspect("equal")
+    axes.set_ylim(-60, 1.2 * NOMINAL_RADIUS_MM)
+    _label_axes(axes, "to the side pulled to / mm", "along the axis / mm")
+    axes.legend(fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.3), ncols=1, frameon=False)
+    axes.set_title(f"from the side: pulled by {np.linalg.norm(centre_mm):.2f} mm", fontsize=8)
+
+
+def _draw_above(axes: Axes, curve: RadialCurve, error_mm: Array, pulled_deg: float) -> None:
+    """The errors on the hemisphere seen along its axis, with an arrow to the side that it is pulled to."""
+    azimuth, limit = np.radians(curve.azimuth_deg), float(np.abs(error_mm).max())
+    x, y = curve.polar_deg * np.cos(azimuth), curve.polar_deg * np.sin(azimuth)
+    axes.scatter(x, y, c=error_mm, cmap="coolwarm", vmin=-limit, vmax=limit, s=60, edgecolors="#555555", linewidths=0.4)
+    turn = np.linspace(0, 2 * np.pi, 181)
+    for ring in (30, 60, 90):
+        axes.plot(ring * np.cos(turn), ring * np.sin(turn), color="#dddddd", lw=0.6, zorder=0)
+    tip = 112 * float(np.cos(np.radians(pulled_deg))), 112 * float(np.sin(np.radians(pulled_deg)))
+    axes.annotate("", tip, (0.0, 0.0), arrowprops=_ARROW)
+    axes.set_xlim(-120, 120)
+    axes.set_ylim(-120, 120)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.set_title(f"from above: red outside,\nblue inside, at most {limit:.2f} mm", fontsize=8)
+
+
+def _repeatability(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """15: each reading at its target, by the side of approach."""
+    curve = simulated.repeatability.curve
+    assert isinstance(curve, RepeatabilityCurve)  # noqa: S101 - of a repeatability test
+    axes = figure.subplots()
+    targets, place = np.unique(curve.target, return_inverse=True)
+    for side, aside, ink, name in (("out", -0.12, "acw", "from outside"), ("in", 0.12, "cw", "from inside")):
+        on_side = curve.approach == side
+        axes.plot(place[on_side] + aside, curve.reading_mm[on_side], "o", ms=4, color=_INK[ink], label=name)
+    axes.set_xticks(range(len(targets)), [str(target) for target in targets])
+    _label_axes(axes, "target", "reading / mm")
+    axes.legend(fontsize=8)
+
+
+_FIGURES: dict[int, tuple[str, str, Callable[[FigureBase, SimulatedFigures], None], float]] = {
+    3: ("yaw-angle", "yaw angle and its least-squares sine", _raw, 5.0),
+    4: ("eccentricity", "angle by an eccentricity of 14.142 mm", _eccentric, 3.0),
+    5: ("least-squares-sine", "least-squares sine and what it leaves", _fitted, 3.4),
+    6: ("yaw-error", "orientation error in yaw, all effects", _yaw_error, 5.4),
+    7: ("joint-angles", "joint angles on the circle", _joints, 6.0),
+    8: ("yaw-simulated", "orientation error in yaw, datum errors and plays", _yaw_simulated, 5.4),
+    10: ("roll-error", "roll, all effects", _roll, 5.0),
+    11: ("roll-simulated", "roll, mean of cw and acw", _roll_mean, 3.2),
+    13: ("sphere", "radial accuracy, all effects", _sphere, 4.4),
+    14: ("sphere-simulated", "radial accuracy, gear errors alone", _sphere_gears, 4.4),
+    15: ("repeatability", "repeatability", _repeatability, 4.0),
+}
+"""Number: name of its file, title, what draws it, and its height in inches without the numbers below it."""
+
+
+def _label_axes(axes: Axes, x: str, y: str) -> None:
+    """Name the axes of a panel, with their units, and draw a grid instead of a box."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(color="#dddddd", lw=0.5)
+    axes.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,205 @@
+"""The sizes of printed parts from a rig file's numbers and a ball, a magnet and a screw that shops have.
+
+A ball sits in a cone of 90 degrees on a circle, at 0.71 of its radius from the axis, whatever the printer does to the
+rest. The magnet below it does not touch it. The ball's centre is then known from the cone alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from analysis.apps.parts.solid import Profile, Solid, bar, turned
+from rigs.errors import UseError
+from rigs.rig import Rig
+
+Size = tuple[float, float]
+_SCREWS: dict[str, Size] = {"M3": (3.4, 6.7), "M4": (4.5, 9.0), "M5": (5.5, 11.2)}
+"""Clearance hole (ISO 273, medium) and head of a countersunk screw (ISO 10642), diameters in mm."""
+_TAPPED_MM, _TAPPED_DEEP_MM = 5.0, 14.0
+"""The hole in the foot of the holder: an M6 screw cuts its own thread in plastic (core hole of ISO 965: 5.0 mm)."""
+_GAP_MM = 0.5
+"""Between ball and magnet: a layer or two of a printer, so that the ball sits on the cone and never on the magnet."""
+_CLEAR_MM = 0.15
+"""A bore is so much larger than what goes in, to each side; usual of filament printers."""
+_RIM_MM, _WALL_MM, _FLOOR_MM = 2.0, 3.0, 3.0
+"""Cone beyond the circle on which the ball sits, wall around it, and plastic below a screw's head."""
+_FOOT_MM, _FOOT_RADIUS_MM, _NECK_MM = 6.0, 15.0, 1.5
+"""Height and radius of the holder's foot, and how much thinner than its cup the neck is."""
+_SHELF_MM = 1.0
+"""On which a magnet stops at the end of a bore whose ceiling is a cone; a printer bridges so much."""
+_SHORTEST_HOLDER_MM, _LONGEST_HOLDER_MM = 35.0, 150.0
+DISTANCE_MM = 100.0
+"""Distance of the bar's two sockets where the rig file knows none."""
+BED_MM = 220.0
+"""What most printers have for a bed; longer parts are not written."""
+
+
+@dataclass(frozen=True)
+class Bought:
+    """What is bought: the ball's diameter, the magnet's diameter and height (mm), and the screw that holds a socket."""
+
+    ball_mm: float = 20.0
+    magnet_mm: Size = (10.0, 5.0)
+    screw: str = "M4"
+
+
+@dataclass(frozen=True)
+class Seat:
+    """The cone in which a ball sits, above the level of its apex (mm): the ball's centre, the circle on which it
+    sits (radius, and as high), the rim (radius, and as high), the magnet's top and the bore about it."""
+
+    centre: float
+    contact: float
+    rim: float
+    magnet_top: float
+    bore: float
+
+    @property
+    def outside(self) -> float:
+        """The radius of the part around it."""
+        return self.rim + _WALL_MM
+
+
+@dataclass(frozen=True)
+class PrintedPart:
+    """A part. count: how many of it; section: what is drawn of it, corners (radius, height); about: a line for a
+    person; numbers: its dimensions in mm by what they are."""
+
+    name: str
+    count: int
+    solid: Solid
+    section: Profile
+    about: str
+    numbers: dict[str, float]
+
+
+def seat_of(bought: Bought) -> Seat:
+    """Return the seat of a ball over a magnet. Raises UseError for a magnet that is too wide for the ball."""
+    radius = bought.ball_mm / 2
+    centre, contact = radius * math.sqrt(2), radius / math.sqrt(2)
+    bore = bought.magnet_mm[0] / 2 + _CLEAR_MM
+    if bore > contact - 1:
+        what = f"a magnet of {bought.magnet_mm[0]:g} mm leaves a ball of {bought.ball_mm:g} mm no cone to sit on"
+        raise UseError("--magnet-mm", what, f"take one of at most {2 * (contact - 1 - _CLEAR_MM):.0f} mm")
+    return Seat(centre, contact, contact + _RIM_MM, centre - radius - _GAP_MM, bore)
+
+
+def parts_of(rig: Rig, bought: Bought) -> tuple[PrintedPart, ...]:
+    """Return the parts that a rig's touches and link need, by its numbers. Raises UseError for what cannot be made."""
+    touch, circle = rig.tests.touch, rig.tests.circle
+    distance_mm = touch.distances[0].distance_mm if touch and touch.distances else DISTANCE_MM
+    sockets = max(len(touch.sockets) - 2, 0) if touch else 1
+    parts = [_holder(bought, abs(touch.ball_mm[2]) if touch else 0.0)]
+    if sockets:
+        parts.append(_socket(bought, sockets))
+    if distance_mm + 2 * seat_of(bought).outside <= BED_MM:
+        parts.append(_bar(bought, distance_mm))
+    for name, length_mm in (("link", circle.radius_mm if circle else None), ("long-link", _long_mm(rig))):
+        if length_mm is not None and length_mm <= BED_MM:
+            parts.append(_link(bought, name, length_mm))
+    return tuple(parts)
+
+
+def remarks_of(rig: Rig, bought: Bought) -> list[str]:
+    """Return what a person must know beside the parts: what no usual bed holds, and where the holder stands."""
+    lengths = {"the long link": _long_mm(rig)}
+    if rig.tests.touch and rig.tests.touch.distances:
+        lengths["the bar of two sockets"] = rig.tests.touch.distances[0].distance_mm + 2 * seat_of(bought).outside
+    remarks = [
+        f"{name} is {length:g} mm long, and a usual bed {BED_MM:g} mm: screw two sockets on a flat bar of steel or "
+        "aluminium, and measure over the balls"
+        for name, length in lengths.items()
+        if length is not None and length > BED_MM
+    ]
+    if rig.tests.touch and (aside_mm := math.hypot(*rig.tests.touch.ball_mm[:2])):
+        remarks.append(f"the rig file has the ball {aside_mm:.0f} mm beside the tool's axis: mount the holder there")
+    return remarks
+
+
+def _long_mm(rig: Rig) -> float | None:
+    return rig.tests.hemisphere.radius_mm if rig.tests.hemisphere else None
+
+
+def _hole(bought: Bought) -> list[tuple[float, float]]:
+    """The inside of a socket from its rim down: cone, bore of the magnet, countersunk screw; heights above the bed."""
+    seat = seat_of(bought)
+    if bought.screw not in _SCREWS:
+        raise UseError("--screw", f"{bought.screw} is none of {', '.join(_SCREWS)}", "give one of them")
+    clearance, head = (diameter / 2 for diameter in _SCREWS[bought.screw])
+    if head > seat.bore:
+        what = f"the head of an {bought.screw} does not pass the bore of a magnet of {bought.magnet_mm[0]:g} mm"
+        raise UseError("--screw", what, "take a smaller screw or a wider magnet")
+    floor = seat.magnet_top - bought.magnet_mm[1]
+    bottom = floor - (head - clearance) - _FLOOR_MM
+    inside = [(seat.rim, seat.rim), (seat.bore, seat.bore), (seat.bore, floor), (head, floor)]
+    inside += [(clearance, floor - (head - clearance)), (clearance, bottom)]
+    return [(radius, height - bottom) for radius, height in inside]
+
+
+def _socket(bought: Bought, count: int) -> PrintedPart:
+    seat, hole = seat_of(bought), _hole(bought)
+    outside = [(seat.outside, 0.0), (seat.outside, hole[0][1])]
+    section = [*reversed(outside), *reversed(hole)]
+    about = f"fixed in the cell with an {bought.screw} from above, then the magnet is glued in; print it upright"
+    return PrintedPart("socket", count, turned(section), section, about, _socket_numbers(bought))
+
+
+def _socket_numbers(bought: Bought) -> dict[str, float]:
+    seat, hole = seat_of(bought), _hole(bought)
+    top = hole[0][1]
+    return {
+        "ball": bought.ball_mm, "height": top, "ball's centre above the foot": top + seat.centre - seat.rim,
+        "outside diameter": 2 * seat.outside, "bore of the magnet": 2 * seat.bore,
+        "bore for the screw": 2 * hole[-1][0],
+    }  # fmt: skip
+
+
+def _bar(bought: Bought, distance_mm: float) -> PrintedPart:
+    seat, hole = seat_of(bought), _hole(bought)
+    top = hole[0][1]
+    section = [(seat.outside, top), (seat.outside, 0.0), *reversed(hole)]
+    numbers = {"distance of the sockets": distance_mm, "over both balls": distance_mm + bought.ball_mm}
+    numbers |= {"length": distance_mm + 2 * seat.outside, "width": 2 * seat.outside} | _socket_numbers(bought)
+    about = "two sockets in one piece, and the fixture on which a link is set: measure it over both balls"
+    return PrintedPart("bar", 1, bar(hole, distance_mm, seat.outside), section, about, numbers)
+
+
+def _holder(bought: Bought, asked_mm: float) -> PrintedPart:
+    """The ball's holder on the tool: its centre is as far from the foot as the rig file says, as far as that prints."""
+    seat = seat_of(bought)
+    height = min(max(asked_mm, _SHORTEST_HOLDER_MM), _LONGEST_HOLDER_MM)
+    rim = height - (seat.centre - seat.contact)
+    neck, tapped = seat.contact + _NECK_MM, _TAPPED_MM / 2
+    foot = max(_FOOT_RADIUS_MM, neck)
+    section = [
+        (0.0, rim - seat.contact), (seat.contact, rim), (seat.contact + _RIM_MM, rim), (neck, rim - _WALL_MM),
+        (neck, _FOOT_MM), (foot, _FOOT_MM), (foot, 0.0), (tapped, 0.0),
+        (tapped, _TAPPED_DEEP_MM), (0.0, _TAPPED_DEEP_MM + tapped),
+    ]  # fmt: skip
+    numbers = {
+        "ball": bought.ball_mm, "ball's centre above the foot": height, "hole for the M6": _TAPPED_MM,
+        "neck": 2 * neck, "foot": 2 * foot,
+    }  # fmt: skip
+    about = "on the tool or in the gripper, with an M6 from below; the ball is glued into the cone with epoxy"
+    return PrintedPart("holder", 1, turned(section), section, about, numbers)
+
+
+def _link(bought: Bought, name: str, length_mm: float) -> PrintedPart:
+    """A rod with a cone at each end, so long from ball to ball as the radius of its test; the lower magnet's bore ends
+    in a cone beyond a shelf, since a flat ceiling does not print without supports."""
+    seat = seat_of(bought)
+    top = length_mm / 2 - (seat.centre - seat.rim)
+    depth = seat.rim - (seat.magnet_top - bought.magnet_mm[1])
+    shelf = seat.bore - _SHELF_MM
+    if 2 * (top - depth) - shelf < _FLOOR_MM:
+        what = f"a link of {length_mm:g} mm has no room for two magnets of {bought.magnet_mm[1]:g} mm"
+        raise UseError("--magnet-mm", what, "take thinner ones")
+    upper = [(0.0, top - depth), (seat.bore, top - depth), (seat.bore, top - (seat.rim - seat.bore)), (seat.rim, top)]
+    upper.append((seat.outside, top))
+    lower = [(radius, -height) for radius, height in reversed(upper[1:])]
+    whole = [*upper, *lower, (shelf, depth - top), (0.0, depth - top + shelf)]
+    section = [(radius, height + top) for radius, height in whole]
+    numbers = {"ball": bought.ball_mm, "ball to ball": length_mm, "length": 2 * top, "diameter": 2 * seat.outside}
+    about = "to lead the arm around the ball by hand (rig circle fit, rig ball fit); plastic is no length to measure by"
+    return PrintedPart(name, 1, turned(section), section, about, numbers | {"bore of the magnet": 2 * seat.bore})

@@ -1,0 +1,190 @@
+"""Runs after a repair against runs before it: the difference of each figure, and whether the spread explains it.
+
+The spread between runs is pooled over both sides, and with that of the robot's history where the runs lie beside one:
+two runs a side hardly show it. A difference then has Student's law, and 2 u hold 95.45 % of it. As many figures are
+compared, the probability that a repair that does nothing seems to do something is shared among them (Bonferroni).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.apps.plant.changes import FALSE_ALARMS, trend_of
+from analysis.apps.plant.history import WATCHED, label_of, title_of
+from analysis.apps.plant.history_file import FILE, Unusable, read_records
+from analysis.apps.plant.records import Record, fingerprint_of, in_time, record_of
+from analysis.procedures.shared.quantity import Quantity, student_factor
+from analysis.runs.loading import refuse_copies
+from analysis.runs.tabular import for_json
+from daq.store import load_manifest
+from rigs.errors import FileError
+
+_FEWEST_OF_HISTORY = 10
+"""Runs of a series from which its history shows a spread; fewer add nothing to the runs that are compared."""
+_EFFICIENCY = 0.37
+"""A median of absolute deviations is as good as a standard deviation of this share of the runs (normal law)."""
+Key = tuple[str, str, str, str]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A figure of one test before and after. difference: after less before, u infinite where no spread is known;
+    explained: the largest difference that the spread between runs explains, infinite where none is known; runs_before,
+    runs_after: how many."""
+
+    title: str
+    figure: str
+    before: float
+    after: float
+    difference: Quantity
+    explained: float
+    runs_before: int
+    runs_after: int
+
+    @property
+    def is_larger(self) -> bool:
+        """Whether the difference is more than the spread between runs explains."""
+        return abs(self.difference.value) > self.explained
+
+    @property
+    def sentence(self) -> str:
+        """What changed and whether that is more than the spread, in words."""
+        change = self.difference
+        if not np.isfinite(change.u):
+            return (
+                f"{self._what} went from {change.rounded(self.before)} to {change.rounded(self.after)} {change.sign}; "
+                + ("a single run on either side shows no spread: repeat them.")
+            )
+        verb = "rose" if change.value > 0 else "fell"
+        than = "more than" if self.is_larger else "within"
+        return (
+            f"{self._what} {verb} from {change.rounded(self.before)} to {change.rounded(self.after)} {change.sign}, "
+            f"by {change.rounded(abs(change.value))} ± {change.rounded_u} {change.sign}: {than} the "
+            f"{change.rounded(self.explained)} {change.sign} that the spread between runs explains."
+        )
+
+    @property
+    def _what(self) -> str:
+        words = label_of(self.figure)
+        return f"{words[0].upper()}{words[1:]} of {self.title}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same for scripts, with its sentence; u is null where no spread is known."""
+        plain: dict[str, Any] = for_json(asdict(self) | {"is_larger": self.is_larger, "sentence": self.sentence})
+        return plain
+
+
+def headlines(compared: Sequence[Difference]) -> list[str]:
+    """What is said first: a sentence for each figure that changed, or why there is none; and what is not known."""
+    larger = [difference.sentence for difference in compared if difference.is_larger]
+    unknown = sum(not np.isfinite(difference.difference.u) for difference in compared)
+    repeat = "record two or more runs on at least one side."
+    if unknown == len(compared):
+        return [f"The spread between runs is not known, so no difference can be judged: {repeat}"]
+    none = ["No figure differs by more than the spread between runs explains."]
+    unjudged = [f"Figures without a known spread between runs, not judged: {unknown}; {repeat}"] if unknown else []
+    return [*(larger or none), *unjudged]
+
+
+def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Difference]:
+    """The differences of all figures that runs on both sides have, by test and program.
+
+    Raises FileError for a run that has no figures or whose readings are given twice, for runs of different robots, and
+    where the sides have no test in common.
+    """
+    both = {run.resolve() for run in after} & {run.resolve() for run in before}
+    for shared in sorted(both):
+        raise FileError(str(shared), "is on both sides", "give it before --against or after it")
+    histories: dict[Path, dict[str, Record]] = {}
+    for directory in dict.fromkeys(Path(run).parent.resolve() for run in (*before, *after)):
+        with suppress(Unusable):
+            histories[directory] = read_records(directory / FILE)[0]
+    now, then = ([_record(run, histories) for run in side] for side in (after, before))
+    records = zip((*before, *after), (*then, *now), strict=True)
+    refuse_copies((path, record.readings) for path, record in records)
+    robots = sorted({record.rig for record in (*now, *then)})
+    if len(robots) > 1:
+        raise FileError(" and ".join(robots), "are different robots", "compare runs of one robot")
+    groups: list[tuple[Key, list[Record], list[Record]]] = [
+        (key, [record for record in then if _key(record) == key], [record for record in now if _key(record) == key])
+        for key in dict.fromkeys(map(_key, now))
+    ]
+    picked = [(key, name, b, a) for key, b, a in groups if b for name in WATCHED if _all_have(name, [*b, *a])]
+    if not picked:
+        problem = "both sides have no test, direction, placement and program in common"
+        raise FileError("--against", problem, "give runs of one test on both sides")
+    return [_difference(key, name, b, a, len(picked), histories) for key, name, b, a in picked]
+
+
+def _record(run: Path, histories: dict[Path, dict[str, Record]]) -> Record:
+    """The record of a run, from the history beside it where that is up to date."""
+    path = run.resolve()
+    manifest = load_manifest(path)
+    try:
+        fingerprint = fingerprint_of(path)
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "check the disk and the rights") from None
+    record = histories.get(path.parent, {}).get(path.name)
+    if record is None or record.fingerprint != fingerprint:
+        record = record_of(path, manifest, fingerprint)
+    if record.problem:
+        raise FileError(str(run), record.problem, "leave it out, or see rig verify")
+    return record
+
+
+def _key(record: Record) -> Key:
+    return record.title, record.placement, record.program, record.corrected
+
+
+def _all_have(figure: str, records: Sequence[Record]) -> bool:
+    return all(figure in record.figures and np.isfinite(record.figures[figure].value) for record in records)
+
+
+def _difference(
+    key: Key,
+    figure: str,
+    before: Sequence[Record],
+    after: Sequence[Record],
+    count: int,
+    histories: dict[Path, dict[str, Record]],
+) -> Difference:
+    from scipy.special import stdtrit  # noqa: PLC0415 - slow to import
+
+    sides = [np.array([record.figures[figure].value for record in side]) for side in (before, after)]
+    then, now = (float(side.mean()) for side in sides)
+    freedom = float(sum(len(side) - 1 for side in sides))
+    squares = float(sum(((side - side.mean()) ** 2).sum() for side in sides))
+    spread, of_history = _spread_of_history(key, figure, histories)
+    freedom, squares = freedom + of_history, squares + of_history * spread**2
+    unit = before[0].figures[figure].unit
+    u = limit = np.inf
+    if freedom > 0:
+        error = float(np.sqrt(squares / freedom * sum(1 / len(side) for side in sides)))
+        u = error * student_factor(freedom)
+        limit = error * float(stdtrit(freedom, 1 - FALSE_ALARMS / count / 2))
+    difference = Quantity(now - then, u, unit)
+    return Difference(title_of(key[0], key[1], key[3]), figure, then, now, difference, limit, len(before), len(after))
+
+
+def _spread_of_history(key: Key, figure: str, histories: dict[Path, dict[str, Record]]) -> tuple[float, float]:
+    """Standard deviation from run to run in the longest history, and its degrees of freedom; 0 and 0 without one."""
+    best: list[Record] = []
+    for records in histories.values():
+        series = [
+            record
+            for record in records.values()
+            if not record.problem and _key(record) == key and _all_have(figure, [record])
+        ]
+        best = max(best, series, key=len)
+    if len(best) < _FEWEST_OF_HISTORY:
+        return 0.0, 0.0
+    quantities = [record.figures[figure] for record in in_time(best)]
+    u = np.nan_to_num(np.array([quantity.u for quantity in quantities]), posinf=0.0)
+    trend = trend_of(np.array([quantity.value for quantity in quantities]), u, 1)
+    return trend.spread, _EFFICIENCY * (len(best) - 1) if trend.spread > 0 else 0.0

@@ -1,0 +1,249 @@
+"""The catalogue of a plant: one SQLite file with each run's figures, so that a run is read once.
+
+It holds nothing that the runs do not, and lies outside their directory, so that nothing recorded is changed and a plant
+on a share that cannot be written is no special case. A file that is damaged or was made by another version of rig is
+made again. SQLite's own locks and journal order what two commands write at once, and what a crash cuts off.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sqlite3
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from analysis.apps.plant import history_file
+from analysis.apps.plant.records import Record, escaped
+from analysis.apps.plant.seen import Examined, Seen
+from rigs.errors import CellError, FileError
+
+VERSION = 1
+"""Version of the tables below; that of the figures is the history's, and rig's own."""
+_OURS = 0x52494746
+"""SQLite's application_id, `RIGF`."""
+_MAGIC, _ID_AT, _HEADER = b"SQLite format 3\0", 68, 100
+"""How an SQLite file begins, and where in its header the application_id stands (sqlite.org/fileformat.html, 1.3)."""
+_WAIT_S = 30.0
+# Tables whose rows hold a record have rowids: without them SQLite puts a row of more than a quarter of a page on pages
+# of its own, which doubles the file.
+_TABLES = """
+create table made_by (rig text not null);
+create table rigs (sha256 text primary key, rig_text text not null) without rowid;
+create table runs (
+    run blob unique not null, folder blob not null, robot text not null, signature text not null,
+    fingerprint text not null, rig text not null, problem text not null, record text not null);
+create index runs_of_robots on runs (folder, robot);
+create table states (
+    folder blob not null, robot text not null, digest text not null, state text not null,
+    primary key (folder, robot)) without rowid;
+"""
+
+Key = tuple[str, str]
+"""A robot: the directory of its runs below the plant's, and its name there."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What the catalogue knows of a run beside its figures; run: its path below the plant's directory; signature: empty
+    where it has to be examined again; robot: empty where its manifest cannot be read."""
+
+    run: str
+    key: Key
+    signature: str
+    fingerprint: str
+    problem: str
+
+
+class Damaged(FileError):
+    """The catalogue cannot be read, so that it has to be made again."""
+
+    def __init__(self, path: Path, why: str) -> None:
+        super().__init__(str(path), f"is damaged ({why})", "start again: it is made again from the runs")
+
+
+def default_path(directory: Path) -> Path:
+    """Where the catalogue of a plant's directory lies: in the user's cache, by a digest of the directory's path."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    name = hashlib.sha256(os.fsencode(directory.resolve())).hexdigest()[:16]
+    return cache / "rig" / f"fleet-{name}.sqlite"
+
+
+def refuse_foreign(path: Path) -> None:
+    """Raise FileError for a file that somebody named and that is no catalogue."""
+    try:
+        if not path.exists():
+            return
+        if not path.is_file():  # a FIFO would be waited for
+            raise FileError(str(path), "is not a regular file", "give another --catalogue")
+        with path.open("rb") as file:
+            header = file.read(_HEADER)
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "give another --catalogue") from None
+    is_ours = header.startswith(_MAGIC) and header[_ID_AT : _ID_AT + 4] == _OURS.to_bytes(4)
+    if header and not is_ours:
+        raise FileError(str(path), "is not a catalogue of rig fleet", "give another --catalogue, or remove the file")
+
+
+def hold_writable(path: Path) -> None:
+    """Raise CellError where no catalogue can be kept at a path."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path.parent).close()
+        if path.exists():
+            path.open("ab").close()
+    except OSError as error:
+        raise _refused(path, error) from None
+
+
+def prepare(path: Path) -> str:
+    """Make a catalogue that can be written, and say in words why a former one was made again, if so.
+
+    Raises CellError where it cannot be made.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _refused(path, error) from None
+    try:
+        why = _set_up(path)
+    except Damaged:
+        why = "was damaged"
+    if why:
+        remove(path)
+        _set_up(path)
+    return why
+
+
+def remove(path: Path) -> None:
+    """Delete a catalogue. Raises CellError."""
+    try:
+        for name in (path, path.with_name(path.name + "-journal")):
+            name.unlink(missing_ok=True)
+    except OSError as error:
+        raise _refused(path, error) from None
+
+
+def _set_up(path: Path) -> str:
+    """Make the tables of an empty file, and say why another cannot go on being used, if so."""
+    made_by = f"{history_file.made_by()}, figures {history_file.VERSION}"
+    with _changing(path) as file:
+        if file.execute("select count(*) from sqlite_master").fetchone()[0]:
+            ids = [file.execute(f"pragma {pragma}").fetchone()[0] for pragma in ("application_id", "user_version")]
+            is_same = ids == [_OURS, VERSION] and file.execute("select * from made_by").fetchall() == [(made_by,)]
+            return "" if is_same else "was made by another version of rig"
+        for statement in _TABLES.split(";\n"):
+            file.execute(statement)
+        file.execute("insert into made_by values (?)", (made_by,))
+        file.execute(f"pragma application_id = {_OURS}")
+        file.execute(f"pragma user_version = {VERSION}")
+    return ""
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+    try:
+        with closing(sqlite3.connect(path, timeout=_WAIT_S, isolation_level=None)) as file:
+            yield file
+    except sqlite3.Error as error:
+        if history_file.is_of_the_system(error):
+            raise _refused(path, error) from None
+        raise Damaged(path, str(error)) from None
+
+
+@contextmanager
+def _changing(path: Path) -> Iterator[sqlite3.Connection]:
+    """The file within one change: all that is written is there afterwards, or nothing."""
+    with _opened(path) as file:
+        file.execute("begin immediate")
+        yield file
+        file.execute("commit")
+
+
+def _refused(path: Path, error: Exception) -> CellError:
+    problem = getattr(error, "strerror", None) or str(error)
+    return CellError(str(path), f"the catalogue cannot be written: {problem}", "give another file: --catalogue FILE")
+
+
+def entries(path: Path) -> dict[str, Entry]:
+    """What the catalogue knows, by run. Raises CellError."""
+    with _opened(path) as file:
+        rows = file.execute("select run, folder, robot, signature, fingerprint, problem from runs order by run")
+        entries_found = (
+            Entry(os.fsdecode(run), (os.fsdecode(folder), robot), *columns) for run, folder, robot, *columns in rows
+        )
+        return {entry.run: entry for entry in entries_found}
+
+
+def keep(path: Path, examined_runs: Iterable[tuple[Seen, Examined | None]]) -> None:
+    """Keep what was found out of runs; None for a run that is gone. Raises CellError."""
+    with _changing(path) as file:
+        for seen, examined in examined_runs:
+            if examined is None:
+                file.execute("delete from runs where run = ?", (os.fsencode(seen.run),))
+            else:
+                record = examined.record
+                sha256 = hashlib.sha256(examined.rig_text.encode("utf-8", "surrogatepass")).hexdigest()
+                file.execute("insert or ignore into rigs values (?, ?)", (sha256, escaped(examined.rig_text)))
+                signature = seen.signature if examined.is_evaluated else ""
+                label = (record.rig, signature, record.fingerprint, sha256)
+                file.execute(
+                    "insert or replace into runs values (?, ?, ?, ?, ?, ?, ?, ?)",
+                    (
+                        os.fsencode(seen.run),
+                        os.fsencode(Path(seen.run).parent),
+                        *label,
+                        escaped(record.problem),
+                        record.as_json,
+                    ),
+                )
+
+
+def forget(path: Path, runs: Iterable[str]) -> None:
+    """Forget runs that are gone. Raises CellError."""
+    with _changing(path) as file:
+        file.executemany("delete from runs where run = ?", [(os.fsencode(run),) for run in runs])
+
+
+def records_of(path: Path, key: Key) -> tuple[list[Record], dict[str, str]]:
+    """The records of a robot's runs, and the rig file of each by the run's name. Raises CellError."""
+    folder, robot = key
+    with _opened(path) as file:
+        rows = file.execute(
+            "select record, rig from runs where folder = ? and robot = ? order by run", (os.fsencode(folder), robot)
+        ).fetchall()
+        texts = dict(
+            file.execute(
+                "select distinct sha256, rig_text from rigs join runs on rig = sha256 where folder = ? and robot = ?",
+                (os.fsencode(folder), robot),
+            )
+        )
+    try:
+        records = [Record.of_json(text) for text, _ in rows]
+    except (TypeError, ValueError) as error:
+        raise Damaged(path, str(error)) from None
+    return records, {record.name: texts.get(rig, "") for record, (_, rig) in zip(records, rows, strict=True)}
+
+
+def states(path: Path) -> dict[Key, tuple[str, str]]:
+    """The digest and the state of each robot as they were kept. Raises CellError."""
+    with _opened(path) as file:
+        rows = file.execute("select folder, robot, digest, state from states").fetchall()
+    return {(os.fsdecode(folder), robot): (digest, state) for folder, robot, digest, state in rows}
+
+
+def keep_states(path: Path, judged: Iterable[tuple[Key, str, str]]) -> None:
+    """Keep the states of robots by their digests. Raises CellError."""
+    with _changing(path) as file:
+        rows = [(os.fsencode(folder), robot, digest, state) for (folder, robot), digest, state in judged]
+        file.executemany("insert or replace into states values (?, ?, ?, ?)", rows)
+
+
+def forget_states(path: Path, keys: Iterable[Key]) -> None:
+    """Forget robots that are gone. Raises CellError."""
+    with _changing(path) as file:
+        rows = [(os.fsencode(folder), robot) for folder, robot in keys]
+        file.executemany("delete from states where folder = ? and robot = ?", rows)

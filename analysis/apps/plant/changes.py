@@ -1,0 +1,278 @@
+"""When a figure of a robot changed: where its scatter from run to run does not explain a rise or a fall.
+
+Each series is held against each shape of a change under each kind of noise (`Shapes`); the score is the logarithm of
+the likelihood ratio between the best shape and no change at all, both with the noise that suits them best, so that
+slow noise is not taken for a change. Where a change is found, the runs before and after it are searched in the same way
+(binary segmentation: A. J. Scott and M. Knott, Biometrics 30 (1974)). A single wild run is left out before (F. R.
+Hampel, J. Am. Stat. Assoc. 69 (1974)).
+
+Many figures of a robot are looked at: the probability of a false alarm is shared among them (Bonferroni), so that it
+holds for the robot. `scripts/dev history` measures it, and how soon and how exactly changes are found.
+
+A shape is a plateau, a straight rise and another plateau; a step is the shortest rise, slow growth one that reaches the
+last run. The noise is white with a slow part that is alike in neighbouring runs (temperature, clamping, one set-up), a
+grid of shares and lengths of it, as decision 0011 has it for laps. Position and size of a change are then those of
+generalised least squares: A. C. Aitken, Proc. R. Soc. Edinburgh 55 (1935).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from analysis.robot.kinematics.arm import Array, Integers, Mask
+
+FEWEST = 4
+"""Runs on either side of a step: fewer are a burst of wild runs, or one set-up."""
+_STARTS = 100
+"""Runs at which a change is looked for at first, evenly over the series; the best is refined to single runs."""
+_ENDS = 25
+"""Places of either end of a rise that are tried when it is refined."""
+_SHARES = (0.25, 0.5, 0.75, 0.9, 0.97)
+_LENGTHS = (1.5, 5.0, 15.0, 50.0)
+"""Share of the slow part in the variance, and the number of runs over which it fades to 1/e."""
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """One kind of noise: rows (n, n) makes it white with variance 1, relative to the variance of a run; log_det: half
+    the logarithm of its determinant; level (n,): the whitened constant, of length 1."""
+
+    rows: Array
+    half_log_det: float
+    level: Array
+
+    @classmethod
+    def of(cls, covariance: Array) -> Whitening:
+        """Return what makes noise white whose covariance (n, n) is relative to the variance of a run, in any unit."""
+        lower = np.linalg.cholesky(covariance)
+        rows = np.linalg.inv(lower)
+        level = rows @ np.ones(len(rows))
+        return cls(rows, float(np.log(np.diag(lower)).sum()), level / np.linalg.norm(level))
+
+    def without_level(self, values: Array) -> Array:
+        """Whitened values (n, m), in any unit, less their least-squares constant."""
+        white = self.rows @ values
+        without: Array = white - np.outer(self.level, self.level @ white)
+        return without
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Rises between runs first (c,) and last (c,) as index numbers, and for each kind of noise their whitened
+    directions (n, c) of length 1."""
+
+    first: Integers
+    last: Integers
+    noises: tuple[Whitening, ...]
+    directions: tuple[Array, ...]
+
+
+@lru_cache(maxsize=3)  # at the most runs some 80 MB each
+def shapes_of(count: int) -> Shapes:
+    """The shapes looked for in a series of `count` runs."""
+    stride = max(1, count // _STARTS)
+    widths = [1]
+    while widths[-1] * 2 < count:
+        widths.append(widths[-1] * 2)
+    pairs = [(a, a + w) for w in widths for a in range(0, count - w, stride)]
+    pairs += [(a, count - 1) for a in range(0, count - 1, stride)]
+    first, last = _allowed(np.array(sorted(set(pairs))), count)
+    noises = whitenings(count)
+    return Shapes(first, last, noises, tuple(directions(noise, first, last) for noise in noises))
+
+
+def refined(count: int, first: int, last: int) -> tuple[Integers, Integers]:
+    """Rises near one of `shapes_of`, to single runs: index numbers of their first (c,) and last (c,) runs."""
+    reach = 2 * max(1, count // _STARTS) + (last - first) // 2
+    near = [np.arange(max(0, at - reach), min(count, at + reach + 1)) for at in (first, last)]
+    if len(near[0]) > _ENDS:  # a long rise: noise hides its ends by more than a run anyway
+        near = [np.unique(np.linspace(ends[0], ends[-1], _ENDS).round().astype(int)) for ends in near]
+    a, b = (grid.ravel() for grid in np.meshgrid(*near, indexing="ij"))
+    return _allowed(np.stack([a, b], axis=1)[a < b], count)
+
+
+def rises(count: int, first: Integers, last: Integers) -> Array:
+    """Shapes (count, c), relative: 0 up to the run of index first (c,), 1 from last (c,) on, straight between."""
+    shape: Array = np.clip((np.arange(count)[:, None] - first) / (last - first), 0.0, 1.0)
+    return shape
+
+
+def directions(noise: Whitening, first: Integers, last: Integers) -> Array:
+    """Whitened rises (n, c) from run first (c,) to last (c,), as index numbers, of length 1."""
+    white = noise.without_level(rises(len(noise.level), first, last))
+    lengths = np.linalg.norm(white, axis=0)
+    unit: Array = white / np.where(lengths > 1e-9, lengths, np.inf)
+    return unit
+
+
+def _allowed(pairs: Integers, count: int) -> tuple[Integers, Integers]:
+    """Rises with enough runs on either side; those of a long rise count as such."""
+    first, last = pairs.T
+    within = (last - first - 1) // 2
+    enough = (first + 1 + within >= FEWEST) & (count - last + within >= FEWEST)
+    return first[enough], last[enough]
+
+
+@lru_cache(maxsize=3)  # at the most runs some 80 MB each
+def whitenings(count: int) -> tuple[Whitening, ...]:
+    """White noise, and each kind with a slow part, for `count` runs."""
+    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    kinds = [np.eye(count)]
+    kinds += [share * np.exp(-apart / length) + (1 - share) * np.eye(count) for share in _SHARES for length in _LENGTHS]
+    return tuple(map(Whitening.of, kinds))
+
+
+FALSE_ALARMS = 0.01
+"""The probability that anything is reported of a robot that does not change."""
+NEWEST = 500
+"""Runs of a series in which changes are looked for, the newest: time and memory grow with their square."""
+_CHANCE = 6.5
+"""P(score > s) <= exp(_CHANCE - s) without a change: simulated for 10 to 300 runs, white noise and slow parts of 50 to
+90 % over 1.5 to 50 runs, 1500 to 4000 series each; the worst had their 99 % at 11.2 and their 99.9 % at 14.1."""
+_WINDOW, _WILD = 7, 4.0
+"""Runs of the running median, and the spreads beyond which a single run is wild."""
+_SLOWER = 2.0
+"""The score of a longer rise has to be above that of the best step by so much."""
+_TO_SD, _MEAN_TO_SD = 1.4826, 1.2533
+"""Standard deviation of a normal law over its median, and over its mean, absolute deviation."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A figure went from `before` to `after`, in its unit, between the runs of index first and last; u: standard
+    uncertainty of the difference by the scatter of the runs; chance: how probable such a series is without a change,
+    over all figures of the robot; is_last: the rise reaches the last run and may go on."""
+
+    first: int
+    last: int
+    before: float
+    after: float
+    u: float
+    chance: float
+    is_last: bool
+
+
+@dataclass(frozen=True)
+class Trend:
+    """What was found in a series: its changes in order of time; wild (n,): which runs were left out; spread: standard
+    deviation from run to run, in the figure's unit, which changes and wild runs do not add to; zero where most runs
+    repeat one value, and nan of a single run."""
+
+    changes: tuple[Change, ...]
+    wild: Mask
+    spread: float
+
+
+@dataclass(frozen=True)
+class _Best:
+    first: int
+    last: int
+    score: float
+    noise: Whitening
+
+
+def trend_of(values: Array, u: Array, series: int) -> Trend:
+    """The changes in a series of values (n,) with standard uncertainties u (n,), in one unit, in order of time; series:
+    how many such series of the robot are looked at."""
+    wild = wild_runs(values, u)
+    # Standard deviation from one run to the next, which a step or a slow rise hardly changes; none of a single run.
+    steps = np.abs(np.diff(values[~wild]))
+    spread = float(_TO_SD * np.median(steps) / np.sqrt(2)) if len(steps) else float("nan")
+    kept = np.flatnonzero(~wild)[-NEWEST:]
+    candidates = _changes(values[kept], series)
+    if spread == 0:
+        # Most runs repeat the value before: one that is floored at zero, or read in steps. What is less than a run is
+        # known by is no change then: among many zeros a few small values may lie side by side.
+        least = float(np.median(u[~wild]))
+        candidates = [change for change in candidates if abs(change.after - change.before) > least > 0]
+    changes = [replace(change, first=int(kept[change.first]), last=int(kept[change.last])) for change in candidates]
+    return Trend(tuple(changes), wild, spread)
+
+
+def wild_runs(values: Array, u: Array) -> Mask:
+    """Which runs (n,) differ from those about them by more than the scatter of runs explains; values and u (n,) in one
+    unit."""
+    count = len(values)
+    if count < _WINDOW:
+        return np.zeros(count, dtype=np.bool_)
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(values, _WINDOW), axis=1)
+    half = _WINDOW // 2
+    away = np.abs(values - medians[np.clip(np.arange(count) - half, 0, len(medians) - 1)])
+    usual = _TO_SD * float(np.median(away)) or _MEAN_TO_SD * float(np.mean(away))  # where most runs repeat one value
+    scale = max(usual, float(np.median(u)))
+    wild: Mask = away > _WILD * scale
+    return wild
+
+
+def _changes(values: Array, series: int) -> list[Change]:
+    count = len(values)
+    if count < 2 * FEWEST or np.ptp(values) == 0:
+        return []
+    step, rise = _best(values)
+    chance = series * np.exp(_CHANCE - max(step.score, rise.score))
+    if chance > FALSE_ALARMS:
+        return []
+    step, rise = _refined(values, step), _refined(values, rise)
+    best = rise if rise.score > step.score + _SLOWER else step
+    # The change with its levels, by generalised least squares
+    shape = rises(count, np.array([best.first]), np.array([best.last]))
+    design = best.noise.rows @ np.concatenate([np.ones((count, 1)), shape], axis=1)
+    white = best.noise.rows @ values
+    (level, size), *_ = np.linalg.lstsq(design, white, rcond=None)
+    residuals = white - design @ np.array([level, size])
+    variance = float(residuals @ residuals) / max(count - 4, 1) * np.linalg.inv(design.T @ design)[1, 1]
+    is_last = best.last == count - 1 and best.last - best.first > 1
+    change = Change(
+        best.first, best.last, float(level), float(level + size), float(np.sqrt(variance)), float(chance), is_last
+    )
+    earlier = _changes(values[: best.first + 1], series)
+    later = _changes(values[best.last :], series)
+    # A rise that ends where the runs before the next change end has not reached the last run.
+    return [
+        *(replace(change, is_last=False) for change in earlier),
+        change,
+        *(replace(change, first=change.first + best.last, last=change.last + best.last) for change in later),
+    ]
+
+
+def _best(values: Array) -> tuple[_Best, _Best]:
+    """The step and the longer rise of the highest scores, each with the noise that suits it."""
+    shapes = shapes_of(len(values))
+    without, scores = -np.inf, []
+    for noise, unit in zip(shapes.noises, shapes.directions, strict=True):
+        level, score = _likelihoods(values, noise, unit)
+        without = max(without, level)
+        scores.append(score)
+    table = np.array(scores) - without
+    is_step = shapes.last - shapes.first == 1
+
+    def best(which: Mask) -> _Best:
+        k, shape = np.unravel_index(np.argmax(np.where(which, table, -np.inf)), table.shape)
+        return _Best(int(shapes.first[shape]), int(shapes.last[shape]), float(table[k, shape]), shapes.noises[k])
+
+    return best(is_step), best(~is_step)
+
+
+def _refined(values: Array, best: _Best) -> _Best:
+    """The shape to single runs; its score rises by that, which the chance of a false alarm does not count."""
+    first, last = refined(len(values), best.first, best.last)
+    is_alike = (last - first == 1) == (best.last - best.first == 1)
+    first, last = first[is_alike], last[is_alike]
+    _, scores = _likelihoods(values, best.noise, directions(best.noise, first, last))
+    _, before = _likelihoods(values, best.noise, directions(best.noise, np.array([best.first]), np.array([best.last])))
+    k = int(np.argmax(scores))
+    return _Best(int(first[k]), int(last[k]), best.score + float(scores[k] - before[0]), best.noise)
+
+
+def _likelihoods(values: Array, noise: Whitening, unit: Array) -> tuple[float, Array]:
+    """Log-likelihoods without a change, and (c,) with each of these whitened shapes (n, c), the size of the noise and
+    of the change being those that suit best."""
+    count = len(values)
+    white = noise.without_level(values[:, None])[:, 0]
+    total = float(white @ white)
+    squares = np.maximum(total - (unit.T @ white) ** 2, 1e-12 * total)
+    scores: Array = -count / 2 * np.log(squares) - noise.half_log_det
+    return -count / 2 * float(np.log(total)) - noise.half_log_det, scores

@@ -1,0 +1,131 @@
+"""`rig compare RUN…`: simulation and measurement laid over each other; `--against RUN…`: before and after a repair.
+
+Two rig files in the place of runs: two arms of one model, pose by pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from analysis.cli import completion
+from analysis.cli.commands import Command, app, command
+from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow
+from rigs.errors import UseError
+
+_AGAINST = "--against"
+_ARMS = 2
+
+
+class _ManyAgainst(Command):
+    """A command whose option --against takes all the runs that follow it, as a shell's wildcard gives them."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        # The arguments with --against before each of the runs that follow it, up to the next option
+        words, is_against = [], False
+        for argument in args:
+            if argument.startswith("-"):
+                is_against = argument == _AGAINST
+                words += [] if is_against else [argument]
+            else:
+                words += [_AGAINST, argument] if is_against else [argument]
+        return super().parse_args(ctx, [*words, _AGAINST] if args and args[-1] == _AGAINST else words)
+
+
+@command(app, "rig compare runs/after-* --against runs/before-*", cls=_ManyAgainst)
+def compare(
+    runs: RobotRunsBelow,
+    against: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="RUN…",
+            autocompletion=completion.runs,
+            help="Runs before a repair, if RUN… are those after it; default: the simulation.",
+        ),
+    ] = None,
+    rig_file: ModelRig = None,
+    unseen: Annotated[
+        list[Path] | None,
+        typer.Option(
+            autocompletion=completion.runs,
+            help="Run directory at another place or radius, with a set-up of its own; repeatable; default: none.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Directory for a picture of each run, and one of where they disagree; default: write none."),
+    ] = None,
+) -> None:
+    """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side.
+
+    With --against: show by how much each figure differs from runs before a repair, and whether the spread explains it.
+
+    With two rig files in place of runs: show how far apart two arms of one model are, pose by pose.
+    """
+    from analysis.cli.several import runs_below
+
+    if len(runs) == _ARMS and all(path.suffix in (".yaml", ".yml") and path.is_file() for path in runs):
+        if against or rig_file or plot or unseen:
+            raise UseError("ARM ARM", "two arms are compared without runs", "leave the options but --json out")
+        _arms(runs[0], runs[1], as_json)
+        return
+    runs = runs_below(runs)
+    if against:
+        if rig_file or plot or unseen:
+            raise UseError(_AGAINST, "compares runs and draws no simulation", "leave --rig, --unseen and --plot out")
+        _before_and_after(runs, runs_below(against), as_json)
+        return
+    import analysis
+    from analysis.cli.console import progress_of
+    from analysis.report import comparison_report
+    from analysis.report.plain_console import PlainConsole
+
+    with progress_of() as progress:
+        measured = [analysis.load_run(path) for path in runs]
+        progress(f"simulating {len(measured)} runs")
+        elsewhere = [analysis.load_run(path) for path in runs_below(unseen or ())]
+        compared = analysis.compare(measured, rig_file, unseen=elsewhere)
+    if plot:
+        with progress_of("drawing the pictures"):
+            pictures = list(comparison_report.save_pictures(compared, plot))
+        for path in pictures:
+            say(path, err=True)
+    if as_json:
+        say_json(compared.to_dict())
+    else:
+        PlainConsole().print(comparison_report.as_tables(compared))
+
+
+def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bool) -> None:
+    from analysis.apps.plant.before_after import differences
+    from analysis.apps.plant.history_screen import as_differences
+    from analysis.cli.console import progress_of
+    from analysis.cli.several import distinct
+    from analysis.report.plain_console import PlainConsole
+
+    with progress_of():
+        changes = differences(list(distinct(after)), list(distinct(before)))
+    if as_json:
+        say_json({"differences": [change.to_dict() for change in changes]})
+    else:
+        PlainConsole().print(as_differences(changes))
+
+
+def _arms(first: Path, second: Path, as_json: bool) -> None:
+    from analysis.cli.console import progress_of
+    from analysis.correction.arms_apart import arms_apart
+    from analysis.report.listings import arms_apart_tables
+    from analysis.report.plain_console import PlainConsole
+    from rigs.load import load
+
+    with progress_of("comparing the arms"):
+        apart = arms_apart(load(first)[0], load(second)[0])
+    if as_json:
+        say_json(apart.to_dict())
+    else:
+        PlainConsole().print(arms_apart_tables(apart))

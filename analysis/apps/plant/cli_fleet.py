@@ -1,0 +1,105 @@
+"""`rig fleet DIR|URL`: the robots of a plant, what needs attention first."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli.commands import app, command
+from analysis.cli.console import CountedProgress, say, say_json
+from analysis.cli.options import AsJson, Jobs, Scheduler, location
+
+if TYPE_CHECKING:
+    from analysis.apps.plant.collect import Workers
+    from analysis.apps.plant.gather import Fleet, Progress
+
+
+@command(app, "rig fleet /srv/plant -o plant.html")
+def fleet(
+    directory: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR|URL", parser=location, help="Directory of the plant: every run below it, however deep."
+        ),
+    ],
+    as_json: AsJson = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE.html",
+            help="Page to write, and one of each robot beside it; default: none.",
+        ),
+    ] = None,
+    parquet: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Table to write of every figure of every run; default: none.")
+    ] = None,
+    catalogue: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Catalogue of the figures; default: in the user's cache.")
+    ] = None,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+) -> None:
+    """List the robots of a plant: state against limits, what changed and since when, runs and doubts.
+
+    A robot is a name of a rig file in one directory of runs. Runs that
+    are as they were are not read again: a catalogue keeps their figures."""
+    from analysis.apps.plant import catalogue as kept
+    from analysis.apps.plant.collect import Workers
+    from analysis.apps.plant.gather import gather
+    from rigs.errors import CellError
+
+    if output:
+        from analysis.report.html_page import hold_page
+
+        hold_page(output)
+    if parquet:
+        from analysis.runs.written_files import refuse_foreign
+
+        refuse_foreign(parquet, "--parquet")
+    if catalogue:
+        kept.refuse_foreign(catalogue)
+    workers, progress = Workers(jobs, scheduler), CountedProgress()
+    with ExitStack() as until_written:
+        file = catalogue or kept.default_path(directory)
+        if not catalogue:
+            try:
+                kept.hold_writable(file)
+            except CellError as error:  # one for this time, since it only saves time
+                say(f"{error.where}: {error.what}; every run is read again each time: give --catalogue FILE", err=True)
+                file = Path(until_written.enter_context(TemporaryDirectory())) / file.name
+        try:
+            with progress:
+                plant = gather(directory, file, workers, progress)
+            _write(plant, output, parquet, workers, progress)
+        except kept.Damaged:
+            kept.remove(file)  # the error says that the next start makes it again
+            raise
+    from analysis.apps.plant import fleet_screen as screen
+
+    if as_json:
+        say_json(screen.as_object(plant))
+    else:
+        from analysis.report.plain_console import PlainConsole
+
+        PlainConsole().print(screen.as_screen(plant))
+
+
+def _write(plant: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:
+    """Write what was asked for."""
+    if parquet:
+        from analysis.apps.plant.fleet_screen import write_figures
+
+        write_figures(plant, parquet)
+        say(f"table: {parquet}", err=True)
+    if output:
+        from analysis.apps.plant.fleet_page import write_pages
+
+        for line in write_pages(plant, output, workers, progress):
+            say(f"warning: {line}", err=True)
+        say(f"page: {output}", err=True)

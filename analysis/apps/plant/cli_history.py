@@ -1,0 +1,107 @@
+"""`rig history ROBOT`: every figure of a robot over its runs, what changed and when."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli import completion
+from analysis.cli.commands import app, command
+from analysis.cli.console import CountedProgress, say, say_json
+from analysis.cli.options import AsJson, Jobs, Scheduler, location
+
+if TYPE_CHECKING:
+    from analysis.apps.plant.collect import Collected, Workers
+
+
+@command(app, "rig history ur10e --since 2026-01-01 -o history.html")
+def history(
+    robot: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT",
+            autocompletion=completion.robots,
+            help="Name of the rig file, or of the robot in it.",
+        ),
+    ],
+    runs: Annotated[
+        Path,
+        typer.Option(metavar="DIR|URL", parser=location, help="Directory that holds the runs, or directories of them."),
+    ] = Path("runs"),
+    figure: Annotated[
+        str | None, typer.Option(metavar="NAME", help="One figure, as band_deg; default: those that show the robot.")
+    ] = None,
+    since: Annotated[
+        datetime | None, typer.Option(metavar="YYYY-MM-DD", formats=["%Y-%m-%d"], help="First day; default: all runs.")
+    ] = None,
+    rig_file: Annotated[
+        str | None, typer.Option("--rig", help="Rig file with the limits; default: that of the newest run.")
+    ] = None,
+    as_json: AsJson = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print a line of CSV for each run and figure.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE.html", help="Page to write; default: write none.")
+    ] = None,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+) -> None:
+    """Show each figure of a robot over time, and report what changed by more than the scatter between its runs."""
+    from analysis.apps.plant.collect import Workers
+    from analysis.apps.plant.history import history_of
+    from rigs.errors import UseError
+    from rigs.load import load
+    from rigs.text import as_argument
+
+    if as_json and as_csv:
+        raise UseError("--json and --csv", "cannot both be printed", "give one of them")
+    if output:
+        from analysis.report.html_page import hold_page
+
+        hold_page(output)
+    if Path(robot).is_dir() and runs == Path("runs") and (robot != Path(robot).name or not runs.is_dir()):
+        remedy = f"give its name: rig history NAME --runs {as_argument(robot)}"
+        raise UseError(robot, "is a directory, and a history is of a robot", remedy)
+    collected = _collected(runs, robot, Workers(jobs, scheduler))
+    limits = load(rig_file)[0].limits if rig_file else None
+    history_found = history_of(collected, figure, since.date() if since else None, limits)
+    if output:
+        from analysis.apps.plant.history_page import write_page
+
+        write_page(history_found, output)
+        say(f"page: {output}", err=True)
+    from analysis.apps.plant import history_screen as screen
+
+    if as_json:
+        say_json(screen.as_object(history_found))
+    elif as_csv:
+        import io
+
+        from analysis.runs.written_files import write_csv
+
+        text = io.BytesIO()
+        write_csv(screen.as_table(history_found.series), text)
+        for line in text.getvalue().decode().splitlines():
+            say(line)
+    else:
+        from analysis.report.plain_console import PlainConsole
+
+        PlainConsole().print(screen.as_screen(history_found))
+
+
+def _collected(data: Path, robot: str, workers: Workers) -> Collected:
+    """The runs of the robot; of those elsewhere the catalogue that `rig fleet` keeps knows what has not changed."""
+    from analysis.runs.batch.remote_path import RemotePath
+
+    if isinstance(data, RemotePath):
+        from analysis.apps.plant.catalogue import default_path
+        from analysis.apps.plant.gather import collect_by_catalogue
+
+        return collect_by_catalogue(data, robot, default_path(data), workers, CountedProgress())
+    from analysis.apps.plant.collect import collect
+
+    shown = partial(CountedProgress(), "evaluating runs that are new or have changed")
+    return collect(data, robot, shown, workers)

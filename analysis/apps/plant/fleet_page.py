@@ -1,0 +1,92 @@
+"""The robots of a plant as a page, a row each, which opens the history of that robot on a page beside it."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import quote
+
+from analysis.apps.plant.catalogue import Damaged, Key
+from analysis.apps.plant.collect import Workers
+from analysis.apps.plant.fleet_screen import WORDS, doubts_of, names_of, origin, reading, simulated_share, summary
+from analysis.apps.plant.gather import Fleet, Progress, collected_in
+from analysis.apps.plant.history import history_of
+from analysis.apps.plant.history_file import made_by
+from analysis.apps.plant.robot_state import Attention, State
+from analysis.report.html_page import environment, write_html
+from analysis.runs.batch.each import each
+from analysis.runs.batch.outcomes import Failed
+
+_STANDINGS: dict[Attention, str] = {"beyond": "fail", "watch": "watch", "unreadable": "watch", "changed": "watch"}
+"""Which colour and sign of the report a robot's state has; the others pass."""
+_HEAD_BYTES = 2000
+"""Within so many bytes of its begin a page says what it was made of."""
+
+
+@dataclass(frozen=True)
+class _Page:
+    """A robot's page to write: its catalogue and key there, what it is made of, and the page of the plant."""
+
+    path: Path
+    catalogue: Path
+    key: Key
+    made_of: str
+    overview: str
+
+
+def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) -> list[str]:
+    """Write the page of the plant, and of each robot the page of its history that is not there yet as it has to be.
+
+    Gives a line for each robot whose page could not be written. Raises FileError where the page cannot be written
+    or the catalogue be read.
+    """
+    folder = path.with_name(f"{path.stem}-robots")
+    pages = [_page(fleet, state, folder, path) for state in fleet.robots if state.runs]
+    fresh = [page for page in pages if not _is_current(page)]
+    failed: list[str] = []
+    for done, outcome in enumerate(each(_write, fresh, jobs=workers.jobs), 1):
+        if isinstance(outcome, Failed):
+            if isinstance(outcome.error, Damaged):
+                raise outcome.error
+            failed.append(f"{outcome.item.path}: {outcome.error.what}")
+        progress("drawing the pages of robots", done, len(fresh))
+    links = {page.key: quote(f"{folder.name}/{page.path.name}") for page in pages if page.path.exists()}
+    named = zip(fleet.robots, names_of(fleet), strict=True)
+    template = environment().get_template("fleet.html")
+    html = template.render(
+        title=fleet.directory.resolve().name or str(fleet.directory),
+        origin=origin(fleet),
+        simulated_share=simulated_share,
+        summary=summary(fleet),
+        doubts=doubts_of(fleet) + failed,
+        rows=[(state, name, links.get((state.folder, state.robot))) for state, name in named],
+        words=WORDS,
+        standings=_STANDINGS,
+        reading=reading(fleet),
+    )
+    write_html(html, path)
+    return failed
+
+
+def _page(fleet: Fleet, state: State, folder: Path, overview: Path) -> _Page:
+    key = (state.folder, state.robot)
+    plain = re.sub(r"[^A-Za-z0-9_.-]", "_", state.robot).lstrip(".")[:60]
+    digest = hashlib.sha256(repr(key).encode("utf-8", "surrogatepass")).hexdigest()[:8]  # names may differ in odd signs
+    made_of = f"{made_by()} {fleet.digests[key]}"
+    return _Page(folder / f"{plain}-{digest}.html", fleet.catalogue, key, made_of, quote(f"../{overview.name}"))
+
+
+def _is_current(page: _Page) -> bool:
+    with suppress(OSError), page.path.open("rb") as file:
+        return f'name="made-of" content="{page.made_of}"'.encode() in file.read(_HEAD_BYTES)
+    return False
+
+
+def _write(page: _Page) -> None:
+    from analysis.apps.plant.history_page import write_page  # noqa: PLC0415 - matplotlib, which no current page needs
+
+    history = history_of(collected_in(page.catalogue, page.key))
+    write_page(history, page.path, made_of=page.made_of, overview=page.overview)

@@ -1,0 +1,196 @@
+"""The robots of a plant on a terminal and as JSON; and every figure of every run as one Parquet file: a row a figure,
+for DuckDB, pandas and Power BI.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict
+from datetime import UTC
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from analysis.apps.plant.catalogue import Key
+from analysis.apps.plant.collect import Collected
+from analysis.apps.plant.gather import Fleet, collected_in
+from analysis.apps.plant.history_words import without_figures
+from analysis.apps.plant.records import Record, escaped
+from analysis.apps.plant.robot_state import ORDER, Attention, State
+from analysis.report.origins import simulated_runs
+from analysis.report.plain_console import whole
+from analysis.runs.tabular import for_json
+from daq.store import durable
+from rigs.errors import FileError
+from rigs.text import plain
+
+WORDS: dict[Attention, str] = {
+    "beyond": "beyond a limit",
+    "watch": "watch",
+    "unreadable": "no figures",
+    "changed": "has changed",
+    "within": "within limits",
+    "unlimited": "no limits",
+}
+_STYLES: dict[Attention, str] = {"beyond": "bold red", "watch": "yellow", "unreadable": "yellow", "changed": "yellow"}
+
+
+def as_screen(fleet: Fleet) -> RenderableType:
+    """A sentence, a line for each robot, and what was left out."""
+    doubts = (Text(line, style="yellow") for line in doubts_of(fleet))
+    simulated = [Text(line, style="yellow") for line in filter(None, [origin(fleet)])]
+    summed_up = Text(summary(fleet), style="bold")
+    table = Table(header_style="bold", box=None, padding=(0, 1))
+    table.add_column("robot")
+    table.add_column("state")
+    table.add_column("nearest to its limit")
+    table.add_column("what changed")
+    table.add_column("last run", no_wrap=True)
+    table.add_column("runs", justify="right", no_wrap=True)
+    for state, name in zip(fleet.robots, names_of(fleet), strict=True):
+        standing = Text(WORDS[state.attention], style=_STYLES.get(state.attention, ""))
+        share = [Text(simulated_share(state), style="yellow")] if state.simulated else []
+        robot = Text("\n").join([Text(name), *share])
+        # The figure nearest to its limit, the tests, and what to know before trusting it, a line each
+        lines = [Text(state.worst)] if state.worst else []
+        lines += [Text(", ".join(state.tests), style="dim")] if state.tests else []
+        lines += [Text(plain(", ".join(state.doubts)), style="yellow")] if state.doubts else []
+        table.add_row(robot, standing, Text("\n").join(lines), state.trend, state.last[:10], str(state.runs))
+    return Group(*simulated, summed_up, whole(table), *doubts, Text(reading(fleet), style="dim"))
+
+
+def origin(fleet: Fleet) -> str:
+    """Say whether runs are simulated; empty where none is."""
+    return simulated_runs(sum(state.simulated for state in fleet.robots), sum(state.runs for state in fleet.robots))
+
+
+def simulated_share(state: State) -> str:
+    """How many runs of a robot are simulated, as it stands beside its name; empty where none is."""
+    if not state.simulated:
+        return ""
+    return "simulated" if state.simulated == state.runs else f"{state.simulated} of {state.runs} simulated"
+
+
+def summary(fleet: Fleet) -> str:
+    """How many robots there are, and how many of them stand how."""
+    counts = [(sum(state.attention == reason for state in fleet.robots), WORDS[reason]) for reason in ORDER]
+    words = ", ".join(f"{count} {word}" for count, word in counts if count)
+    return f"{len(fleet.robots)} {'robot' if len(fleet.robots) == 1 else 'robots'}: {words or 'none is known'}."
+
+
+def reading(fleet: Fleet) -> str:
+    """How many runs there are, and how many of them had to be read."""
+    gone = f", {fleet.gone} gone" if fleet.gone else ""
+    return f"{fleet.runs} runs, {fleet.examined} of them read (new, changed, or unreadable the last time){gone}"
+
+
+def doubts_of(fleet: Fleet) -> list[str]:
+    """What to know of the catalogue, and runs that are left out: those of no known robot, then each robot's."""
+    left_out = [*fleet.strays]
+    left_out += [(str(Path(state.folder, run)), why) for state in fleet.robots for run, why in state.without_figures]
+    return [*fleet.notes, *without_figures(left_out)]
+
+
+def names_of(fleet: Fleet) -> list[str]:
+    """The name of each robot, in their order; with its directory where another has the same name."""
+    times = Counter(state.robot for state in fleet.robots)
+    return [
+        plain(state.robot if times[state.robot] == 1 else f"{state.robot} in {state.folder}") for state in fleet.robots
+    ]
+
+
+def as_object(fleet: Fleet) -> dict[str, Any]:
+    """The same for scripts, with every run that was left out and why."""
+    plain: dict[str, Any] = for_json(
+        {
+            "directory": str(fleet.directory),
+            "catalogue": str(fleet.catalogue) if fleet.catalogue.exists() else None,  # kept for this time alone
+            "robots": [
+                asdict(state) | {"attention": state.attention, "without_figures": dict(state.without_figures)}
+                for state in fleet.robots
+            ],
+            "without_robot": dict(fleet.strays),
+            "notes": list(fleet.notes),
+            "runs": fleet.runs,
+            "runs_read": fleet.examined,
+            "runs_gone": fleet.gone,
+        }
+    )
+    return plain
+
+
+def write_figures(fleet: Fleet, path: Path) -> None:
+    """Write the table, in place of a file that is there, which stays until the new one is whole; in memory is one robot
+    at a time. A run without figures has one row, whose `problem` says why.
+
+    Raises FileError where it cannot be written.
+    """
+    import pyarrow as pa  # noqa: PLC0415 - slow to import, needed for Parquet only
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    words = pa.dictionary(pa.int32(), pa.string())
+    columns = dict.fromkeys(("robot", "folder"), words) | {"run": pa.string(), "started_utc": pa.timestamp("ms")}
+    columns |= dict.fromkeys(("test", "direction", "placement", "program", "corrected", "figure"), words)
+    columns |= {"value": pa.float64(), "u": pa.float64(), "unit": words, "samples": pa.int64(), "noise": words}
+    columns |= {"watch": pa.float64(), "fail": pa.float64(), "standing": words, "problem": pa.string()}
+    schema = pa.schema(columns)
+    temporary = path.with_name(path.name + durable.TEMPORARY)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with pq.ParquetWriter(temporary, schema, compression="zstd") as file:
+            for key in sorted(fleet.digests):
+                rows = list(_rows(key, collected_in(fleet.catalogue, key)))
+                file.write_table(pa.Table.from_pylist(rows, schema))
+            strays = [_label("", "", run) | {"problem": why} for run, why in fleet.strays]
+            file.write_table(pa.Table.from_pylist(strays, schema))
+        durable.rename(temporary, path)
+    except BaseException as error:
+        with suppress(OSError):
+            temporary.unlink()
+        if isinstance(error, OSError):
+            raise FileError(str(path), error.strerror or str(error), "give another --parquet") from None
+        raise
+
+
+def _rows(key: Key, collected: Collected) -> Iterator[dict[str, Any]]:
+    folder, robot = key
+    for record in collected.broken:
+        yield _label(robot, folder, record.name) | _of_run(record) | {"problem": record.problem}
+    for record in collected.runs:
+        label = _label(robot, folder, record.name) | _of_run(record)
+        for name, quantity in record.figures.items():
+            figure = {
+                "value": quantity.value,
+                "u": quantity.u,
+                "unit": quantity.unit,
+                "samples": quantity.samples,
+                "noise": quantity.noise,
+            }
+            limit = collected.limits.of(record.test, name)
+            limited = (
+                {"watch": limit.watch, "fail": limit.fail, "standing": limit.standing(quantity.value, quantity.u)}
+                if limit
+                else {}
+            )
+            yield label | {"figure": name} | figure | limited
+
+
+def _label(robot: str, folder: str, run: str) -> dict[str, Any]:
+    return {"robot": robot, "folder": escaped(folder), "run": escaped(run)}
+
+
+def _of_run(record: Record) -> dict[str, Any]:
+    started = None
+    with suppress(ValueError):
+        started = record.when.astimezone(UTC).replace(tzinfo=None)  # DuckDB reads times with a zone through pytz alone
+    places = {"test": record.test, "direction": record.direction}
+    return (
+        {"started_utc": started}
+        | places
+        | {"placement": record.placement, "program": record.program, "corrected": record.corrected}
+    )

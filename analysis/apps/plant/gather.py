@@ -1,0 +1,246 @@
+"""From the directory of a plant to the states of its robots: only what is new or has changed is read.
+
+Runs are compared with the catalogue by names, sizes and times of files, and examined where these differ, by `each`, a
+run at a time; what is gone is forgotten. Robots are judged again where one of their runs differs, a robot at a time.
+
+A directory elsewhere takes no file of the history beside its runs, and reading each manifest again would cost a request
+each: the catalogue knows what has not changed by listing alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from analysis.apps.plant import catalogue
+from analysis.apps.plant.catalogue import Damaged, Entry, Key
+from analysis.apps.plant.collect import Collected, Workers, collected_of, is_of, no_run_of
+from analysis.apps.plant.records import Record
+from analysis.apps.plant.robot_state import State, as_json, in_order, state_from_json, state_of
+from analysis.apps.plant.seen import Examined, Seen, examine, seen_runs
+from analysis.runs.batch.each import each
+from analysis.runs.batch.outcomes import Failed, Outcome
+from analysis.runs.batch.remote_store import StoreLost
+from rigs.errors import FileError
+
+T = TypeVar("T")
+Progress = Callable[[str, int, int], None]
+"""Called with what is done, and how much of how much of it."""
+_SAVED_EVERY_S = 5.0
+"""Time after which what was found is kept: an end in the middle costs no more."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the catalogue knows of each run by its path below the plant's directory; notes: what to know of the
+    catalogue; examined and gone: how many runs were read, and how many are no longer there."""
+
+    runs: Mapping[str, Entry]
+    notes: tuple[str, ...]
+    examined: int
+    gone: int
+
+
+def seen_below(directory: Path) -> list[Seen]:
+    """The runs below a directory. Raises FileError where there is none, CellError where a store does not answer."""
+    seen = list(seen_runs(directory))
+    if not seen:
+        raise FileError(str(directory), "holds no runs", "give the directory that holds the plant's runs")
+    return seen
+
+
+def remade(file: Path, work: Callable[[str], T]) -> T:
+    """The value of work with a catalogue, which is made where it is missing, and once more where it is damaged.
+
+    work: called with why the catalogue was made again, in words, empty where it was not. Raises CellError where the
+    catalogue cannot be written.
+    """
+    why = catalogue.prepare(file)
+    try:
+        return work(why)
+    except Damaged:
+        catalogue.remove(file)
+        catalogue.prepare(file)
+        return work("was damaged")
+
+
+def known_of(file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str) -> Known:
+    """The catalogue after the runs that are new or have changed were examined; why: it was made again.
+
+    Raises Damaged, and StoreLost where a store does not answer any more: what was examined before is kept.
+    """
+    entries = catalogue.entries(file)
+    fresh = [
+        run
+        for run in seen
+        if not run.signature or (entries[run.run].signature if run.run in entries else "") != run.signature
+    ]
+    gone = sorted(entries.keys() - {run.run for run in seen})
+    if gone:
+        catalogue.forget(file, gone)
+    if fresh:
+        paths = [run.path.absolute() for run in fresh]  # a worker of a cluster has a directory of its own
+        with closing(each(examine, paths, jobs=workers.jobs, scheduler=workers.scheduler)) as outcomes:
+            examined = ((seen, _examined(outcome)) for seen, outcome in zip(fresh, outcomes, strict=True))
+            kept(examined, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
+    if fresh or gone:
+        entries = catalogue.entries(file)
+    notes = (f"{file} {why}: it was made again from the runs",) if why else ()
+    return Known(entries, notes, len(fresh), len(gone))
+
+
+def _examined(outcome: Outcome[Path, Examined | None]) -> Examined | None:
+    """What was found of a run; one that cost a process or the memory, or could not be fetched, is tried again the next
+    time. Raises StoreLost."""
+    if isinstance(outcome, Failed):
+        if isinstance(outcome.error, StoreLost):
+            raise outcome.error
+        return Examined(Record(outcome.item.name, "", "", "", "", "", "", problem=outcome.error.what), "", False)
+    return outcome.value
+
+
+def kept(items: Iterable[T], keep: Callable[[Sequence[T]], None], progress: Callable[[int], None]) -> None:
+    """Keep what is found from time to time and at the end, however that comes."""
+    piece: list[T] = []
+    saved_s = time.monotonic()
+    try:
+        for done, item in enumerate(items, 1):
+            piece.append(item)
+            progress(done)
+            if time.monotonic() - saved_s > _SAVED_EVERY_S:
+                keep(piece)
+                piece, saved_s = [], time.monotonic()
+    finally:
+        keep(piece)
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """The robots of a plant, what needs attention first; strays: runs whose robot is not known, and why; notes: what
+    to know of the catalogue; digests: of all that the state of each robot follows from; runs, examined and gone: how
+    many runs there are, how many of them were read, and how many are no longer there."""
+
+    directory: Path
+    catalogue: Path
+    robots: tuple[State, ...]
+    strays: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+    digests: Mapping[Key, str]
+    runs: int
+    examined: int
+    gone: int
+
+
+def gather(directory: Path, file: Path, workers: Workers, progress: Progress) -> Fleet:
+    """The robots of the runs below a directory; file: the catalogue, which is made where it is missing.
+
+    workers: who reads the runs; robots are judged by processes of this machine alone, which have the catalogue.
+
+    Raises FileError where there is no such directory or no run in it, CellError where the catalogue cannot be written.
+    """
+    seen = seen_below(directory)
+    return remade(file, partial(_gathered, directory, file, seen, workers, progress))
+
+
+def _gathered(
+    directory: Path, file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str
+) -> Fleet:
+    catalogued = known_of(file, seen, workers, progress, why)
+    # A digest for each robot of all that its state follows from.
+    hashes: dict[Key, hashlib._Hash] = {}
+    for entry in catalogued.runs.values():
+        if entry.key[1]:
+            line = json.dumps([entry.run, entry.fingerprint, entry.problem])
+            hashes.setdefault(entry.key, hashlib.sha256()).update(line.encode())
+    digests = {key: digest.hexdigest() for key, digest in hashes.items()}
+    # The states of all robots; those whose runs are the same are as they were kept
+    before = catalogue.states(file)
+    catalogue.forget_states(file, before.keys() - digests.keys())
+    # Not read back at the end: another command may have seen other robots meanwhile, of which this one knows no runs.
+    states: dict[Key, State] = {}
+    for key, (digest, text) in before.items():
+        if digests.get(key) == digest:
+            try:
+                states[key] = state_from_json(text)
+            except (TypeError, ValueError) as error:
+                raise Damaged(file, str(error)) from None
+    fresh = [key for key in digests if key not in states]
+    outcomes = each(judge, [(file, key) for key in fresh], jobs=workers.jobs)
+    judged = (_judged(outcome, digests, states) for outcome in outcomes)
+    kept(judged, partial(catalogue.keep_states, file), lambda done: progress("judging robots", done, len(fresh)))
+    return Fleet(
+        directory,
+        file,
+        tuple(in_order(list(states.values()))),
+        tuple((entry.run, entry.problem) for entry in catalogued.runs.values() if not entry.key[1]),
+        catalogued.notes,
+        digests,
+        len(catalogued.runs),
+        catalogued.examined,
+        catalogued.gone,
+    )
+
+
+def _judged(
+    outcome: Outcome[tuple[Path, Key], State], digests: Mapping[Key, str], states: dict[Key, State]
+) -> tuple[Key, str, str]:
+    """A robot with its digest and state as they are kept, which is added to the states; one that could not be judged
+    is tried again the next time."""
+    _, key = outcome.item
+    if isinstance(outcome, Failed):
+        if isinstance(outcome.error, Damaged):
+            raise outcome.error
+        states[key] = State(*key, problem=outcome.error.what)
+        return key, "", as_json(states[key])
+    states[key] = outcome.value
+    return key, digests[key], as_json(outcome.value)
+
+
+def judge(item: tuple[Path, Key]) -> State:
+    """The state of a robot, by its records in the catalogue."""
+    file, (folder, robot) = item
+    return state_of(folder, collected_in(file, (folder, robot)))
+
+
+def collected_in(file: Path, key: Key) -> Collected:
+    """What the catalogue holds of a robot. Raises CellError."""
+    records, rig_texts = catalogue.records_of(file, key)
+    return collected_of(key[1], records, (), rig_texts.__getitem__)
+
+
+def collect_by_catalogue(directory: Path, robot: str, file: Path, workers: Workers, progress: Progress) -> Collected:
+    """The records of every run of a robot below a directory; file: the catalogue, which is made where it is missing.
+
+    Raises as `analysis.apps.plant.gather.gather` does, and FileError where there is no run of the robot.
+    """
+    seen = seen_below(directory)
+    return remade(file, partial(_collected, directory, robot, file, seen, workers, progress))
+
+
+def _collected(
+    directory: Path, robot: str, file: Path, seen: Sequence[Seen], workers: Workers, progress: Progress, why: str
+) -> Collected:
+    catalogued = known_of(file, seen, workers, progress, why)
+    keys = sorted({entry.key for entry in catalogued.runs.values()})
+    records: list[Record] = []
+    rig_texts: dict[str, str] = {}
+    is_known = False
+    for folder, rig_name in keys:
+        of_robot, texts = catalogue.records_of(file, (folder, rig_name))
+        for record in of_robot:
+            is_mine = bool(rig_name) and is_of(rig_name, texts[record.name], robot)
+            if is_mine or not rig_name:  # of no known robot: its manifest cannot be read
+                name = str(Path(folder, record.name))
+                records.append(replace(record, name=name))
+                rig_texts[name] = texts[record.name]
+                is_known |= is_mine
+    if not is_known:
+        raise no_run_of(robot, directory, {name for _, name in keys if name})
+    return collected_of(robot, records, catalogued.notes, rig_texts.__getitem__)

@@ -1,0 +1,199 @@
+"""The history of a robot: each figure of each test over its runs, with what changed and when, and where it stands
+against its limit.
+
+Each run is judged by the rule of the report (ISO 14253-1, `rigs.schema.limits`) with its own uncertainty. A series
+stands where its newest run stands. It crossed a bound at the first run proven beyond it after the last one proven
+within, and came back the other way round: a run whose uncertainty reaches over the bound moves no date. Wild runs
+before others are left out, as they are from the search for changes. The newest ones count: a damage that came suddenly
+is wild until it has lasted for some runs.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+
+from analysis.apps.plant.changes import Change, Trend, trend_of
+from analysis.apps.plant.collect import Collected
+from analysis.apps.plant.records import Record
+from analysis.procedures.shared.quantity import Quantity
+from analysis.report.texts import whole_label
+from analysis.robot.kinematics.arm import Array
+from rigs.errors import FileError, UseError
+from rigs.schema.limits import Limit, Limits, Standing
+
+WATCHED = (
+    *("band_deg", "circular_deviation_mm"),
+    *(f"play_j{axis}_deg" for axis in range(1, 7)),
+    *(f"friction_j{axis}_a" for axis in range(1, 7)),
+    *("band_mm", "spread_mean_mm", "rp_mean_mm"),
+    *("uni_mean_mm", "bi_mean_mm", "reversal_mean_mm"),
+    *("rms_mm", "rms_deg", "repeat_mm"),
+)
+"""Figures that show the robot, one of each kind. The others repeat these, or show how ball and gauges were mounted."""
+CORRECTED = {"targets": "corrected programs", "entries": "with values entered"}
+"""How a series is called that was driven with a correction; the arm itself is unchanged by it."""
+_OF_AN_AXIS = {"play_j": "play", "temperature_j": "mean temperature", "warming_j": "warming within a run"}
+"""What the figures of an axis are called; its number follows."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """A figure of one test and program over its runs (n), in order of time; limit: that of the rig file, if any."""
+
+    title: str
+    figure: str
+    runs: tuple[Record, ...]
+    trend: Trend
+    limit: Limit | None = None
+
+    @property
+    def corrected(self) -> str:
+        """What corrected the arm while it drove, as the manifests say; empty where nothing did."""
+        return self.runs[0].corrected
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """The figure of each run."""
+        return tuple(run.figures[self.figure] for run in self.runs)
+
+    @property
+    def values(self) -> Array:
+        """The figure (n,) in its unit."""
+        return np.array([quantity.value for quantity in self.quantities])
+
+    @property
+    def unit(self) -> str:
+        """The unit as people write it."""
+        return self.quantities[0].sign
+
+    @property
+    def label(self) -> str:
+        """What the figure is called where people read it."""
+        return label_of(self.figure)
+
+
+@dataclass(frozen=True)
+class History:
+    """Everything that `rig history` shows. few: series with too few runs to show a change."""
+
+    collected: Collected
+    series: tuple[Series, ...]
+
+    @property
+    def robot(self) -> str:
+        """The robot by the name that was asked for."""
+        return self.collected.robot
+
+    @property
+    def changed(self) -> list[tuple[Series, Change]]:
+        """Every change in order of time; of those at one time the most certain first."""
+        changes = [(series, change) for series in self.series for change in series.trend.changes]
+        return sorted(changes, key=lambda pair: (pair[0].runs[pair[1].first].when.timestamp(), pair[1].chance))
+
+
+def label_of(figure: str) -> str:
+    """What a figure is called where people read it, as `play of axis 2`."""
+    for prefix, words in _OF_AN_AXIS.items():
+        if figure.startswith(prefix):
+            return f"{words} of axis {figure[len(prefix)]}"
+    return whole_label(figure)
+
+
+def history_of(
+    collected: Collected, figure: str | None = None, since: date | None = None, limits: Limits | None = None
+) -> History:
+    """The series of a robot's runs and their changes; figure: this one alone, by the name of docs/figures.md; since:
+    runs from this day on; limits: instead of those of the newest run. Raises UseError for an unknown figure,
+    and FileError where nothing is left."""
+    runs = [run for run in collected.runs if since is None or run.when.date() >= since]
+    names = {name for run in runs for name in run.figures}
+    if not runs:
+        problem = "no run has figures" if since is None else f"no run since {since} has figures"
+        raise FileError(collected.robot, problem, "see rig runs, or give an earlier --since")
+    if figure is not None and figure not in names:
+        raise UseError("--figure", f"no run has a figure {figure!r}", f"give one of {', '.join(sorted(names))}")
+    tolerances = collected.limits if limits is None else limits
+    picked = []
+    for title, group in _programs(runs):
+        measured = {name for run in group for name in run.figures}
+        others = sorted(name for name in measured.difference(WATCHED) if tolerances.of(group[0].test, name) is not None)
+        watched = [*(name for name in WATCHED if name in measured), *others]
+        for name in watched if figure is None else [figure]:
+            with_figure = tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value))
+            if with_figure:
+                picked.append((title, name, with_figure))
+    series = []
+    for title, name, with_figure in picked:
+        quantities = [run.figures[name] for run in with_figure]
+        values, u = (np.array([getattr(quantity, part) for quantity in quantities]) for part in ("value", "u"))
+        trend = trend_of(values, np.nan_to_num(u, posinf=0.0), len(picked))
+        series.append(Series(title, name, with_figure, trend, tolerances.of(with_figure[0].test, name)))
+    return History(collected, tuple(series))
+
+
+def title_of(test: str, placement: str, corrected: str) -> str:
+    """What runs of one kind are called: `yaw acw, placement left, corrected programs`."""
+    qualifiers = (f"placement {placement}" if placement else "", CORRECTED.get(corrected, ""))
+    return ", ".join([test, *filter(None, qualifiers)])
+
+
+def _programs(runs: Iterable[Record]) -> list[tuple[str, list[Record]]]:
+    """Runs of one test, direction, placement, program and correction, each group with its title: a corrected program
+    shows the correction, and nothing of how the arm itself changed."""
+    groups: dict[tuple[str, str, str, str], list[Record]] = {}
+    for run in runs:
+        groups.setdefault((run.title, run.placement, run.program, run.corrected), []).append(run)
+    driven = Counter((title, placement) for title, placement, _ in {key[:3] for key in groups})
+    titled = []
+    for (title, placement, program, corrected), group in sorted(groups.items()):
+        words = [title_of(title, placement, corrected)]
+        words += [f"program {program}"] if driven[title, placement] > 1 else []
+        titled.append((", ".join(words), group))
+    return titled
+
+
+_CROSSED: dict[Standing, tuple[tuple[Standing, ...], Standing]] = {
+    "pass": (("pass",), "fail"),
+    "watch": (("watch", "fail"), "pass"),
+    "fail": (("fail",), "pass"),
+}
+"""How the first run since the crossing stands against the bound that decides, and how the last one before it, for each
+standing of a series."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A series against its limit. standing: of the newest run; bound: that decided it; since: the first run after the
+    crossing; beyond: every run that fails, in order of time; count: how many runs were judged."""
+
+    limit: Limit
+    standing: Standing
+    bound: float
+    since: Record
+    newest: Record
+    beyond: tuple[Record, ...]
+    count: int
+
+
+def judge(series: Series) -> Judged | None:
+    """Return where a series stands, None where it has no limit."""
+    if series.limit is None:
+        return None
+    last = max(np.flatnonzero(~series.trend.wild), default=-1)
+    kept = enumerate(zip(series.runs, series.quantities, series.trend.wild, strict=True))
+    runs = [(run, quantity) for k, (run, quantity, is_wild) in kept if not is_wild or k > last]
+    standings = [series.limit.standing(quantity.value, quantity.u) for _, quantity in runs]
+    # The bound that decided: `fail` where a figure is beyond it, else the lower one, in the figure's unit
+    bounds = [size for size in (series.limit.watch, series.limit.fail) if size is not None]
+    bound = bounds[-1] if standings[-1] == "fail" else bounds[0]
+    against = [Limit(fail=bound).standing(quantity.value, quantity.u) for _, quantity in runs]
+    after, before = _CROSSED[standings[-1]]
+    crossed = max((k for k, standing in enumerate(against) if standing == before), default=-1) + 1
+    since = next(k for k in range(crossed, len(runs)) if against[k] in after)
+    beyond = tuple(run for (run, _), standing in zip(runs, standings, strict=True) if standing == "fail")
+    return Judged(series.limit, standings[-1], bound, runs[since][0], runs[-1][0], beyond, len(runs))

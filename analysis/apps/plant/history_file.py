@@ -1,0 +1,116 @@
+"""`.history.sqlite` beside the runs: their figures, so that a run is evaluated once.
+
+It holds nothing that the runs do not: deleted, damaged or of another version, it is made again with the same content.
+SQLite's own locks and journal order what two processes write, and what a crash cuts off.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Iterable
+from contextlib import closing
+from datetime import datetime
+from pathlib import Path
+
+from analysis.apps.plant.records import Record
+from rigs.distribution import version
+
+FILE = ".history.sqlite"
+"""Hidden, so that `runs/*` in a shell is runs only."""
+VERSION = 6
+"""Version of the tables below and of the figures in them."""
+_OURS = 0x52494748
+"""SQLite's application_id, `RIGH`: a database of somebody else is left alone."""
+_MOST_BYTES = 1_000_000_000
+"""Some 300 000 runs of 40 figures; a larger file is not ours."""
+_WAIT_S = 10.0
+_OF_THE_SYSTEM = {
+    sqlite3.SQLITE_PERM,
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_LOCKED,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_IOERR,
+    sqlite3.SQLITE_FULL,
+    sqlite3.SQLITE_CANTOPEN,
+}
+"""Errors of disk, rights and locks: the file itself may be good, and is left as it is."""
+_TABLES = """
+create table made_by (rig text not null);
+create table runs (name blob primary key, record text not null) without rowid;
+"""
+
+
+class Unusable(Exception):
+    """The file can be neither read nor made, and why; the history then lives in memory only."""
+
+
+def read_records(path: Path) -> tuple[dict[str, Record], str]:
+    """The records in the file by name, and in words why it has to be made again, if so. Raises Unusable."""
+    if not path.exists():
+        return {}, ""
+    if not path.is_file():  # a FIFO would be waited for
+        raise Unusable("it is not a regular file")
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise sqlite3.DatabaseError("is too large")
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=_WAIT_S)) as file:
+            _check_owner(file)
+            if _version(file) != VERSION or file.execute("select rig from made_by").fetchall() != [(made_by(),)]:
+                return {}, "was made by another version of rig"
+            records = {}
+            for (text,) in file.execute("select record from runs order by name"):
+                record = Record.of_json(text)
+                if not record.problem:
+                    datetime.fromisoformat(record.started)  # raises ValueError, which is damage
+                records[record.name] = record
+            return records, ""
+    except (sqlite3.Error, TypeError, ValueError) as error:
+        if is_of_the_system(error):
+            raise Unusable(str(error)) from None
+        return {}, f"was damaged ({error})"
+
+
+def is_of_the_system(error: Exception) -> bool:
+    """Whether disk, rights or locks are at fault, and the file itself may be good."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF in _OF_THE_SYSTEM
+
+
+def write_records(path: Path, records: Iterable[Record], gone: Iterable[str], *, from_new: bool) -> None:
+    """Add records to the file and remove those of runs that are gone. from_new: make the file again. Raises
+    Unusable."""
+    try:
+        if from_new:
+            for name in (path, path.with_name(path.name + "-journal")):
+                name.unlink(missing_ok=True)
+        with closing(sqlite3.connect(path, timeout=_WAIT_S, isolation_level=None)) as file:
+            file.execute("begin immediate")
+            _check_owner(file)
+            if _version(file) != VERSION:
+                for statement in _TABLES.split(";\n"):
+                    file.execute(statement)
+                file.execute("insert into made_by values (?)", (made_by(),))
+                file.execute(f"pragma application_id = {_OURS}")
+                file.execute(f"pragma user_version = {VERSION}")
+            file.executemany("delete from runs where name = ?", [(os.fsencode(name),) for name in gone])
+            rows = [(os.fsencode(record.name), record.as_json) for record in records]
+            file.executemany("insert or replace into runs values (?, ?)", rows)
+            file.execute("commit")
+    except (sqlite3.Error, OSError) as error:
+        raise Unusable(str(error)) from None
+
+
+def _check_owner(file: sqlite3.Connection) -> None:
+    """Raises Unusable for a database that another program has made."""
+    tables = file.execute("select count(*) from sqlite_master").fetchone()[0]
+    if tables and file.execute("pragma application_id").fetchone()[0] != _OURS:
+        raise Unusable("it is the database of another program")
+
+
+def _version(file: sqlite3.Connection) -> int:
+    return int(file.execute("pragma user_version").fetchone()[0])
+
+
+def made_by() -> str:
+    """The version of rig, whose figures may differ from those of another."""
+    return version()

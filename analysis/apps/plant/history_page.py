@@ -1,0 +1,121 @@
+"""A history as one page that needs no other file: the sentences, and a picture of each figure over time."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from markupsafe import Markup
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+from analysis.apps.plant.history import History, Series, judge
+from analysis.apps.plant.history_words import against_limit, doubts, is_short, origin, remarks, sentences, too_few
+from analysis.apps.plant.records import Record
+from analysis.report.html_page import environment, write_html
+from analysis.report.still_chart import Sheet
+
+_MOST = 60
+"""Pictures on a page, those beyond a limit and those with changes first: some 20 kB each."""
+_IN_SIGHT = 2.0
+"""A limit is drawn up to so many times the largest run: one further away would press the runs flat."""
+_METADATA = ("Creator", "Date", "Format", "Type")
+_DAY_S = 86400.0
+_MARGIN = 0.04
+"""Share of the time from the first to the last run that is left free on either side."""
+_INK, _CHANGE, _WILD, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
+
+
+def write_page(history: History, path: Path, *, made_of: str = "", overview: str = "") -> None:
+    """Write the page; made_of: a digest that it says it was made of; overview: address of a page that it links to.
+
+    Raises FileError where it cannot be written."""
+    shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
+    rows = [_Row.of(series) for series in history.series]
+    # One run, or runs of one moment, have no time to draw the figure over.
+    drawn = [series for series in shown if len({run.when for run in series.runs}) > 1]
+    template = environment().get_template("history.html")
+    html = template.render(
+        robot=history.robot,
+        made_of=made_of,
+        overview=overview,
+        origin=origin(history),
+        sentences=sentences(history) or [too_few(history)],
+        rows=rows,
+        is_young=all(is_short(series) for series in history.series),
+        is_one=not any(row.first for row in rows),
+        remarks=remarks(history),
+        doubts=doubts(history),
+        left_out=max(0, len(drawn) - _MOST),
+        pictures=[(series, against_limit(series), _picture(series)) for series in drawn[:_MOST]],
+    )
+    write_html(html, path)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A line of the table: a figure with its first and its newest run, in words; first is empty where there is one."""
+
+    title: str
+    label: str
+    count: int
+    first: str
+    first_when: str
+    last: str
+    last_when: str
+    limit: str
+
+    @classmethod
+    def of(cls, series: Series) -> _Row:
+        first, *later = zip(series.runs, series.quantities, strict=True)
+        run, newest = later[-1] if later else first
+        begin = (str(first[1]), _moment(first[0])) if later else ("", "")
+        limit = against_limit(series).partition(" since")[0]
+        return cls(series.title, series.label, len(series.runs), *begin, str(newest), _moment(run), limit)
+
+
+def _moment(run: Record) -> str:
+    """When a run began, to the minute."""
+    return f"{run.when:%Y-%m-%d %H:%M}"
+
+
+def _is_beyond(series: Series) -> bool:
+    judged = judge(series)
+    return judged is not None and judged.standing == "fail"
+
+
+def _picture(series: Series) -> Markup:
+    """An SVG of a figure over time: runs with their 2 u, the levels that were found, wild runs as crosses."""
+    when = np.array([run.when.timestamp() / _DAY_S for run in series.runs])  # matplotlib's own days since 1970
+    values, wild = series.values, series.trend.wild
+    u = np.nan_to_num(np.array([quantity.u for quantity in series.quantities]), posinf=0.0)
+    figure = Sheet(8, 2.2)
+    axes = figure.subplots()
+    axes.errorbar(when[~wild], values[~wild], 2 * u[~wild], fmt=".", ms=3, lw=0.6, color=_INK)
+    axes.plot(when[wild], values[wild], "x", ms=4, color=_WILD)
+    for change in series.trend.changes:
+        ends = [when[change.first], when[change.last]]
+        axes.plot(ends, [change.before, change.after], "-o", ms=3, color=_CHANGE, lw=1.8)
+    bounds = ((series.limit.watch, ":"), (series.limit.fail, "--")) if series.limit else ()
+    for bound, style in bounds:
+        if bound is not None and bound <= _IN_SIGHT * np.max(np.abs(values)):
+            for side in (1, -1):  # a limit is of the size
+                if np.any(side * values > 0):
+                    axes.axhline(side * bound, ls=style, lw=1.0, color=_LIMIT)
+    axes.set_xlim(when[0] - _MARGIN * np.ptp(when), when[-1] + _MARGIN * np.ptp(when))
+    # Label the time axis with years, days or times of the day, as the runs lie apart.
+    zone = series.runs[-1].when.tzinfo
+    ticks = AutoDateLocator(tz=zone, minticks=2, maxticks=7)  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_locator(ticks)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(ticks, tz=zone))  # type: ignore[no-untyped-call]
+    axes.set_ylabel(series.unit)
+    axes.grid(color="#dddddd", lw=0.5)
+    axes.spines[["top", "right"]].set_visible(False)
+    drawn = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": series.figure}):  # text as text, and always the same
+        figure.savefig(drawn, format="svg", metadata=dict.fromkeys(_METADATA))
+    # Its text is the axis' numbers and unit alone, which matplotlib has escaped.
+    return Markup(re.sub(r"^.*?(?=<svg)", "", drawn.getvalue(), flags=re.S))  # noqa: S704

@@ -1,0 +1,182 @@
+"""A history in plain sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import date
+
+from analysis.apps.plant.changes import FALSE_ALARMS, FEWEST, NEWEST, Change
+from analysis.apps.plant.history import History, Series, judge
+from analysis.apps.plant.records import Record, in_time
+from analysis.procedures.shared.quantity import Quantity
+from analysis.report.origins import simulated_runs
+from rigs.text import counted, plain
+
+_MOST_NAMED = 5
+_MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept", "Oct", "Nov", "Dec")
+
+
+def sentences(history: History) -> list[str]:
+    """What lies beyond its limit and since when, then what changed and when, a sentence each; or that nothing did."""
+    limited = [line for series in history.series for line in _limit_sentences(series)]
+    # Changes of one figure in several tests at one time and in one sense, the most certain first
+    groups: list[list[tuple[Series, Change]]] = []
+    for candidate in history.changed:
+        group = next((group for group in groups if _alike(group[0], candidate)), None)
+        if group is None:
+            groups.append([candidate])
+        else:
+            group.append(candidate)
+    changed = []
+    for group in groups:
+        (series, change), *others = sorted(group, key=lambda member: member[1].chance)
+        size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
+        verb = "rose" if change.after > change.before else "fell"
+        also = [f"{its_series.title}" for its_series, _ in others]
+        seen = f"; {_listed(also)} show{'s' * (len(also) == 1)} it too" if also else ""
+        when = f"{dates(series, change)}{', and may go on' if change.is_last else ''}"
+        changed.append(
+            f"{series.label[0].upper()}{series.label[1:]} {verb} from {size.rounded(change.before)} to "
+            f"{size.rounded(change.after)} {series.unit} {when} ({series.title}: by {size}; "
+            f"runs {series.runs[change.first].name} and {series.runs[change.last].name}{seen})."
+        )
+    if changed or all(is_short(series) for series in history.series):
+        return [*limited, *changed]
+    return [*limited, "No figure changed by more than its scatter between runs explains."]
+
+
+def origin(history: History) -> str:
+    """Say whether runs are simulated; empty where none is."""
+    runs = _runs_of(history)
+    return simulated_runs(sum(run.simulated for run in runs), len(runs))
+
+
+def too_few(history: History) -> str:
+    """Say why there is no sentence, as that one run is too few to show a change; its day is said."""
+    runs = _runs_of(history)
+    if not runs:
+        return "No run has a figure that is followed."
+    begin = "There is one run" if len(runs) == 1 else f"There are {len(runs)} runs"
+    return f"{begin}, {_span(runs)}: a change shows only from {2 * FEWEST} runs of a test on."
+
+
+def _runs_of(history: History) -> list[Record]:
+    """Every run that is in a series, once, in order of time."""
+    return in_time({run.name: run for series in history.series for run in series.runs}.values())
+
+
+def remarks(history: History) -> list[str]:
+    """What stands behind the sentences: how much was looked at, what was left out, what is too short."""
+    runs = _runs_of(history)
+    short = sum(map(is_short, history.series))
+    alarms = f"; of a robot that does not change, {FALSE_ALARMS:.0%} of histories report a change"
+    looked_at = f"{counted(len(history.series), 'series', 'series')} of {counted(len(runs), 'run')} looked at"
+    lines = [looked_at + (alarms if short < len(history.series) else "")]
+    if short:
+        lines.append(f"{short} of the series have fewer than {2 * FEWEST} runs, too few to show a change")
+    if any(len(series.runs) > NEWEST for series in history.series):
+        lines.append(f"changes are looked for in the newest {NEWEST} runs of a series")
+    wild: dict[str, list[str]] = {}
+    for series in history.series:
+        for run, is_wild in zip(series.runs, series.trend.wild, strict=True):
+            if is_wild:
+                wild.setdefault(run.name, []).append(f"{series.label} of {series.title}")
+    named = list(wild.items())[:_MOST_NAMED]
+    lines += [
+        f"run {plain(name)} is a wild run: changes are looked for without it in {_listed(of)}" for name, of in named
+    ]
+    if len(wild) > _MOST_NAMED:
+        lines.append(f"{len(wild) - _MOST_NAMED} further wild runs are left out where changes are looked for")
+    return lines
+
+
+def doubts(history: History) -> list[str]:
+    """Runs that have no figures, and what is to be known of the file of the history."""
+    broken = [(record.name, record.problem) for record in history.collected.broken]
+    return [*history.collected.notes, *without_figures(broken)]
+
+
+def without_figures(runs: Sequence[tuple[str, str]]) -> list[str]:
+    """Which runs are left out as they have no figures, by name, and why; none where there are none."""
+    if not runs:
+        return []
+    lines = [f"{counted(len(runs), 'run has no figures and is', 'runs have no figures and are')} left out:"]
+    lines += [plain(f"  {name}: {why}") for name, why in runs[:_MOST_NAMED]]
+    if len(runs) > _MOST_NAMED:
+        lines.append(f"  and {len(runs) - _MOST_NAMED} more, which --json names")
+    return lines
+
+
+def is_short(series: Series) -> bool:
+    """Whether a series has too few runs to show a change."""
+    return len(series.runs) < 2 * FEWEST
+
+
+def against_limit(series: Series) -> str:
+    """Where a series stands against its limit, as `beyond 0.1 since 2026-05-03`; empty where it has none."""
+    judged = judge(series)
+    if judged is None:
+        return ""
+    word = {"pass": "within", "watch": "watch", "fail": "beyond"}[judged.standing]
+    is_dated = judged.standing != "pass" and judged.count > 1
+    since = f" since {judged.since.when.date()}" if is_dated else ""
+    return f"{word} {judged.bound:g}{since}"
+
+
+def _limit_sentences(series: Series) -> list[str]:
+    """Since when a series has been beyond its limit or not proven within, or that it was beyond and has come back."""
+    judged = judge(series)
+    if judged is None or (judged.standing == "pass" and not judged.beyond):
+        return []
+    figure = f"{series.label[0].upper()}{series.label[1:]} of {series.title}"
+    newest = judged.newest.figures[series.figure]
+    if judged.count == 1:
+        stands = "is beyond" if judged.standing == "fail" else "is not proven within"
+        of = f"run {judged.newest.name} of {_day(judged.newest.when)}"
+        return [f"{figure} {stands} its limit of {judged.bound:g} {series.unit}: {of} has {newest}."]
+    since = f"{judged.bound:g} {series.unit} since {_day(judged.since.when)} (run {judged.since.name})"
+    standing = {
+        "pass": f"was beyond its limit, and has been within {since}",
+        "watch": f"has not been proven within its limit of {since}",
+        "fail": f"has been beyond its limit of {since}",
+    }[judged.standing]
+    beyond = judged.beyond
+    among = f"; {len(beyond)} of {judged.count} runs beyond, {_span(beyond)}" if beyond else ""
+    return [f"{figure} {standing}: the newest run has {newest}{among}."]
+
+
+def dates(series: Series, change: Change) -> str:
+    """When a change was, as `between 3 and 17 May 2026`; clock times where it was within a day."""
+    first, last = series.runs[change.first].when, series.runs[change.last].when
+    if first.date() == last.date():
+        return f"on {_day(first)} between {first:%H:%M} and {last:%H:%M}"
+    same_year, same_month = first.year == last.year, (first.year, first.month) == (last.year, last.month)
+    begin = str(first.day) if same_month else f"{first.day} {_MONTHS[first.month - 1]}"
+    return f"between {begin if same_year else _day(first)} and {_day(last)}"
+
+
+def _span(runs: Sequence[Record]) -> str:
+    """The days of runs in order of time, as `from 1 May 2026 to 6 May 2026`."""
+    first, last = _day(runs[0].when), _day(runs[-1].when)
+    return f"on {first}" if first == last else f"from {first} to {last}"
+
+
+def _day(when: date) -> str:
+    return f"{when.day} {_MONTHS[when.month - 1]} {when.year}"
+
+
+def _alike(pair: tuple[Series, Change], other_pair: tuple[Series, Change]) -> bool:
+    (series, change), (its_series, its) = pair, other_pair
+    if (
+        series.figure != its_series.figure
+        or series is its_series
+        or (change.after > change.before) != (its.after > its.before)
+    ):
+        return False
+    begin = max(series.runs[change.first].when, its_series.runs[its.first].when)
+    end = min(series.runs[change.last].when, its_series.runs[its.last].when)
+    return begin <= end
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

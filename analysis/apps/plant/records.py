@@ -1,0 +1,171 @@
+"""A run as the history keeps it: what it was, its figures, or why it has none. How warm the joints were is a figure as
+well: gears and links grow with it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import warnings
+from collections.abc import Iterable
+from dataclasses import astuple, dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from analysis.apps.plant.joint_play import joint_plays
+from analysis.procedures.results import result_of
+from analysis.procedures.shared.quantity import Quantity
+from analysis.runs.loading import load_measured
+from analysis.runs.robot_condition import Condition
+from analysis.runs.table_format import kind_named
+from daq.store import Manifest, RunInfo
+from daq.store.ledger import LEDGER
+from daq.store.manifest import MANIFEST
+from rigs.errors import FileError
+from rigs.files import read_bytes
+from rigs.schema.vocabulary import DrivenTest
+
+
+def joint_warmth(condition: Condition) -> dict[str, Quantity]:
+    """`temperature_j1_c` … the mean over the run, and `warming_j1_c` … the rise within it, of the joints that show it.
+
+    u is how much the readings vary; makers do not state how true the sensors are.
+    """
+    shown = condition.warmth or {}
+    means = {f"temperature_j{axis}_c": Quantity(joint.mean_c, joint.u_mean_c, "c") for axis, joint in shown.items()}
+    rises = {f"warming_j{axis}_c": Quantity(joint.rise_c, joint.u_rise_c, "c") for axis, joint in shown.items()}
+    return means | rises
+
+
+_MOST_BYTES = 1_000_000_000
+"""The largest ledger, as the store has it."""
+_NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
+"""What differs between cells and runs of one program, and changes only how well a figure is known."""
+
+
+def escaped(text: str) -> str:
+    """The text with lone surrogates, which no database stores, as their escapes."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+@dataclass(frozen=True)
+class Record:
+    """A run: the name of its directory, its fingerprint, when it began (ISO 8601), what was driven, and its figures;
+    problem: why it has none, one line. program: a short digest of circle or hemisphere in its rig file. readings: the
+    digest of what was measured, empty where nothing could be read. simulated: whether no robot was measured.
+    corrected: what corrected the arm while it drove, as the manifest says."""
+
+    name: str
+    fingerprint: str
+    rig: str
+    started: str
+    test: str
+    direction: str
+    placement: str
+    program: str = ""
+    problem: str = ""
+    figures: dict[str, Quantity] = field(default_factory=dict)
+    readings: str = ""
+    simulated: bool = False
+    corrected: str = ""
+
+    @property
+    def as_json(self) -> str:
+        """The record as a line of JSON, which `of_json` reads; lone surrogates of its problem are their escapes."""
+        figures = {name: astuple(quantity) for name, quantity in self.figures.items()}
+        return json.dumps(vars(self) | {"figures": figures, "problem": escaped(self.problem)})
+
+    @classmethod
+    def of_json(cls, line: str) -> Record:
+        """The record of a line of JSON. Raises TypeError or ValueError for any other."""
+        fields = json.loads(line)
+        try:
+            return cls(**fields | {"figures": {name: Quantity(*figure) for name, figure in fields["figures"].items()}})
+        except (AttributeError, LookupError) as error:
+            raise ValueError(f"is no record: {error}") from None
+
+    @property
+    def title(self) -> str:
+        """Test and direction, as `yaw acw`."""
+        return f"{self.test} {self.direction}".strip()
+
+    @property
+    def when(self) -> datetime:
+        """When the run began, in this computer's time zone, as its days are counted. Raises ValueError."""
+        when = datetime.fromisoformat(self.started)
+        when = when if when.tzinfo else when.replace(tzinfo=UTC)
+        try:
+            return when.astimezone()
+        except OverflowError:  # within a day of the first or the last year
+            return when
+
+
+def fingerprint_of(run: Path) -> str:
+    """The SHA-256 of a run's manifest, ledger and file sizes; the ledger holds the SHA-256 of every chunk.
+
+    Raises OSError or FileError.
+    """
+    digest = hashlib.sha256()
+    for name in (MANIFEST, LEDGER):
+        path = run / name
+        digest.update(hashlib.sha256(read_bytes(path, _MOST_BYTES) if path.exists() else b"").digest())
+    for path in sorted((*run.glob("*.parquet"), *run.glob("*.arrow"))):
+        digest.update(f"{path.name} {path.stat().st_size}\n".encode("utf-8", "surrogateescape"))
+    return digest.hexdigest()
+
+
+def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
+    """Evaluate a run by itself, so that its record does not depend on the other runs; never raises for a bad run."""
+    program, problem, readings, simulated = "", "", "", False
+    figures: dict[str, Quantity] = {}
+    try:
+        datetime.fromisoformat(manifest.started)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)  # a figure that becomes nan is no result
+            measured = load_measured(path)
+            readings, simulated = measured.run.readings_sha256, measured.is_simulated
+            # A digest of what the robot drives; figures of different programs are not comparable
+            is_driven = manifest.test in get_args(DrivenTest)
+            part = getattr(measured.rig.tests, kind_named(manifest.test).part) if is_driven else None
+            driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}
+            program = hashlib.sha256(json.dumps(driven, sort_keys=True).encode()).hexdigest()[:8]
+            result = result_of(measured)
+            figures = result.figures | joint_plays(result) | joint_warmth(measured.condition)
+    except FileError as error:
+        problem = error.what
+    except (ArithmeticError, ValueError, RuntimeWarning, np.linalg.LinAlgError) as error:
+        problem = f"the computation failed: {error}"
+    plain = _plain_record(path, manifest, fingerprint, program, problem, figures)
+    return replace(plain, readings=readings, simulated=simulated)
+
+
+def record_without_figures(run: RunInfo, problem: str) -> Record:
+    """A run that cannot be evaluated as it lies there."""
+    if run.manifest is None:
+        return Record(run.path.name, "", "", "", "", "", "", problem=problem)
+    return _plain_record(run.path, run.manifest, "", "", problem, {})
+
+
+def _plain_record(
+    path: Path, manifest: Manifest, fingerprint: str, program: str, problem: str, figures: dict[str, Quantity]
+) -> Record:
+    return Record(
+        path.name,
+        fingerprint,
+        manifest.rig_name,
+        manifest.started,
+        manifest.test,
+        manifest.direction or "",
+        manifest.placement,
+        program,
+        problem,
+        figures,
+        corrected=manifest.corrected,
+    )
+
+
+def in_time(records: Iterable[Record]) -> list[Record]:
+    """Records in the order in which the runs began."""
+    return sorted(records, key=lambda record: (record.when.timestamp(), record.name))

@@ -1,0 +1,168 @@
+"""A robot in a line: where it stands against its limits, what changed and since when, and what is in doubt."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from typing import Any, Literal
+
+from analysis.apps.plant.changes import Change
+from analysis.apps.plant.collect import Collected
+from analysis.apps.plant.history import Series, history_of, judge
+from analysis.apps.plant.history_words import against_limit, dates
+from analysis.procedures.shared.quantity import Quantity
+from rigs.schema.limits import Standing
+
+Attention = Literal["beyond", "watch", "unreadable", "changed", "within", "unlimited"]
+"""Why somebody should look at a robot, the most urgent first: a figure is beyond its limit, or not proven within it; no
+run has figures; a figure grew by more than its scatter; all figures are within their limits; it has no limits."""
+ORDER: tuple[Attention, ...] = ("beyond", "watch", "unreadable", "changed", "within", "unlimited")
+
+
+@dataclass(frozen=True)
+class State:
+    """A robot as `rig fleet` lists it; folder: the directory of its runs below the plant's.
+
+    tests: as `yaw acw`; runs: how many have figures; last: when the newest of them began, ISO 8601. standing: the worst
+    against the limits, empty without any; worst: the figure nearest to its limit or furthest beyond it, in words, and
+    worst_ratio, its value over the bound. trend: what changed and since when, in words; changed: the day of it; grew:
+    whether it grew. without_figures: runs by name and why; wild: figures of single runs that were left out; copies:
+    runs that are copies of others; simulated: runs that measured no robot; corrected: runs
+    that were driven with corrected programs or entered values, which say nothing of the arm and are not judged;
+    problem: why it could not be judged.
+    """
+
+    folder: str
+    robot: str
+    tests: tuple[str, ...] = ()
+    runs: int = 0
+    last: str = ""
+    standing: Standing | Literal[""] = ""
+    worst: str = ""
+    worst_ratio: float = 0.0
+    trend: str = ""
+    changed: str = ""
+    grew: bool = False
+    without_figures: tuple[tuple[str, str], ...] = ()
+    wild: int = 0
+    copies: int = 0
+    simulated: int = 0
+    corrected: int = 0
+    problem: str = ""
+
+    @property
+    def attention(self) -> Attention:
+        """Why somebody should look at it; the last two say that it can wait."""
+        if self.standing == "fail":
+            return "beyond"
+        if self.standing == "watch":
+            return "watch"
+        if not self.runs:
+            return "unreadable"
+        if self.grew:
+            return "changed"
+        return "within" if self.standing else "unlimited"
+
+    @property
+    def doubts(self) -> list[str]:
+        """What to know before trusting it, in words."""
+        counts = (
+            (len(self.without_figures), "without figures"),
+            (self.wild, "wild"),
+            (self.copies, "copied"),
+            (self.corrected, "driven corrected, which show the correction and not the arm"),
+        )
+        return [*filter(None, [self.problem]), *(f"{count} {words}" for count, words in counts if count)]
+
+
+def state_of(folder: str, collected: Collected) -> State:
+    """The state of a robot by its runs."""
+    broken = tuple((record.name, record.problem) for record in collected.broken)
+    if not collected.runs:
+        return State(folder, collected.robot, without_figures=broken)
+    history = history_of(collected)
+    of_the_arm = [series for series in history.series if not series.corrected]
+    standing, worst, ratio = _worst(of_the_arm)
+    changed, trend, grew = _trend(of_the_arm)
+    return State(
+        folder,
+        collected.robot,
+        tests=tuple(dict.fromkeys(run.title for run in sorted(collected.runs, key=lambda run: run.title))),
+        runs=len(collected.runs),
+        last=collected.runs[-1].when.isoformat(timespec="seconds"),
+        standing=standing,
+        worst=worst,
+        worst_ratio=ratio,
+        trend=trend,
+        changed=changed,
+        grew=grew,
+        without_figures=broken,
+        wild=sum(int(series.trend.wild.sum()) for series in history.series),
+        copies=len(collected.notes),
+        simulated=sum(run.simulated for run in collected.runs),
+        corrected=sum(bool(run.corrected) for run in collected.runs),
+    )
+
+
+def as_json(state: State) -> str:
+    """A state as text that `state_from_json` reads; names that are no Unicode pass, which pydantic refuses."""
+    return json.dumps(asdict(state))
+
+
+def state_from_json(text: str) -> State:
+    """A state that was kept. Raises TypeError or ValueError where it is damaged."""
+    fields: dict[str, Any] = json.loads(text)
+    names = tuple((run, why) for run, why in fields.pop("without_figures"))
+    return State(**fields | {"tests": tuple(fields["tests"]), "without_figures": names})
+
+
+def in_order(states: Sequence[State]) -> list[State]:
+    """What needs attention first: by reason, then the furthest against its limit, then the newest change, then by
+    name."""
+    by_name = sorted(states, key=lambda state: (state.robot, state.folder))
+    by_change = sorted(by_name, key=lambda state: state.changed if state.attention == "changed" else "", reverse=True)
+    return sorted(by_change, key=lambda state: (ORDER.index(state.attention), -state.worst_ratio))
+
+
+def _worst(all_series: Sequence[Series]) -> tuple[Standing | Literal[""], str, float]:
+    """The worst standing, the figure that it is of in words, and its value over the bound; the largest of these where
+    several stand alike."""
+    judgements = []
+    for series in all_series:
+        judged = judge(series)
+        if judged is not None:
+            newest = judged.newest.figures[series.figure]
+            rank = ("pass", "watch", "fail").index(judged.standing)
+            judgements.append((rank, abs(newest.value) / judged.bound, judged.standing, series, newest))
+    if not judgements:
+        return "", "", 0.0
+    _, ratio, standing, series, newest = max(judgements, key=lambda judgement: judgement[:2])
+    return standing, f"{series.title}: {series.label} {newest}, {against_limit(series)}", ratio
+
+
+def _trend(all_series: Sequence[Series]) -> tuple[str, str, bool]:
+    """The day of a robot's newest change, the change in words, and whether it grew.
+
+    Of each series the last change counts, which says how it stands now: one that was repaired shrank. Growth goes
+    before the rest, and of changes on one day the most certain.
+    """
+    last = [(series, series.trend.changes[-1]) for series in all_series if series.trend.changes]
+    grown = [pair for pair in last if abs(pair[1].after) > abs(pair[1].before)]
+    if not last:
+        return "", "", False
+
+    def newest(pair: tuple[Series, Change]) -> tuple[datetime, float]:
+        series, change = pair
+        return series.runs[change.last].when, -change.chance
+
+    series, change = max(grown or last, key=newest)
+    size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
+    verb = "rose" if change.after > change.before else "fell"
+    further = f", and {len(last) - 1} more" if len(last) > 1 else ""
+    words = (
+        f"{series.title}: {series.label} {verb} from {size.rounded(change.before)} to {size.rounded(change.after)} "
+        f"{series.unit} {dates(series, change)}{', and may go on' if change.is_last else ''}{further}"
+    )
+    return series.runs[change.last].when.date().isoformat(), words, bool(grown)

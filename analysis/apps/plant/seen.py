@@ -1,0 +1,113 @@
+"""What lies below the directory of a plant, by names, sizes and times of files alone: no run is opened for that.
+
+Of files elsewhere the store says what it knows of their state: an object store gives each a digest, its ETag.
+
+A run that is new or has changed is examined, and becomes what the catalogue keeps: its record, and the rig file that it
+holds.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from analysis.apps.plant.collect import REASONS
+from analysis.apps.plant.records import Record, fingerprint_of, record_of, record_without_figures
+from analysis.runs.batch.fetched import fetched, named
+from analysis.runs.batch.remote_path import RemotePath
+from analysis.runs.batch.remote_store import has_figures, remote_runs
+from analysis.runs.batch.run_directories import run_directories
+from daq.store.retention import RunInfo, look
+from rigs.errors import FileError
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A run as it lies there. run: its path below the plant's directory; signature: a digest of the names, sizes and
+    times of its files, empty where they cannot be listed or do not show whether a file has changed."""
+
+    path: Path
+    run: str
+    signature: str
+
+
+def seen_runs(directory: Path) -> Iterator[Seen]:
+    """Every run below a directory, in the order of their paths. Raises FileError where there is no such directory,
+    CellError where a store does not answer."""
+    if isinstance(directory, RemotePath):
+        for run in remote_runs(directory):
+            if run.path != directory:
+                files = [file for file in run.files or () if has_figures(file.name)]
+                stamped = files and all(file.stamp for file in files)
+                signature = _digest((file.name, file.size, file.stamp) for file in files) if stamped else ""
+                yield Seen(run.path, "/".join(run.path.parts[len(directory.parts) :]), signature)
+        return
+    if not directory.is_dir():
+        raise FileError(str(directory), "no such directory", "give the directory that holds the plant's runs")
+    for path in run_directories([directory]):
+        if path != directory:  # which stands for itself where no run lies below it
+            yield Seen(path, os.path.relpath(path, directory), signature_of(path))
+
+
+def signature_of(run: Path) -> str:
+    """A digest of the names, sizes and times of a run's files; it costs a call of the system a file, whatever their
+    size. Empty where they cannot be listed."""
+    try:
+        with os.scandir(run) as entries:
+            files = [(entry.name, entry.stat()) for entry in entries if has_figures(entry.name)]
+    except OSError:
+        return ""
+    return _digest((name, status.st_size, str(status.st_mtime_ns)) for name, status in files)
+
+
+def _digest(files: Iterable[tuple[str, int, str]]) -> str:
+    """A digest of names, sizes and times or other stamps."""
+    digest = hashlib.sha256()
+    for name, size, stamp in sorted(files):
+        digest.update(f"{name} {size} {stamp}\n".encode("utf-8", "surrogateescape"))
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class Examined:
+    """A run's record; rig_text: its rig file; is_evaluated: whether it was evaluated, so that it is examined again only
+    where it has changed."""
+
+    record: Record
+    rig_text: str = ""
+    is_evaluated: bool = True
+
+
+def examine(path: Path) -> Examined | None:
+    """Evaluate a run, or say why it cannot be; None where it is gone. Never raises for a bad run; raises RigError for
+    one elsewhere that cannot be fetched."""
+    with fetched(path) as directory:
+        examined = _examined(directory)
+    if examined is None:
+        return None
+    record = replace(examined.record, name=path.name, problem=named(examined.record.problem, directory, path))
+    return replace(examined, record=record)
+
+
+def _examined(path: Path) -> Examined | None:
+    try:
+        run = look(path)
+    except OSError as error:
+        if isinstance(error, FileNotFoundError) and not os.path.lexists(path):
+            return None
+        unreadable = RunInfo(path, None, None, "damaged", 0, 0.0)
+        return Examined(record_without_figures(unreadable, error.strerror or str(error)), is_evaluated=False)
+    if run.manifest is None or run.status in REASONS:
+        return Examined(record_without_figures(run, REASONS[run.status]), _rig_text(run), is_evaluated=False)
+    try:
+        fingerprint = fingerprint_of(run.path)
+    except (OSError, FileError) as error:
+        return Examined(record_without_figures(run, str(error)), _rig_text(run), is_evaluated=False)
+    return Examined(record_of(run.path, run.manifest, fingerprint), _rig_text(run))
+
+
+def _rig_text(run: RunInfo) -> str:
+    return run.manifest.rig_text if run.manifest else ""

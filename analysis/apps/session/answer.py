@@ -1,0 +1,229 @@
+"""What the runs of a session show: the inference in a process beside it, and the error of the robot's own path."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from analysis.apps.session.child_processes import Child
+from analysis.apps.session.session_state import Answer, Deed, PartOfError
+from analysis.correction.deviation import Deviation
+from analysis.diagnosis.judge.acts import acts_with
+from analysis.robot.geometry.circle import frame_of
+from analysis.robot.geometry.driven_programs import circle_laps, circle_of
+from analysis.runs.loading import Measured, load_measured
+from analysis.runs.noise.readings import rms
+from analysis.runs.tables import CircleTable
+from analysis.runs.written_files import holding, write_new
+from rigs.calibration import ground_of
+from rigs.rig import Rig
+from rigs.text import as_argument
+
+if TYPE_CHECKING:
+    from analysis.diagnosis.judge.result import Diagnosis
+
+ANSWER = "answer.json"
+_SHOWN = 6
+"""Parts of the error that a session lists; the page has all."""
+_NICE = 5
+"""The inference gives way to the readers of gauges and robot."""
+
+
+def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Answer:
+    """Diagnose runs beside the model of a rig file, judged by runs at a place that is not used, and write what was
+    found into a directory. Raises RigError."""
+    import analysis  # noqa: PLC0415 - slow to import, needed in the process of an inference only
+    from analysis.report.act_words import ActWords  # noqa: PLC0415
+    from analysis.report.answer_words import AnswerWords, part_of  # noqa: PLC0415
+    from analysis.report.diagnosis_report import write  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
+
+    rig, text = load(rig_file)
+    runs, elsewhere = ([load_measured(path) for path in paths] for paths in (used, judges))
+    diagnosis = analysis.diagnose(runs, rig=rig, unseen=elsewhere)
+    written = write(diagnosis, text, directory, in_session=True)
+    model = next((path for path in written if path.suffix == ".yaml"), None)
+    named = acts_with(diagnosis.acts, as_argument(model or directory))
+    words, acts = AnswerWords(diagnosis), ActWords(replace(diagnosis, acts=named))
+    faults = [part_of(diagnosis, entry) for entry in diagnosis.standing]
+    parts = [
+        PartOfError(
+            part=words.short_name(entry),
+            kind=entry.kind,
+            size=words.size_of(entry),
+            share=round(entry.share, 4),
+            um=round(entry.um, 2),
+            fault=entry in faults,
+        )
+        for entry in diagnosis.budget[:_SHOWN]
+    ]
+    return Answer(
+        runs=len(used),
+        judges=len(judges),
+        condition=diagnosis.condition,
+        standing=diagnosis.accuracy.standing,
+        headline=words.headline,
+        accuracy=f"{words.accuracy} {words.judged}",
+        next_step=acts.next,
+        parts=tuple(parts),
+        remedies=tuple(acts.sentence(act) for act in named[1:]),
+        acts=tuple(
+            Deed(kind=act.kind, why=act.why, words=acts.sentence(act), corrected=acts.sentence(act, corrected=True))
+            for act in named
+        ),
+        next_test=_next_test(diagnosis),
+        ground=ground_of(diagnosis.calibrated) if diagnosis.calibrated else "",
+        runs_to_decide=diagnosis.runs_to_decide,
+        now_um=diagnosis.accuracy.now_um,
+        calibrated_um=diagnosis.accuracy.calibrated_um,
+        before_there_um=diagnosis.accuracy.before_there_um,
+        level=diagnosis.level,
+        noise_um=diagnosis.train.noise_floor_um,
+        seconds=round(diagnosis.seconds, 1),
+        found=directory.name,
+        model=model.name if model else "",
+    )
+
+
+def _next_test(diagnosis: Diagnosis) -> str:
+    """The test that would separate rivals, or name a group, as `rig plan` calls it; empty where none is to be
+    driven."""
+    from analysis.diagnosis.plan.naming_tests import JOINED  # noqa: PLC0415 - slow to import
+
+    driven = (act.test.test for act in diagnosis.acts if act.test and act.test.test != JOINED)
+    return next(driven, diagnosis.next_test.test if diagnosis.next_test else "")
+
+
+def main() -> None:
+    """The process of an inference: its request is a file of JSON, its answer another one beside what was found."""
+    from rigs.errors import RigError  # noqa: PLC0415
+
+    request = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    directory = Path(request["directory"])
+    try:
+        answer = infer(
+            [Path(path) for path in request["used"]],
+            [Path(path) for path in request["judges"]],
+            Path(request["rig_file"]),
+            directory,
+        )
+    except RigError as error:
+        sys.stderr.write(f"error: {error}\n")
+        sys.exit(error.exit_code)
+    write_new(directory / ANSWER, holding(answer.model_dump_json().encode()))
+
+
+class Infers(Protocol):
+    """An inference under way."""
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it has ended."""
+
+    def result(self) -> Answer:
+        """Return its answer. Raises RigError."""
+
+
+StartInference = Callable[[Sequence[Path], Sequence[Path], Path, Path], Infers]
+"""Starts one with the runs that are used and those that judge, by a rig file, into a directory."""
+
+
+@dataclass
+class Inference:
+    """An inference under way in a process of its own."""
+
+    child: Child
+    directory: Path
+
+    @classmethod
+    def start(cls, used: Sequence[Path], judges: Sequence[Path], rig_file: Path, directory: Path) -> Inference:
+        """Start one that writes into a new directory. Raises FileError and CellError where its request cannot be
+        written."""
+        request = directory.with_suffix(".json")
+        asked = {
+            "used": [str(path) for path in used],
+            "judges": [str(path) for path in judges],
+            "rig_file": str(rig_file),
+            "directory": str(directory),
+        }
+        write_new(request, holding(json.dumps(asked).encode()))
+        log = directory.with_suffix(".log")
+        child = Child.start("analysis.apps.session.answer", "inference", [request], log, nice=_NICE)
+        return cls(child, directory)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether it has ended."""
+        return not self.child.runs
+
+    def result(self) -> Answer:
+        """Return its answer. Raises CellError where it has none."""
+        if self.child.exit_code != 0:
+            raise self.child.ended()
+        text = (self.directory / ANSWER).read_text(encoding="utf-8")
+        return Answer.model_validate_json(text)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The error of the path: readings against those that the commanded circle would give, whatever the joints were told.
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What a controller drove by: the model of the arm, and by how much its joints read more since values were entered,
+    (6,) degrees."""
+
+    model: Rig | None = None
+    reading_deg: Sequence[float] = (0.0,) * 6
+
+
+def path_error(runs: Sequence[Path], driven: Driven, noise_um: float) -> Deviation | None:
+    """Return how far the tool was from the commanded circle in runs, set-ups fitted; None for no runs.
+
+    noise_um: scatter of one run, root mean square. The joints that a controller reports do not say where it meant to
+    be once it was corrected; the circle angle does, by which the commanded joints are found again. Raises FileError.
+    """
+    from analysis.diagnosis.judge.compare_runs import compare  # noqa: PLC0415 - slow to import
+
+    measured = [as_commanded(load_measured(path), driven) for path in runs]
+    if not measured:
+        return None
+    # One set-up for both directions, as in the gap and in what was expected: apart they would take up half of a play.
+    every = np.concatenate([run.residuals_mm.ravel() for run in compare(measured, measured[0].rig).runs])
+    return Deviation(
+        um=round(1e3 * rms(every), 2),
+        largest_um=round(float(1e3 * np.abs(every).max()), 2),
+        u_um=round(noise_um / float(np.sqrt(len(measured))), 2),
+        runs=len(measured),
+    )
+
+
+def as_commanded(run: Measured, driven: Driven) -> Measured:
+    """Return a run on a circle with the joints that a sound arm would have had on the commanded circle, about a rig
+    without errors."""
+    table = run.table
+    bare = run.rig.model_copy(update={"effects": ()}).with_calibration(None, None)
+    if not isinstance(table, CircleTable):
+        return replace(run, rig=bare)
+    laps = circle_laps(bare, table.direction)
+    from analysis.correction.work import tool_poses  # noqa: PLC0415 - slow to import
+    from analysis.robot.kinematics.arm import arm_of, forward  # noqa: PLC0415
+    from analysis.robot.model.predict import model_of  # noqa: PLC0415
+
+    frame = frame_of(circle_of(run.rig))
+    if driven.model is None:
+        phi = frame.angle(forward(arm_of(run.rig.robot), table.q)[:, :3, 3])
+    else:
+        real = run.rig.modelled_as(driven.model)
+        phi = frame.angle(tool_poses(model_of(real), table.q - np.radians(driven.reading_deg))[:, :3, 3])
+    middle = (laps.phi[0] + laps.phi[-1]) / 2
+    phi = phi + 2 * np.pi * np.round((middle - (phi.min() + phi.max()) / 2) / (2 * np.pi))
+    order = np.argsort(laps.phi)
+    q = np.stack([np.interp(phi, laps.phi[order], joint[order]) for joint in laps.q.T], axis=1)
+    return replace(run, rig=bare, table=replace(table, q=q))

@@ -1,0 +1,178 @@
+"""`rig session CELL`: from a checked rig file to a corrected robot, guided."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from analysis.cli.commands import app, command
+from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson, RigArgument, maker_option, operator_or_user
+from rigs.schema.vocabulary import MakerName
+from rigs.text import plain
+
+if TYPE_CHECKING:
+    from analysis.apps.session.session_state import Place
+
+_MINUTES, _WAIT_MIN = 50.0, 15.0
+
+
+@command(app, "rig session cell.yaml --for kuka")
+def session(
+    rig_file: RigArgument,
+    minutes: Annotated[
+        float, typer.Option(min=1, max=1440, help="Time at hand, with set-ups and the verification.")
+    ] = _MINUTES,
+    aim: Annotated[
+        Literal["faults", "accuracy", "check"],
+        typer.Option(
+            help="What for. faults: what is worn, loose or shifted, until it is known; accuracy: as long as the time "
+            "lasts; check: the circle alone, and no correction."
+        ),
+    ] = "faults",
+    maker: Annotated[
+        MakerName | None, maker_option("Maker of the controller", "that of the feedback, or of the robot's name")
+    ] = None,
+    directory: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="DIR", help="Directory of the session; default: session-NAME."),
+    ] = None,
+    correct: Annotated[
+        Literal["entries", "programs", "none"] | None,
+        typer.Option(
+            help="How the robot is corrected; default: by entries where they take away at least four fifths of what "
+            "programs do."
+        ),
+    ] = None,
+    entered: Annotated[
+        bool, typer.Option("--entered", help="The values of the correction are entered at the controller.")
+    ] = False,
+    wait_min: Annotated[
+        float, typer.Option(min=0.1, max=1440, help="Minutes that the robot has to begin a program.")
+    ] = _WAIT_MIN,
+    operator: Annotated[str, typer.Option(help="Name of the person who measures; default: the user.")] = "",
+    emulated: Annotated[
+        bool,
+        typer.Option("--emulated", help="Emulate the cell, whose robot drives by itself; no person is needed."),
+    ] = False,
+    effects: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE", help="With --emulated: hidden effects, or the name of a shipped rig; default: none."
+        ),
+    ] = "",
+    fast: Annotated[
+        bool,
+        typer.Option("--fast", help="With --emulated: in simulated time, 50 minutes in a few."),
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="With --emulated: seed of the noise of the gauges.")] = 1,
+    status: Annotated[bool, typer.Option("--status", help="Show how far the session is, and end.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Measure, understand, correct and verify a robot, one program after the other.
+
+    The session says which program to start, records it, says whether the
+    run can be used, and what the runs so far show. It is kept in
+    DIR/session.yaml after each step: the same command goes on with it,
+    after Ctrl-C and on another day.
+    """
+    from analysis.apps.session.session_state import Emulated, Place
+    from rigs.errors import UseError
+    from rigs.load import find, load
+
+    rig, text = load(rig_file)
+    place = Place(directory or Path(f"session-{rig.name}"))
+    if status:
+        _show(place, rig_file, text, as_json=as_json)
+        return
+    for option, is_given in (("--effects", bool(effects)), ("--fast", fast)):
+        if is_given and not emulated:
+            raise UseError(option, "is allowed only with --emulated", "add --emulated")
+    controller = maker or rig.maker
+    if controller is None:
+        raise UseError("--for", "is not given, and neither feedback nor robot names the maker", "give --for")
+    from analysis.apps.session.run_session import Asked, run_session
+
+    if Path(effects).is_file():  # by a path that holds wherever the cell is started; a shipped name stays
+        effects = str(Path(effects).resolve())
+    asked = Asked(
+        rig_file=str(find(rig_file).resolve()),
+        aim=aim,
+        minutes=minutes,
+        maker=controller,
+        emulated=Emulated(effects=effects, seed=seed, fast=fast) if emulated else None,
+        operator=operator_or_user(operator),
+        wait_min=wait_min,
+        correct=correct,
+        entered=entered,
+        fast=fast,
+    )
+    screen = _Lines(aside=as_json)
+    try:
+        done = run_session(rig, text, place, asked, screen)
+    except KeyboardInterrupt:
+        screen.say(f"interrupted: what was reached is kept in {place.file}, and the same command goes on")
+        raise typer.Exit(130) from None
+    finally:
+        screen.clear()
+    if as_json:
+        say_json(done.model_dump(mode="json"))
+
+
+def _show(place: Place, rig_file: Path | str, rig_text: str, *, as_json: bool) -> None:
+    from analysis.apps.session.next_step import next_of
+    from analysis.apps.session.session_words import status_lines
+    from rigs.errors import FileError
+
+    kept_session = place.read()
+    if kept_session is None:
+        raise FileError(str(place.file), "no session was begun here", f"begin one: {place.command(rig_file)}")
+    place.hold_whole(kept_session, rig_text)
+    if as_json:
+        say_json(kept_session.model_dump(mode="json"))
+        return
+    for line in status_lines(kept_session, next_of(kept_session), place.directory):
+        for piece in _wrapped(line):
+            say(piece)
+
+
+class _Lines:
+    """Lines that stay on standard output; what goes on is one line on a terminal, rewritten, and nothing elsewhere.
+
+    aside: the lines stand on standard error, since JSON follows on standard output."""
+
+    def __init__(self, *, aside: bool) -> None:
+        self._shown, self._aside = False, aside
+
+    def say(self, line: str) -> None:
+        self.clear()
+        for piece in _wrapped(line):
+            say(piece, err=self._aside)
+        sys.stdout.flush()
+
+    def show(self, line: str) -> None:
+        if sys.stderr.isatty():
+            sys.stderr.write(f"\r\x1b[K{plain(line)[: shutil.get_terminal_size().columns - 1]}")
+            sys.stderr.flush()
+            self._shown = True
+
+    def clear(self) -> None:
+        """Take away what goes on."""
+        if self._shown:
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
+            self._shown = False
+
+
+def _wrapped(line: str) -> list[str]:
+    """A line in pieces as wide as the terminal, the further ones indented; whole where there is no terminal."""
+    if not sys.stdout.isatty():
+        return [line]
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    columns = shutil.get_terminal_size().columns
+    return textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)

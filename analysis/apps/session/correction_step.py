@@ -1,0 +1,237 @@
+"""The correction as a step of a session: values for the controller, or programs with corrected targets.
+
+Which of the two is decided by what they take away: values that are entered once serve every program and are preferred
+where they carry nearly as much; gears, soft joints and plays are held by the targets of a program alone, whose ways
+are known. What depends on time or on the instruments is corrected by neither: a person mends it.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.apps.makers.controller_entries import ControllerEntries
+from analysis.apps.makers.correct_rig import correct_rig
+from analysis.apps.makers.programs.compensated import compensated, targets_of
+from analysis.apps.makers.programs.motion_plan import Arc
+from analysis.apps.makers.report import controller_report, correction_report
+from analysis.apps.session.session_plan import FIXED, Program, named_as, programs_for, stage_rig
+from analysis.apps.session.session_state import MAIN, Correction, Session, Stage, Step, Way
+from analysis.correction.corrected_targets import corrected_angles
+from analysis.correction.deviation import Expected, Work
+from analysis.correction.plays import ahead_of_plays, known_plays
+from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, pose_uncertainty, where_known
+from analysis.correction.support import supports
+from analysis.correction.work import tool_poses, used_effects
+from analysis.diagnosis.judge.compare_runs import compare
+from analysis.report.texts import texts_of
+from analysis.robot.geometry.circle import frame_of
+from analysis.robot.geometry.driven_programs import circle_of
+from analysis.robot.kinematics.arm import arm_of, forward
+from analysis.robot.model.predict import model_of
+from analysis.runs.loading import Measured, load_measured
+from analysis.runs.noise.readings import rms
+from rigs.effects import Effect
+from rigs.errors import FileError
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.vocabulary import DrivenTest
+from rigs.yaml_text import read_yaml
+
+CORRECTIONS = "corrections"
+_FILE = "corrections.yaml"
+_ARC_DEG = 5.0
+"""Arcs of a program whose targets are corrected. On an arc a controller turns the tool evenly from end to end, so a
+wave of eight a lap keeps 6 % of what it does to the angle; 55 % at 15° (measured: 14 µm instead of 5)."""
+_NEARLY = 0.8
+"""Share of what corrected targets take away from which entries are preferred. Chosen."""
+_POSES = 60
+"""Postures of a run at which the uncertainty of the model is taken: every 6 degrees of a lap."""
+_ENTER = "choose --correct entries"
+_LEAST_UM, _LEAST_SHARE = 2.0, 0.05
+"""What a correction must take away of the error of the readings at least, in µm and as a share of it. Chosen: less is
+not worth a person's time, nor shown by a second measurement."""
+
+
+@dataclass(frozen=True)
+class Left:
+    """What is left of the error of the readings in µm, root mean square with set-ups fitted: as it is, with what the
+    entries hold, and with what corrected targets hold, whose ways between them are the controller's."""
+
+    now_um: float
+    by_entries_um: float
+    by_targets_um: float
+
+
+def corrected(
+    rig: Rig,
+    session: Session,
+    model_file: Path,
+    runs: tuple[Sequence[Path], Sequence[Path]],
+    steps: Sequence[Step],
+    directory: Path,
+    chosen_way: Way | None = None,
+) -> tuple[Correction, dict[str, Program]]:
+    """Return the correction by a model that a session found, with its files in a directory in place of an older one's,
+    and the programs that it changes, by those whose place they take.
+
+    runs: on the circle of the rig, by which it is judged, and at the other place; steps: those that are driven after
+    it; chosen_way: what a person chose. Raises FileError and CellError.
+    """
+    shutil.rmtree(directory, ignore_errors=True)
+    model, _ = load(model_file)
+    correction = correct_rig(model, None, session.maker)
+    correction_report.write(correction, directory)
+    entries = correction.at_controller
+    assert entries is not None  # noqa: S101 - a maker was given
+    on_circle, other_place = ([load_measured(path) for path in paths] for paths in runs)
+    targets = (*used_effects(model, correction.effects), *known_plays(model))
+    now_um, by_entries_um, at_targets_um = (
+        _left_um(on_circle, rig, effects) for effects in ((), entries.effects, targets)
+    )
+    try:
+        main = _of_test(rig, model, session.stages[0], MAIN)
+        between_um = _between_targets_um(rig, model, session.stages[0], main)
+    except FileError:
+        if chosen_way == "programs":
+            raise
+        between_um = float("inf")
+    remaining = Left(now_um, by_entries_um, float(np.hypot(at_targets_um, between_um)))
+    way = chosen_way or way_of(remaining, entries)
+    work = correction.work
+    if way == "none":
+        error = f"{remaining.now_um:.0f} µm rms"
+        sentence = f"No numbers take away much of the error of {error}: its cause is repaired at the arm."
+        return _correction(way, sentence, remaining.now_um), {}
+    pose_u = pose_uncertainty(model, correction.effects)
+    by, beside_um, after_um, left_um = (
+        (entries.effects, 0.0, entries.after_um, remaining.by_entries_um)
+        if way == "entries"
+        else (targets, between_um, work.after_um, remaining.by_targets_um)
+    )
+    at_circle, elsewhere = expected_left(model, pose_u, on_circle, left_um), None
+    if other_place:
+        there_um = float(np.hypot(_left_um(other_place, other_place[0].rig, by), beside_um))
+        elsewhere = expected_left(model, pose_u, other_place, there_um)
+    expected = {
+        "same": at_circle,
+        "elsewhere": elsewhere,
+        "work": Work(
+            before_um=round(work.before_um, 1),
+            after_um=round(after_um, 1),
+            u_um=round(work.u_um, 1),
+            unknown=round(work.unknown, 3),
+        ),
+    }
+    falls = f"expected to fall from {remaining.now_um:.0f} to {at_circle.text}"
+    if way == "entries":
+        unknown = texts_of("en").not_known(work.unknown)
+        sentence = f"{controller_report.first_sentence(entries)}{unknown} The readings' error is {falls}."
+        return _correction(way, sentence, remaining.now_um, left_um, **expected), {}
+    programs = corrected_programs(rig, model, session.stages, steps)
+    sentence = f"Load the corrected programs: the readings' error is {falls}."
+    return _correction(way, sentence, remaining.now_um, left_um, **expected), programs
+
+
+def expected_left(model: Rig, pose_u: PoseUncertainty, runs: Sequence[Measured], left_um: float) -> Expected:
+    """Return what a correction leaves on runs, with the uncertainty of the model in a reading there, a coordinate of
+    the tool's place with the frame taught on the circle; without one where the model's runs do not say it."""
+    q = np.concatenate([run.table.q[:: -(-len(run.table.q) // _POSES)] for run in runs])
+    u_um = 1e3 * rms(where_known(pose_u, q, frame_u_mm(model, pose_u, q, q) / np.sqrt(3)))
+    return Expected(um=round(left_um, 1), u_um=None if np.isnan(u_um) else round(u_um, 1))
+
+
+def _left_um(runs: Sequence[Measured], rig: Rig, effects: Sequence[Effect]) -> float:
+    """Return the gap of runs about an arm with these effects, µm: what a controller that knows them leaves."""
+    modelled = rig.model_copy(update={"effects": tuple(effects)}).with_calibration(None, None)
+    every = np.concatenate([run.residuals_mm.ravel() for run in compare(runs, modelled).runs])
+    return 1e3 * rms(every)
+
+
+def _correction(
+    way: Way, sentence: str, before_um: float, expected_um: float | None = None, **fields: Any
+) -> Correction:
+    return Correction(
+        way=way,
+        sentence=sentence,
+        before_um=round(before_um, 1),
+        expected_um=round(before_um if expected_um is None else expected_um, 1),
+        directory=CORRECTIONS,
+        **fields,
+    )
+
+
+def way_of(remaining: Left, entries: ControllerEntries) -> Way:
+    """Return how a robot is best corrected."""
+    by_targets_um = remaining.now_um - remaining.by_targets_um
+    by_entries_um = remaining.now_um - remaining.by_entries_um if entries.entries else 0.0
+    if max(by_targets_um, by_entries_um) < max(_LEAST_UM, _LEAST_SHARE * remaining.now_um):
+        return "none"
+    return "entries" if by_entries_um >= _NEARLY * by_targets_um else "programs"
+
+
+def entries_file(directory: Path) -> Path:
+    """The file with the values to be entered."""
+    return directory / _FILE
+
+
+def reading_deg(directory: Path) -> tuple[float, ...]:
+    """Return how much more each joint (6,) reads, in degrees, once the values of a correction are entered."""
+    data = read_yaml((directory / _FILE).read_text(encoding="utf-8"), str(directory / _FILE))[1]
+    added_deg = [0.0] * 6
+    for entry in data["controller"]["entries"]:
+        added_deg[entry["axis"] - 1] += entry["reading_deg"]
+    return tuple(added_deg)
+
+
+def corrected_programs(rig: Rig, model: Rig, stages: Sequence[Stage], steps: Sequence[Step]) -> dict[str, Program]:
+    """Return corrected programs in place of those of some steps, by the names of those. Raises FileError where a target
+    cannot be corrected."""
+    programs: dict[str, Program] = {}
+    for stage in stages:
+        stage_steps = [step for step in steps if step.stage == stage.name]
+        for test in dict.fromkeys(step.test for step in stage_steps):
+            new = {program.direction: program for program in _of_test(rig, model, stage, test)}
+            for step in stage_steps:
+                if step.test == test and step.program not in programs:
+                    programs[step.program] = named_as(new[step.direction], f"{step.program}{FIXED}")
+    return programs
+
+
+def _of_test(rig: Rig, model: Rig, stage: Stage, test: DrivenTest) -> list[Program]:
+    programs = programs_for(rig, stage, test, arc_deg=_ARC_DEG)
+    moved = stage_rig(rig, stage).modelled_as(model)
+    targets = [targets_of(program.plan) for program in programs]
+    q = np.array([target.q for of_program in targets for target in of_program])
+    ahead = np.concatenate([ahead_of_plays(moved, program.plan) for program in programs])
+    angles, _, failures = corrected_angles(moved, supports(model), q)
+    where = f"the corrected programs of the stage {stage.name}"
+    if failures:
+        raise FileError(where, f"{len(failures)} targets cannot be corrected: {failures[0].what}", _ENTER)
+    angles = angles + ahead
+    poses = forward(arm_of(moved.robot), angles)
+    plans = compensated([program.plan for program in programs], angles, poses, range(1, len(q) + 1), where)
+    return [replace(program, plan=plan, corrected="targets") for program, plan in zip(programs, plans, strict=True)]
+
+
+def _between_targets_um(rig: Rig, model: Rig, stage: Stage, programs: Sequence[Program]) -> float:
+    """Return the error in µm, root mean square, that corrected programs of a circle leave on the ways between their
+    targets, where the controller turns evenly: waves that are short, and plays where a joint turns back. A shift of the
+    circle and what the gauges' zeros hold are left out."""
+    moved = stage_rig(rig, stage).modelled_as(model)
+    effects = (*used_effects(model, supports(model)), *known_plays(moved))
+    real, frame = model_of(moved, effects), frame_of(circle_of(moved))
+    squares = []
+    for program in programs:
+        q = np.concatenate([step.q for step in program.plan.steps if isinstance(step, Arc)])
+        place = tool_poses(real, q)[:, :3, 3] - frame.centre
+        phi = np.arctan2(place @ frame.v, place @ frame.u)
+        distance = np.linalg.norm(place, axis=1)
+        set_up = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
+        squares.append((distance - set_up @ np.linalg.lstsq(set_up, distance)[0]) ** 2)
+    return 1e3 * float(np.sqrt(np.mean(np.concatenate(squares))))

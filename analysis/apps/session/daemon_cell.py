@@ -1,0 +1,546 @@
+"""The cell of a session: rigd as a process, the hands that set up and press start, and a step driven to its run.
+
+rigd is asked to record when the robot stands at the start of a program, and to stop when it has come to the end of its
+way and stands there. So a run is of the program that was driven, whichever was asked for.
+"""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from analysis.apps.emulate.served_cell import CellEvent
+from analysis.apps.session.child_processes import Child, Talking
+from analysis.apps.session.program_watch import Watch, Way
+from analysis.apps.session.session_plan import Program
+from analysis.apps.session.session_state import Emulated, Stage, Step
+from analysis.procedures.results import why_unusable
+from daq import clock
+from daq.service.client import Client, find_socket
+from daq.store.manifest import DrivenWith
+from rigs.errors import CellError, RigError
+from rigs.schema.vocabulary import MakerName
+
+LOOK_S = 0.1
+"""Between two looks at the joints."""
+_READY_S = 30.0
+"""The time for rigd and an emulated cell to come up."""
+_LEAVES_S = 6.0
+"""The time that the daemon of a session has to end after it."""
+_READS_S = 20.0
+"""The time until every stream has readings."""
+_SILENT_S = 3.0
+"""A stream without readings for so long is reported."""
+_STANDS_S = 4.0
+"""A program stands for 3 s at its end."""
+_STATUS_S = 1.0
+_MOVES_S = 0.5
+"""A robot that has not stood for so long moves, and is waited for."""
+_AGAIN_S = 1.0
+_HOST = "host"
+"""The stream of what happened to the computer itself."""
+_JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
+
+Say = Callable[[str], None]
+
+
+class Screen(Protocol):
+    """Where a session says what happens."""
+
+    def say(self, line: str) -> None:
+        """Say a line that stays."""
+
+    def show(self, line: str) -> None:
+        """Show what is going on, in place of what was shown before."""
+
+
+class Hands(Protocol):
+    """What is done at the cell: by a person who is asked, or by an emulated cell."""
+
+    def set_up(self, stage: Stage, rig_file: Path) -> Path:
+        """Set up a stage; return the rig file of the cell as it then is."""
+
+    def start(self, program: Program) -> None:
+        """Start a program, or ask for it."""
+
+    def go_on(self, program: Program) -> None:
+        """Let a program that waits for its recording go on, or ask for it."""
+
+    def look(self) -> None:
+        """Look whether the cell is still there. Raises CellError."""
+
+    def enter(self, file: Path) -> bool:
+        """Enter the values of a file at the controller; return whether that is done."""
+
+    def leave(self) -> None:
+        """Leave the cell."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that was recorded: its directory's name, the program that was driven, and why it is unusable, or empty;
+    held_up: how often the computer stood still meanwhile."""
+
+    name: str
+    program: str
+    why: str
+    held_up: int = 0
+
+
+class Driver(Protocol):
+    """What drives the steps of a session and records them."""
+
+    def set_up(self, stage: Stage, programs: Mapping[str, Program]) -> None:
+        """Make a stage ready, whose programs these are."""
+
+    def drive(self, step: Step, wait: Callable[[], None]) -> Run:
+        """Have a step driven; `wait` is called while nothing is to be done. Raises CellError."""
+
+    def enter(self, file: Path) -> bool:
+        """Have values entered; return whether that is done."""
+
+    def close(self) -> None:
+        """Leave the cell as it is."""
+
+
+class Rigd:
+    """The daemon of a session."""
+
+    @classmethod
+    def start(cls, rig_name: str, rig_file: Path, runs: Path, log: Path) -> Rigd:
+        """Start it, and wait until every stream has readings. Raises CellError."""
+        _hold_unserved(rig_name)
+        rigd = cls(rig_name, Child.start("daq.service.rigd", "rigd", [rig_file, "--runs", runs], log))
+        try:
+            until_s = clock.now_s() + _READY_S
+            while rigd._client is None:
+                if not rigd._child.runs:
+                    raise rigd._child.ended()
+                if clock.now_s() > until_s:
+                    raise CellError("rigd", f"was not ready after {_READY_S:.0f} s", f"see {rigd._child.log}")
+                clock.sleep(LOOK_S)
+                with suppress(CellError):
+                    rigd._client = Client(find_socket(rigd._name)).__enter__()
+            rigd._hold_reading()
+        except BaseException:
+            rigd.stop()
+            raise
+        return rigd
+
+    def __init__(self, rig_name: str, child: Child) -> None:
+        self._name, self._child = rig_name, child
+        self._client: Client | None = None
+        self._after: dict[str, int] = {}
+
+    def _hold_reading(self) -> None:
+        """Wait until every stream has readings. Raises CellError."""
+        until_s = clock.now_s() + _READS_S
+        while silent := self.silent():
+            if clock.now_s() > until_s:
+                names = ", ".join(silent)
+                raise CellError(names, f"no readings in {_READS_S:.0f} s", "see rig doctor; then the same command")
+            clock.sleep(LOOK_S)
+
+    def ask(self, command: str, **fields: Any) -> dict[str, Any]:
+        """Ask it, over another connection where it has closed one that was silent for long. Raises RigError."""
+        assert self._client is not None  # noqa: S101 - since it came up
+        if not self._child.runs:
+            raise self._child.ended()
+        try:
+            return self._client.ask(command, **fields)
+        except CellError:  # of the connection: what rigd itself refuses is another RigError
+            self._client.__exit__()
+            self._client = Client(find_socket(self._name)).__enter__()
+            return self._client.ask(command, **fields)
+
+    def silent(self) -> list[str]:
+        """Return the streams without a recent reading."""
+        streams = self.ask("status")["streams"]
+        return [
+            name for name, stream in streams.items() if not stream["age_s"] or min(stream["age_s"].values()) > _SILENT_S
+        ]
+
+    def joints(self) -> tuple[float, list[float]] | None:
+        """Return the newest joint angles in degrees with their time in s, None where none have come since the last
+        time."""
+        robot = self.ask("samples", after=self._after)["streams"].get("robot")
+        if not robot or not robot["rows"]:
+            return None
+        self._after = {"robot": robot["newest"]}
+        row, columns = robot["rows"][-1], robot["columns"]
+        angles = [row[1 + columns.index(name)] for name in _JOINTS]
+        return None if any(angle is None for angle in angles) else (row[0] / 1e9, angles)
+
+    def stop(self) -> None:
+        """Stop it; a run that it records is closed."""
+        if self._client is not None:
+            self._client.__exit__()
+        self._child.stop()
+
+
+StartRigd = Callable[[str, Path, Path, Path], Rigd]
+"""Starts the daemon of a rig's name, by its rig file, into a directory of runs, with a log."""
+
+
+def _hold_unserved(rig_name: str) -> None:
+    """Raise CellError where another rigd serves a rig; that of a session which was just killed has some seconds."""
+    until_s = clock.now_s() + _LEAVES_S
+    while True:
+        try:
+            serving = find_socket(rig_name)
+        except CellError:
+            return
+        if clock.now_s() > until_s:
+            problem = f"a rigd serves {rig_name} already ({serving}), and a session starts its own"
+            raise CellError("rigd", problem, "stop that one first; as a service: sudo systemctl stop rigd@NAME")
+        clock.sleep(LOOK_S)
+
+
+class LiveDriver:
+    """Drives steps in a cell whose instruments rigd reads."""
+
+    def __init__(
+        self,
+        rig_name: str,
+        directory: Path,
+        hands: Hands,
+        screen: Screen,
+        operator: str,
+        wait_min: float,
+        start_rigd: StartRigd = Rigd.start,
+    ) -> None:
+        """wait_min: how many minutes a robot has to begin."""
+        self._rig_name, self._directory, self._hands, self._screen = rig_name, directory, hands, screen
+        self._operator, self._wait_s, self._start_rigd = operator, 60 * wait_min, start_rigd
+        self.entered = False
+        """Whether the controller has the values of a correction, which correct whatever is driven."""
+        self._rigd: Rigd | None = None
+        self._programs: Mapping[str, Program] = {}
+        self._ways: dict[str, Way] = {}
+        self._ended = ""
+        """The program that was driven to its end last, at this stage."""
+
+    def set_up(self, stage: Stage, programs: Mapping[str, Program]) -> None:
+        """Make a stage ready: hands set it up, and rigd reads the cell as it then is. Raises CellError."""
+        if self._rigd is not None:
+            self._rigd.stop()
+            self._rigd = None
+        self._programs = programs
+        self._ways = {name: Way.of(program.plan) for name, program in programs.items()}
+        self._ended = ""
+        rig_file = self._hands.set_up(stage, self._directory / "cells" / f"{stage.name}.yaml")
+        self._rigd = self._start_rigd(self._rig_name, rig_file, self._directory / "runs", self._directory / "rigd.log")
+
+    def drive(self, step: Step, wait: Callable[[], None]) -> Run:
+        """Have a step driven and recorded. Raises CellError where nothing is driven in time."""
+        assert self._rigd is not None  # noqa: S101 - a stage was set up
+        watch = Watch(self._ways, step.program, self._ended)
+        by: DrivenWith = "entries" if self.entered else ""
+        programs = {
+            name: replace(program, corrected=program.corrected or by) for name, program in self._programs.items()
+        }
+        drive = _Drive(self._rigd, self._hands, self._screen, programs, watch, step, wait)
+        self._ended = ""
+        run = drive.run(self._operator, self._wait_s, self._directory / "runs")
+        self._ended = drive.ended
+        return run
+
+    def enter(self, file: Path) -> bool:
+        """Have values entered at the controller."""
+        self.entered = self._hands.enter(file)
+        return self.entered
+
+    def close(self) -> None:
+        """Stop rigd, and leave the cell."""
+        if self._rigd is not None:
+            self._rigd.stop()
+        self._hands.leave()
+
+
+@dataclass
+class _Drive:
+    """One step, from when it is asked for to its run. ended: the program that came to its end, empty where none did;
+    recording: the one whose run is being recorded, or none."""
+
+    rigd: Rigd
+    hands: Hands
+    screen: Screen
+    programs: Mapping[str, Program]
+    watch: Watch
+    asked: Step
+    wait: Callable[[], None]
+    ended: str = ""
+    recording: str = ""
+    lines: set[str] = field(default_factory=set)
+    try_again_s: float = 0.0
+
+    def run(self, operator: str, wait_s: float, runs: Path) -> Run:
+        """Have it driven; a recording that is cut short is ended in any case."""
+        self.hands.start(self.programs[self.asked.program])
+        until_s, look_s = clock.now_s() + wait_s, 0.0
+        try:
+            while True:
+                self.wait()
+                self.hands.look()
+                if (reading := self.rigd.joints()) is not None:
+                    done = self._seen(self.watch.feed(*reading), operator)
+                    if done is not None:
+                        return self._judged(done, runs)
+                now_s = clock.now_s()
+                if self.watch.share > 0 or self.watch.stood_s < _MOVES_S:
+                    until_s = now_s + wait_s
+                if now_s > until_s:
+                    if silent := self.rigd.silent():
+                        remedy = "see rig doctor; then the same command goes on"
+                        raise CellError(", ".join(silent), "sends no readings", remedy)
+                    where = "stands at its start and was not started" if self.recording else "was not started"
+                    raise CellError(self.asked.program, where, "start it; the same command goes on")
+                if now_s > look_s:
+                    look_s = now_s + _STATUS_S
+                    for name in self.rigd.silent():
+                        self._tell(f"{name} sends no readings: check its cable; see rig doctor")
+                    if not self.recording:
+                        self.screen.show(f"  waiting for {self.asked.program}: {(until_s - now_s) / 60:.0f} min left")
+                clock.sleep(LOOK_S)
+        finally:
+            if self.recording:
+                with suppress(RigError):
+                    self.rigd.ask("record_stop")
+
+    def _seen(self, seen: str, operator: str) -> tuple[str, str] | None:
+        """Act on what is seen; return the program that has come to its end, and why its run is unusable, or empty."""
+        program = self.watch.program
+        if seen == "at_start" and not self.recording:
+            self._begin(program, operator)
+        elif seen == "driving" and not self.recording:
+            self._tell(f"{program} began before it was recorded: let it end, then start it again")
+        elif seen == "driving":
+            self.screen.show(f"  {program}: {100 * self.watch.share:.0f} % of its way, recorded")
+        elif seen == "ended" and self.recording:
+            self.ended = program
+            return program, ""
+        elif seen in ("ended", "stopped", "astray") and not self.recording:
+            self.watch.forget()
+        elif seen == "stopped":
+            return program, f"the robot stopped at {100 * self.watch.share:.0f} % of its way"
+        elif seen == "astray":
+            return program, f"the robot left the way of {program} at {100 * self.watch.share:.0f} % of it"
+        elif seen == "elsewhere":
+            self._tell(f"the robot drove something that is no program of this stage: start {self.asked.program}")
+        return None
+
+    def _begin(self, program: str, operator: str) -> None:
+        """Begin to record a program, and let it go on; a refusal is reported, and tried again."""
+        if clock.now_s() < self.try_again_s:
+            return
+        driven = self.programs[program]
+        if program != self.asked.program:
+            self._tell(f"this is {program}, not {self.asked.program}: it is recorded as what it is")
+        try:
+            self.rigd.ask(
+                "record_start",
+                name=program,
+                test=driven.test,
+                direction=driven.direction,
+                operator=operator,
+                placement=driven.stage,
+                corrected=driven.corrected,
+            )
+        except RigError as error:
+            self._tell(f"nothing is recorded: {error}")
+            self.try_again_s = clock.now_s() + _AGAIN_S
+            return
+        self.recording = program
+        self.hands.go_on(driven)
+
+    def _judged(self, done: tuple[str, str], runs: Path) -> Run:
+        """End the recording, and say whether it can be used."""
+        program, why = done
+        ended = self.rigd.ask("record_stop")
+        self.recording = ""
+        name = Path(ended["run"]).name
+        why = why or why_unusable(runs / name)
+        held_up = ended["counters"].get(_HOST, {}).get("stalled", 0)
+        counts = {
+            stream: [f"{count} {kind}" for kind, count in counted.items() if kind != "samples"]
+            for stream, counted in ended["counters"].items()
+        }
+        faults = "; ".join(f"{stream}: {', '.join(words)}" for stream, words in counts.items() if words)
+        if why and faults:
+            why = f"{why} ({faults})"
+        return Run(name, program, why, held_up)
+
+    def _tell(self, line: str) -> None:
+        """Say something once."""
+        if line not in self.lines:
+            self.lines.add(line)
+            self.screen.say(line)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Hands: a person who is asked, and an emulated cell that needs nobody.
+
+
+class Person:
+    """A person at the cell, who is asked; what they did shows in what the robot does."""
+
+    def __init__(self, screen: Screen, ask: Callable[[str], bool]) -> None:
+        """ask: has a person confirm something; false where there is none."""
+        self._screen, self._ask = screen, ask
+
+    def set_up(self, stage: Stage, rig_file: Path) -> Path:
+        """The guide has asked for it."""
+        return rig_file
+
+    def start(self, program: Program) -> None:
+        """The guide has asked for it."""
+
+    def go_on(self, program: Program) -> None:
+        self._screen.say(f"{program.name} is recorded: mount the link, and let the program continue")
+
+    def look(self) -> None:
+        """A person looks after themselves."""
+
+    def enter(self, file: Path) -> bool:
+        return self._ask(f"the values of {file} are entered, and checked as it says")
+
+    def leave(self) -> None:
+        """They go home."""
+
+
+Hear = Callable[[CellEvent], None]
+StartCell = Callable[[Sequence[str | Path], Path, Hear], Talking]
+"""Starts an emulated cell with the arguments of `rig emulate` and a log; each of its events is heard."""
+
+
+def _emulate(arguments: Sequence[str | Path], log: Path, hear: Hear) -> Child:
+    def hear_line(line: str) -> None:
+        if event := CellEvent.of_line(line):
+            hear(event)
+
+    return Child.start("analysis.cli", "rig emulate", [*arguments, "--json"], log, hear=hear_line)
+
+
+class EmulatedHands:
+    """An emulated cell in a process: its robot drives the programs, and values are entered at its controller."""
+
+    def __init__(
+        self,
+        directory: Path,
+        maker: MakerName,
+        emulated: Emulated,
+        entered: Sequence[Path],
+        start_cell: StartCell = _emulate,
+    ) -> None:
+        """entered: files whose values the controller has already."""
+        self._directory, self._maker, self._emulated = directory, maker, emulated
+        self._entered, self._start_cell = list(entered), start_cell
+        self._child: Talking | None = None
+        self._events: queue.SimpleQueue[CellEvent] = queue.SimpleQueue()
+        # One that goes on after a cut has other noise: with the same its runs would repeat those before exactly.
+        self._visits = len(list((directory / "runs").glob("*")))
+        self._waits, self._may_go_on, self._is_busy = False, False, False
+
+    def set_up(self, stage: Stage, rig_file: Path) -> Path:
+        """Start the emulated cell of a stage. Raises CellError."""
+        self.leave()
+        cell = self._directory / "emulated"
+        programs = self._directory / "programs" / stage.name
+        arguments: list[str | Path] = ["emulate", rig_file, "--programs", programs, "--for", self._maker, "-o", cell]
+        if self._emulated.effects:
+            arguments += ["--effects", self._emulated.effects]
+        self._visits += 1
+        self._is_busy = self._waits = False
+        arguments += ["--seed", str(self._emulated.seed + self._visits)]
+        self._events = queue.SimpleQueue()  # what the cell before it still told is of no use
+        self._child = self._start_cell(arguments, self._directory / "emulated.log", self._events.put)
+        self._await("ready")
+        for file in self._entered:
+            self._type(f"enter {file}")
+            self._await("entered")
+        return cell / "rig.yaml"
+
+    def start(self, program: Program) -> None:
+        """Press start."""
+        self._may_go_on = False
+        self._free()
+        self._type(f"run {program.name}")
+        self._is_busy = True
+
+    def go_on(self, program: Program) -> None:
+        """Let the program go on as soon as it waits."""
+        self._may_go_on = True
+
+    def look(self) -> None:
+        """Hear what the cell reports. Raises CellError for an error of it, and where it has ended."""
+        self._hear()
+        if self._waits and self._may_go_on:
+            self._waits = self._may_go_on = False
+            self._type("go on")
+
+    def _hear(self) -> list[str]:
+        """Take in what the cell reported since the last time; return what kinds of events these are. Raises CellError
+        for an error of it, and where it has ended."""
+        assert self._child is not None  # noqa: S101 - a stage was set up
+        heard: list[str] = []
+        with suppress(queue.Empty):
+            while True:
+                event = self._events.get_nowait()
+                heard.append(event.event)
+                match event.event:
+                    case "refused" if event.name != "stop":  # which was typed where it ended just before
+                        raise CellError(
+                            "the emulated cell", event.text.removeprefix("error: "), f"see {self._child.log}"
+                        )
+                    case "waits":
+                        self._waits = True
+                    case "drives":
+                        self._waits = False
+                    case "done" | "stopped":
+                        self._waits = self._is_busy = False
+        if not self._child.runs:
+            raise self._child.ended()
+        return heard
+
+    def _await(self, event: str) -> None:
+        """Wait until the cell reports an event. Raises CellError where it ends before, or takes too long."""
+        assert self._child is not None  # noqa: S101 - a stage was set up
+        until_s = clock.now_s() + _READY_S
+        while event not in self._hear():
+            if clock.now_s() > until_s:
+                raise CellError(self._child.name, f"was not ready after {_READY_S:.0f} s", f"see {self._child.log}")
+            clock.sleep(LOOK_S)
+
+    def enter(self, file: Path) -> bool:
+        """Enter the values of a file."""
+        self._entered.append(file)
+        if self._child is not None:
+            self._free()
+            self._type(f"enter {file}")
+            self._await("entered")
+        return True
+
+    def _free(self) -> None:
+        """Let a program end that stands at its end, and stop one that drives or waits: what is typed next would wait
+        for it."""
+        until_s = clock.now_s() + _STANDS_S
+        while self._is_busy and clock.now_s() < until_s:
+            self.look()
+            clock.sleep(LOOK_S)
+        if self._is_busy:
+            self._type("stop")
+            self._is_busy = self._waits = False
+
+    def leave(self) -> None:
+        """Switch the cell off."""
+        if self._child is not None:
+            self._child.stop()
+            self._child = None
+
+    def _type(self, line: str) -> None:
+        assert self._child is not None  # noqa: S101 - a stage was set up
+        self._child.type_line(line)

@@ -1,0 +1,357 @@
+"""A session from its command: begun or gone on with, in a cell or an emulated one, and what its guide decides carried
+out. All that is slow or can fail is here; what happens next is decided by `analysis.apps.session.guide` alone."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from analysis.apps.session import guide
+from analysis.apps.session.answer import Inference, Infers, StartInference
+from analysis.apps.session.correction_step import CORRECTIONS, corrected, corrected_programs, entries_file
+from analysis.apps.session.daemon_cell import Driver, EmulatedHands, Hands, LiveDriver, Person, Rigd, Screen, StartRigd
+from analysis.apps.session.next_step import Drive
+from analysis.apps.session.session_plan import (
+    BY_HAND,
+    BY_ITSELF,
+    FIXED,
+    Pace,
+    Program,
+    planned,
+    programs_of_steps,
+    stage_text,
+    write_programs,
+)
+from analysis.apps.session.session_state import Aim, Emulated, Place, Session, Stage, Step, Way, digest_of
+from analysis.procedures.results import why_unusable
+from analysis.runs.written_files import holding, write_all_over
+from daq import clock
+from daq.store import load_manifest, read_run
+from daq.store.manifest import is_run
+from rigs.errors import CellError, FileError, RigError, UseError
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.vocabulary import MakerName
+from rigs.text import counted
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a person asks for. wait_min: minutes that a robot has to begin; correct: the way that was chosen; entered:
+    whether the values of the correction are entered; fast: whether an emulated cell is driven in simulated time."""
+
+    rig_file: str
+    aim: Aim
+    minutes: float
+    maker: MakerName
+    emulated: Emulated | None
+    operator: str
+    wait_min: float
+    correct: Way | None = None
+    entered: bool = False
+    fast: bool = False
+
+    @property
+    def pace(self) -> Pace:
+        """What the session takes beside the motion; in simulated time as much as with a person."""
+        return BY_ITSELF if self.emulated and not self.fast else BY_HAND
+
+
+@dataclass(frozen=True)
+class Means:
+    """What a session works with."""
+
+    hands: Hands
+    start_rigd: StartRigd = Rigd.start
+    start_inference: StartInference = Inference.start
+
+
+def run_session(
+    rig: Rig,
+    text: str,
+    place: Place,
+    asked: Asked,
+    screen: Screen,
+    means: Means | None = None,
+) -> Session:
+    """Begin a session, or go on with the one that is kept, to its end.
+
+    Raises RigError; what was reached is kept, and the same call goes on.
+    """
+    with place:
+        kept = place.read()
+        session = kept or _begun(rig, text, asked, screen)
+        _hold_same(session, text, asked, place)
+        if asked.entered:
+            if session.correction is None or session.correction.way != "entries":
+                raise UseError("--entered", "this session has no values to be entered", "leave it out")
+            session = session.model_copy(update={"correction": session.correction.model_copy(update={"entered": True})})
+        if kept is not None:
+            which_session = f"of {kept.began}: aim {kept.aim}, {kept.minutes:g} minutes, for {kept.maker}"
+            if kept.report:
+                screen.say(f"this session is at its end ({which_session}); another begins with another --output")
+            else:
+                screen.say(f"going on with the session {which_session}")
+        place.write(session)
+        with _means(session, place, asked, screen) if means is None else nullcontext(means) as equipment:
+            driver = LiveDriver(
+                rig.name, place.directory, equipment.hands, screen, asked.operator, asked.wait_min, equipment.start_rigd
+            )
+            driver.entered = bool(_entered_files(session, place))
+            try:
+                guided = guide.Guide(rig, asked.pace, place.directory, asked.correct)
+                state = guide.State(session)
+                return Conductor(place, state, driver, screen, guided, text, equipment.start_inference).run()
+            finally:
+                driver.close()
+
+
+@dataclass
+class Conductor:
+    """Carries out what the guide of a session decides, from one step to the next, until nothing is to be done.
+
+    rig_text: of the rig file; corrected: the corrected programs, once they are made, by those whose place they take.
+    """
+
+    place: Place
+    state: guide.State
+    driver: Driver
+    screen: Screen
+    guided: guide.Guide
+    rig_text: str
+    start_inference: StartInference = Inference.start
+    inferences: dict[guide.Runs, Infers] = field(default_factory=dict)
+    corrected: Mapping[str, Program] = field(default_factory=dict)
+
+    def run(self) -> Session:
+        """Go on to the end. Raises RigError; what was reached is kept."""
+        session = self.state.session
+        present = {attempt.run for step in session.steps for attempt in step.tries} | set(session.left_alone)
+        for path in sorted(self.place.runs.glob("*")):
+            if path.name not in present and is_run(path):
+                self._take(guide.Present(path.name, self._program_of(path)))
+        if session.correction and session.correction.way == "programs" and session.answer and session.open_steps:
+            model, _ = load(self.place.model_of(session.answer))
+            self.corrected = corrected_programs(self.guided.rig, model, session.stages, self._verify_steps())
+        if not any(step.tries for step in self.state.session.steps):
+            for stage in session.stages:
+                self._write(stage, self._programs(stage))
+        event: guide.Event | None = "begun"
+        while event is not None:
+            event = self._take(event)
+        return self.state.session
+
+    def _take(self, event: guide.Event) -> guide.Event | None:
+        """Take in an event, keep what it makes of the session, and carry out what follows; return what came of that."""
+        before = self.state.session
+        self.state, actions = self.guided.step(self.state, event)
+        if self.state.session != before:
+            self.place.write(self.state.session)
+        came = None
+        for action in actions:
+            came = self._carry_out(action)
+        return came
+
+    def _carry_out(self, action: guide.Action) -> guide.Event | None:
+        match action:
+            case guide.Say(lines):
+                for line in lines:
+                    self.screen.say(line)
+            case guide.SetUp(stage):
+                programs = self._programs(stage)
+                self._write(stage, programs)
+                self.driver.set_up(stage, programs)
+            case Drive(number):
+                began_s = clock.now_s()
+                run = self.driver.drive(self.state.session.steps[number], self._look)
+                return guide.Recorded(run, (clock.now_s() - began_s) / 60)
+            case guide.Begin(runs):
+                self.inferences[runs] = self._begun(runs)
+            case "await":
+                return self._awaited()
+            case "correct":
+                return self._correct()
+            case "enter":
+                return self._enter()
+            case "report":
+                return self._report()
+            case guide.Stop(error):
+                raise error
+        return None
+
+    def _look(self) -> None:
+        """Take in an answer that has come while a step is driven."""
+        runs = self.state.inferring
+        if runs is not None and self.inferences[runs].is_done:
+            try:
+                event = guide.Answered(self.inferences.pop(runs).result())
+            except RigError as error:
+                event = guide.Answered(None, error.what)
+            self._take(event)
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # What lies in the directory.
+
+    def _program_of(self, path: Path) -> str:
+        """The program of a run that may be of an open step; empty where it is not whole or usable, of another rig, or a
+        copy of one that a step has."""
+        try:
+            manifest = load_manifest(path)
+        except RigError:
+            return ""
+        if manifest.exit_status != "complete" or manifest.rig_name != self.guided.rig.name or why_unusable(path):
+            return ""
+        # Somebody may have copied a run: it holds the readings of one that a step has.
+        readings = read_run(path).readings_sha256
+        driven = self.place.runs_of(self.state.session.steps)
+        return "" if any(read_run(run).readings_sha256 == readings for run in driven if is_run(run)) else manifest.name
+
+    def _programs(self, stage: Stage) -> dict[str, Program]:
+        """The programs that may be driven at a stage now."""
+        nominal = (step for step in self.state.session.steps if not step.program.endswith(FIXED))
+        programs = programs_of_steps(self.guided.rig, [stage], [step for step in nominal if step.stage == stage.name])
+        return programs | {new.name: new for new in self.corrected.values() if new.stage == stage.name}
+
+    def _write(self, stage: Stage, programs: Mapping[str, Program]) -> None:
+        """Write the rig file and the programs of a stage; those that are there are the same."""
+        directory = self.place.directory
+        write_programs(self.state.session.maker, list(programs.values()), directory / "programs" / stage.name)
+        files = {**self.guided.rig.beside, f"{stage.name}.yaml": stage_text(self.rig_text, stage).encode()}
+        write_all_over(directory / "cells", {name: holding(content) for name, content in files.items()})
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # Understanding, correcting, and the end.
+
+    def _begun(self, runs: guide.Runs) -> Infers:
+        folder = self.place.directory / "found"
+        number = 1 + max((int(path.name) for path in folder.glob("[0-9]*") if path.name.isdigit()), default=0)
+        while (folder / f"{number:02d}.json").exists():
+            number += 1
+        model = self.place.directory / "cells" / f"{self.state.session.stages[0].name}.yaml"
+        used, judges = ([self.place.run(name) for name in names] for names in (runs.used, runs.judges))
+        return self.start_inference(used, judges, model, folder / f"{number:02d}")
+
+    def _awaited(self) -> guide.Answered:
+        assert self.state.inferring is not None  # noqa: S101 - it is waited for
+        inference, began_s = self.inferences.pop(self.state.inferring), clock.now_s()
+        count = len(self.state.session.runs_for("find"))
+        while not inference.is_done:
+            self.screen.show(f"understanding {counted(count, 'run')}: {clock.now_s() - began_s:.0f} s")
+            clock.sleep(_LOOK_S)
+        return guide.Answered(inference.result())
+
+    def _verify_steps(self) -> list[Step]:
+        """The steps after the correction, with the nominal programs that they begin from."""
+        return [
+            step.model_copy(update={"program": step.program.removesuffix(FIXED)})
+            for step in self.state.session.steps
+            if step.purpose == "verify"
+        ]
+
+    def _correct(self) -> guide.Corrected:
+        self.screen.show("making the correction")
+        session, place = self.state.session, self.place
+        assert session.answer is not None  # noqa: S101 - it is corrected by it
+        main = session.stages[0].name
+        finding = [step for step in session.runs_for("find") if step.stage == main]
+        runs = place.runs_of(finding), place.runs_of(session.runs_for("judge"))
+        model, directory = place.model_of(session.answer), place.directory / CORRECTIONS
+        verify = self._verify_steps()
+        correction, programs = corrected(
+            self.guided.rig, session, model, runs, verify, directory, self.guided.chosen_way
+        )
+        self.corrected = programs
+        for stage in session.stages:
+            new = [program for program in programs.values() if program.stage == stage.name]
+            write_programs(session.maker, new, place.directory / "programs" / stage.name)
+        return guide.Corrected(correction, {name: program.name for name, program in programs.items()})
+
+    def _enter(self) -> guide.Event:
+        """Have the values entered. Raises CellError where no person confirms it."""
+        file = entries_file(self.place.directory / CORRECTIONS)
+        self.screen.say(f"enter the values of {file}, as it says")
+        if not self.driver.enter(file):
+            kept = self.state.session
+            remedy = f"enter them, then: {self.place.command(kept.rig_file, kept)} --entered"
+            raise CellError(str(file), "no person has confirmed that its values are entered", remedy)
+        return "entered"
+
+    def _report(self) -> guide.Reported:
+        from analysis.apps.session import session_report as report  # noqa: PLC0415 - slow to import
+
+        self.screen.show("writing the report")
+        session = self.state.session
+        verified = None if session.aim == "check" else report.verified_by(session, self.place)
+        page = report.write_report(session.model_copy(update={"verified": verified}), self.guided.rig, self.place)
+        return guide.Reported(verified, page.name)
+
+
+_LOOK_S = 0.2
+
+
+@contextmanager
+def _means(session: Session, place: Place, asked: Asked, screen: Screen) -> Iterator[Means]:
+    """Give what a session works with, in simulated time where it is asked for."""
+    files, emulated = _entered_files(session, place), session.emulated
+    if emulated is None:
+        yield Means(Person(screen, _confirmed))
+        return
+    if not asked.fast:
+        yield Means(EmulatedHands(place.directory, session.maker, emulated, files))
+        return
+    from analysis.apps.session.simulated import (  # noqa: PLC0415 - imports the daemon
+        SimulatedCells,
+        SimulatedInference,
+        simulated_time,
+    )
+
+    with simulated_time(emulated.seed) as simulated:
+        cells = SimulatedCells(simulated, place.directory)
+        hands = EmulatedHands(place.directory, session.maker, emulated, files, cells.start_cell)
+        yield Means(hands, cells.start_rigd, SimulatedInference.start)
+
+
+def _begun(rig: Rig, text: str, asked: Asked, screen: Screen) -> Session:
+    screen.show("planning")
+    stages, steps = planned(rig, asked.aim, asked.minutes, asked.pace, screen.show)
+    return Session(
+        rig=rig.name,
+        rig_file=asked.rig_file,
+        rig_sha256=digest_of(text),
+        aim=asked.aim,
+        maker=asked.maker,
+        minutes=asked.minutes,
+        began=clock.wall_time().isoformat(timespec="seconds"),
+        emulated=asked.emulated,
+        stages=stages,
+        steps=steps,
+    )
+
+
+def _hold_same(session: Session, text: str, asked: Asked, place: Place) -> None:
+    """Raise an error where the session that is kept is of another cell, or was begun otherwise."""
+    if session.rig_sha256 != digest_of(text):
+        problem = f"is a session with the rig file {session.rig_file}, which has changed since or is another"
+        raise FileError(str(place.file), problem, "restore that file, or begin another session with another --output")
+    if (session.emulated is None) != (asked.emulated is None):
+        kind = "a real" if session.emulated is None else "an emulated"
+        raise UseError("--emulated", f"this session is of {kind} cell", "go on as it was begun, or give another -o")
+
+
+def _entered_files(session: Session, place: Place) -> list[Path]:
+    """The files whose values the controller has."""
+    correction = session.correction
+    return [entries_file(place.directory / CORRECTIONS)] if correction and correction.entered else []
+
+
+def _confirmed(statement: str) -> bool:
+    """Ask a person at the terminal whether something is so; false where there is none."""
+    if not (sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()):
+        return False
+    try:
+        return input(f"{statement}? [y] ").strip().lower() in ("", "y", "yes")
+    except EOFError:
+        return False

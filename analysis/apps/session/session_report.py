@@ -1,0 +1,71 @@
+"""The page at the end of a session: the report of its runs, and the error of the robot before and after."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+from analysis.api import diagnose, evaluate_runs
+from analysis.apps.session.answer import Driven, path_error
+from analysis.apps.session.correction_step import CORRECTIONS, reading_deg
+from analysis.apps.session.session_plan import ELSEWHERE
+from analysis.apps.session.session_state import Place, Session, Verified, own_programs
+from analysis.report.page.page_content import BeforeAfter, gather, judge
+from analysis.report.page.write_page import write_page
+from analysis.runs.loading import load_measured
+from rigs.errors import RigError
+from rigs.load import load
+from rigs.rig import Rig
+
+PAGE = "report.html"
+
+
+def verified_by(session: Session, place: Place) -> Verified:
+    """Return the error of the robot's own path before and after the correction, on the same tests and at the place that
+    was not used. Raises RigError."""
+    nominal = after = Driven()
+    noise_um = session.answer.noise_um if session.answer else 0.0
+    if session.answer is not None and session.correction is not None and session.correction.way != "none":
+        entered = session.correction.way == "entries"
+        model, _ = load(place.model_of(session.answer))
+        after = Driven(model, reading_deg(place.directory / CORRECTIONS) if entered else (0.0,) * 6)
+    verify = session.runs_for("verify")
+    tests = {(step.stage, step.test, step.direction) for step in verify}
+    main = [step for step in session.runs_for("find") if (step.stage, step.test, step.direction) in tests]
+    sides = {
+        "same_before": (main, nominal),
+        "same_after": ([step for step in verify if step.stage != ELSEWHERE], after),
+        "elsewhere_before": (session.runs_for("judge"), nominal),
+        "elsewhere_after": ([step for step in verify if step.stage == ELSEWHERE], after),
+    }
+    return Verified(**{name: path_error(place.runs_of(steps), by, noise_um) for name, (steps, by) in sides.items()})
+
+
+def write_report(session: Session, rig: Rig, place: Place) -> Path:
+    """Write the page of a session, in place of an older one: figures of the runs that find errors, and the diagnosis of
+    all runs before the correction. Raises FileError and CellError."""
+    find, judges = (
+        [load_measured(run) for run in place.runs_of(session.runs_for(purpose))] for purpose in ("find", "judge")
+    )
+    model = find[0].rig.modelled_as(rig)
+    joined = judges if session.answer and session.answer.joined else []
+    diagnosis = None
+    with suppress(RigError):  # the page says why for those that find errors
+        diagnosis = diagnose([*find, *joined], rig=model) if joined else None
+    results, after = evaluate_runs(find), None
+    correction, judged = session.correction, session.judged
+    if session.verified is not None and correction is not None:
+        verify = [step for step in session.runs_for("verify") if step.stage != ELSEWHERE and session.is_corrected]
+        driven = [load_measured(run) for run in place.runs_of(verify)]
+        after = BeforeAfter(
+            correction.sentence,
+            correction.way,
+            session.sides,
+            work=correction.work,
+            judged=(judged.before_there_um, judged.calibrated_um) if judged and judged.before_there_um else None,
+            joined=session.answer.joined if session.answer else 0,
+            own_programs=own_programs(session, place.directory),
+            verdict=judge(evaluate_runs(driven), model.limits) if driven else None,
+        )
+    report = gather(results, model, diagnosis=diagnosis, after=after, progress=lambda _: None)
+    return write_page(report, place.directory / PAGE)

@@ -1,0 +1,431 @@
+"""The pages by their addresses, in the languages of the report; what the analysis says in its own words stays
+English.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import mimetypes
+import time
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from functools import cache, partial
+from importlib import resources
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import yaml
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse, Response
+from starlette.routing import Route
+
+from analysis.apps.plant.history import label_of
+from analysis.apps.session.session_state import Place
+from analysis.apps.window.control_posts import Controls
+from analysis.apps.window.guard import COOKIE, Gate, Guard, form_of
+from analysis.apps.window.made import WRITERS, Made, Wanted
+from analysis.apps.window.shelf import MOST_SHOWN, Shelf, Shown, metrics_of
+from analysis.apps.window.watcher import MOST_VIEWERS, Follow, Watcher
+from analysis.procedures.shared.quantity import Quantity
+from analysis.report.html_page import environment
+from analysis.report.texts import LANGUAGES, Language
+from analysis.report.texts import texts_of as report_texts
+from daq.service.trust import tcp_user
+from rigs.distribution import version
+from rigs.errors import CellError, RigError
+from rigs.schema.vocabulary import makers
+
+NAMES: dict[Language, str] = {"en": "English", "de": "Deutsch", "ko": "한국어"}
+
+
+@cache
+def words_of(language: Language) -> dict[str, str]:
+    """Return the texts of a language by key."""
+    file = resources.files("analysis") / "templates" / "window" / f"texts.{language}.yaml"
+    words: dict[str, str] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return words
+
+
+def language_of(chosen: str, accepted: str) -> Language:
+    """Return the language that a person has chosen, else the first of those that the browser accepts (RFC 9110,
+    12.5.4, in their order), else English."""
+    for tag in (chosen, *(part.partition(";")[0].strip() for part in accepted[:200].split(","))):
+        for language in LANGUAGES:
+            if tag.lower().partition("-")[0] == language:
+                return language
+    return "en"
+
+
+log = logging.getLogger("uvicorn.error")
+LANGUAGE = "rig_window_lang"
+_STATIC = {"window.css": "text/css", "window.js": "text/javascript", "icon.svg": "image/svg+xml"}
+_A_YEAR_S = 31_536_000
+_MOST_RUNS = 60
+"""Runs in one address, which is 8 kB long at most."""
+_MOST_ROBOTS = 3
+"""Robots whose runs are evaluated for one list."""
+_PAGE = "page.html"
+_SCRAPE_S, _LOOK_S = 8.0, 0.2
+"""How long metrics wait for runs that are being evaluated, and between two looks: Prometheus gives up after 10 s."""
+_WRONG_TOKEN_S = 1.0
+"""A wrong token is answered so late, and one at a time: a word of 16 letters is not found by trying."""
+_SCRIPTED = "sandbox allow-scripts allow-downloads; frame-ancestors 'none'"
+"""For pages of `rig report`, which allow their own scripts by hash: they see nothing of the window."""
+_PLAIN = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+"""For everything else that commands make: no script runs."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """What a window shows. shelf: of the runs; place: of the session; controls: None where it is read-only."""
+
+    watcher: Watcher
+    shelf: Shelf
+    place: Place | None
+    made: Made
+    gate: Gate
+    controls: Controls | None
+
+
+def app_of(window: Window) -> Guard:
+    """Return the window as an application, with what guards it."""
+    pages = _Pages(window)
+    routes = [
+        Route("/", pages.live),
+        Route("/events", pages.events),
+        Route("/session", pages.session),
+        Route("/session/report", pages.session_report),
+        Route("/runs", pages.runs),
+        Route("/runs/{name}", pages.run),
+        Route("/runs/{name}/table.{kind}", pages.table),
+        Route("/report", pages.report),
+        Route("/compare", pages.compare),
+        Route("/history/{robot}", pages.history),
+        Route("/fleet", pages.fleet),
+        Route("/metrics", pages.metrics),
+        Route("/made/{key}/{file:path}", pages.made),
+        Route("/login", pages.login, methods=["GET", "POST"]),
+        Route("/language", pages.language, methods=["POST"]),
+        Route("/control/{what}", pages.control, methods=["POST"]),
+        Route("/static/{file}", pages.static),
+    ]
+
+    @asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        watching = asyncio.create_task(window.watcher.run())
+        watching.add_done_callback(_say_why)
+        try:
+            yield
+        finally:
+            watching.cancel()
+            with suppress(asyncio.CancelledError):
+                await watching
+            window.made.close()
+
+    handlers: dict[Any, Any] = {HTTPException: pages.refused, RigError: pages.failed}
+    return Guard(Starlette(routes=routes, lifespan=lifespan, exception_handlers=handlers), window.gate)
+
+
+NOT_ALLOWED = CellError(
+    "rig window", "your user is not allowed to control rigd, by its socket", "join the group rig, or ask for --token"
+)
+
+
+class _Pages:
+    def __init__(self, window: Window) -> None:
+        self._window = window
+        self._templates = environment()
+        self._templates.filters["written"] = _written
+        self._templates.filters["address"] = lambda name: quote(name, safe="")
+        self._asset = version()
+        self._wrong_token = asyncio.Lock()
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # The live page and the session.
+
+    async def live(self, request: Request) -> Response:
+        return self._page(request, "live.html", session=self._window.place is not None)
+
+    async def events(self, request: Request) -> Response | Follow:
+        board = self._window.watcher.board
+        if board.viewers >= MOST_VIEWERS:
+            return JSONResponse({"why": "too many pages follow already"}, 503, {"retry-after": "10"})
+        return Follow(board)
+
+    async def session(self, request: Request) -> Response:
+        session_lines: list[str] = []
+        if self._window.controls is not None:
+            session_lines = await run_in_threadpool(self._window.controls.session_lines)
+        place = self._window.place
+        names = makers() if place is not None and not place.file.exists() else ()
+        return self._page(request, "session.html", has_session=place is not None, said=session_lines, makers=names)
+
+    def session_report(self, request: Request) -> Response:
+        place = self._window.place
+        session = place.read() if place else None
+        if place is None or session is None or not session.report:
+            raise HTTPException(404)
+        file = place.directory / Path(session.report).name
+        if not file.is_file():
+            raise HTTPException(404)
+        return FileResponse(file, media_type="text/html", headers={"content-security-policy": _SCRIPTED})
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # Runs.
+
+    def runs(self, request: Request) -> Response:
+        words = request.query_params.get("q", "")[:200]
+        shown, count = self._window.shelf.runs(words)
+        robots = sorted({str(run.about["rig"]) for run in shown if run.about["rig"]})
+        unshown = max(0, count - MOST_SHOWN)
+        waits = self._evaluates(shown)
+        return self._page(
+            request, "runs.html", runs=shown, count=count, more=unshown, words=words, robots=robots, waits=waits
+        )
+
+    def run(self, request: Request) -> Response:
+        shown = self._window.shelf.run(request.path_params["name"])
+        pictures, why = self._pictures([shown]) if _is_whole(shown) else ([], "")
+        waits = self._evaluates([shown]) or pictures is None
+        return self._page(
+            request, "run.html", run=shown, pictures=pictures or [], why=why, waits=waits, kinds=list(WRITERS)
+        )
+
+    def table(self, request: Request) -> Response:
+        kind = request.path_params["kind"]
+        if kind not in WRITERS:
+            raise HTTPException(404)
+        shown = self._window.shelf.run(request.path_params["name"])
+        arguments = (str(shown.path.resolve()), f"{{out}}/table.{kind}")
+        made = self._window.made.get(Wanted("analysis.apps.window.made", arguments, (shown.path,)))
+        if made is None:
+            return self._wait(request)
+        return FileResponse(made / f"table.{kind}", filename=f"{shown.name}.{kind}")
+
+    def report(self, request: Request) -> Response:
+        shown = self._chosen(request)
+        diagnosis = "--diagnosis" if request.query_params.get("diagnosis") else "--no-diagnosis"
+        words = ("report", *_paths(shown), "-o", f"{{out}}/{_PAGE}", "--lang", self._language(request), diagnosis)
+        return self._made_page(request, words, shown)
+
+    def compare(self, request: Request) -> Response:
+        shown = self._chosen(request)
+        if len(shown) != 2:
+            raise HTTPException(400, "choose_two")
+        pictures, why = self._pictures(shown)
+        first, second = ({figure.name: figure.value for figure in run.figures} for run in shown)
+        rows = []
+        for name in (name for name in first if name in second):
+            u = (first[name].u ** 2 + second[name].u ** 2) ** 0.5
+            difference = second[name].value - first[name].value
+            rows.append((name, first[name], second[name], difference, difference / u if u > 0 else None))
+        return self._page(
+            request, "compare.html", runs=shown, rows=rows, pictures=pictures or [], why=why, waits=pictures is None
+        )
+
+    def history(self, request: Request) -> Response:
+        robot = request.path_params["robot"]
+        if robot not in self._window.shelf.robots():
+            raise HTTPException(404)
+        return self._served(request, self._history_of(robot))
+
+    def fleet(self, request: Request) -> Response:
+        shown, _ = self._window.shelf.runs()
+        words = ("fleet", str(self._window.shelf.directory.resolve()), "-o", f"{{out}}/{_PAGE}", "--jobs", "1")
+        return self._made_page(request, words, shown[:_MOST_RUNS])
+
+    def metrics(self, request: Request) -> Response:
+        daemon = ""
+        with suppress(RigError):  # while there is none, its own are missing
+            daemon = str(self._window.watcher.ask("metrics")["text"])
+        end_s = time.monotonic() + _SCRAPE_S
+        while self._evaluates(self._window.shelf.runs()[0]) and time.monotonic() < end_s:
+            time.sleep(_LOOK_S)  # in a thread of the pool; runs that nobody has opened have no figures yet
+        text = daemon + metrics_of(self._window.shelf.runs()[0], daemon_is_up=bool(daemon))
+        return Response(text, media_type="text/plain; version=0.0.4; charset=utf-8")
+
+    async def made(self, request: Request) -> Response:
+        file = self._window.made.file(request.path_params["key"], request.path_params["file"])
+        if file is None or file.suffix not in (".html", ".png"):
+            raise HTTPException(404)
+        policy = _SCRIPTED if request.query_params.get("scripts") else _PLAIN
+        kind = mimetypes.types_map[file.suffix]
+        return FileResponse(file, media_type=kind, headers={"content-security-policy": policy})
+
+    # ------------------------------------------------------------------------------------------------------------------
+    # Who, in which language, and what is done.
+
+    async def login(self, request: Request) -> Response:
+        gate = self._window.gate
+        if gate.token is None:
+            return RedirectResponse("/", 303)
+        if request.method == "GET":
+            return self._page(request, "login.html", wrong=False)
+        form = await _form(request)
+        if not gate.is_token(form.get("token", "")):
+            async with self._wrong_token:
+                await asyncio.sleep(_WRONG_TOKEN_S)
+            return self._page(request, "login.html", 403, wrong=True)
+        answer = RedirectResponse("/", 303)
+        secure = request.headers.get("x-forwarded-proto") == "https"
+        answer.set_cookie(COOKIE, gate.pass_, httponly=True, samesite="strict", secure=secure)
+        return answer
+
+    async def language(self, request: Request) -> Response:
+        form = await _form(request)
+        back = form.get("back", "/")
+        answer = RedirectResponse(back if back.startswith("/") and not back.startswith(("//", "/\\")) else "/", 303)
+        if form.get("to") in LANGUAGES:
+            answer.set_cookie(LANGUAGE, form["to"], max_age=_A_YEAR_S, httponly=True, samesite="strict")
+        return answer
+
+    async def control(self, request: Request) -> Response:
+        controls, form = self._window.controls, await _form(request)
+        if controls is None or not self._window.gate.is_own_form(form):
+            raise HTTPException(403)
+        if self._window.gate.token is None:
+            # Who asks without a token must be one who may use the daemon's socket as well, by user and group.
+            client, server = request.client, request.scope.get("server")
+            user = tcp_user((client.host, client.port), server[1]) if client and server else None
+            if user is None or not controls.is_allowed(user):
+                return JSONResponse({"ok": False, "said": str(NOT_ALLOWED)}, 403)
+        try:
+            answer = await run_in_threadpool(controls.do, request.path_params["what"], form)
+        except RigError as error:
+            return JSONResponse({"ok": False, "said": str(error)}, 409)
+        if answer is None:
+            raise HTTPException(404)
+        return JSONResponse({"ok": True, "said": answer})
+
+    async def static(self, request: Request) -> Response:
+        name = request.path_params["file"]
+        if name == "report.css":
+            place, kind = resources.files("analysis") / "templates", "text/css"
+        elif name in _STATIC:
+            place, kind = resources.files("analysis") / "templates" / "window", _STATIC[name]
+        else:
+            raise HTTPException(404)
+        text = (place / name).read_text(encoding="utf-8")
+        return Response(text, media_type=kind, headers={"cache-control": "no-cache"})
+
+    async def refused(self, request: Request, error: HTTPException) -> Response:
+        texts = words_of(self._language(request))
+        key = error.detail if error.detail in texts else f"status_{error.status_code}"
+        return self._page(request, "message.html", error.status_code, message=texts.get(key, error.detail))
+
+    async def failed(self, request: Request, error: RigError) -> Response:
+        status = 404 if "is no run here" in error.what else 409
+        return self._page(request, "message.html", status, message=str(error))
+
+    # ------------------------------------------------------------------------------------------------------------------
+
+    def _page(self, request: Request, template: str, status: int = 200, **values: Any) -> Response:
+        language = self._language(request)
+        window, texts = self._window, words_of(language)
+        html = self._templates.get_template(f"window/{template}").render(
+            t=texts,
+            lang=language,
+            languages=NAMES,
+            here=request.url.path + (f"?{request.url.query}" if request.url.query else ""),
+            label=partial(_label, language),
+            control=window.controls is not None,
+            secret=window.gate.secret if window.controls is not None else "",
+            asset=self._asset,
+            let_in=window.gate.is_let_in(request.headers),
+            script_texts={key.removeprefix("js_"): text for key, text in texts.items() if key.startswith("js_")},
+            **values,
+        )
+        return HTMLResponse(html, status, {"content-language": language})
+
+    def _language(self, request: Request) -> Language:
+        return language_of(request.cookies.get(LANGUAGE, ""), request.headers.get("accept-language", ""))
+
+    def _chosen(self, request: Request) -> list[Shown]:
+        """The runs that an address names. Raises FileError, HTTPException."""
+        names = list(dict.fromkeys(request.query_params.getlist("run")))
+        if not names or len(names) > _MOST_RUNS:
+            raise HTTPException(400, "choose_runs")
+        return [self._window.shelf.run(name) for name in names]
+
+    def _evaluates(self, shown: Sequence[Shown]) -> bool:
+        """Have runs without figures evaluated, as `rig history` does and keeps; return whether that is under way."""
+        new = {str(run.about["rig"]) for run in shown if run.record is None and _is_whole(run)}
+        try:
+            made = [self._window.made.get(self._history_of(robot)) for robot in sorted(new)[:_MOST_ROBOTS]]
+        except RigError:  # the next try says more
+            return False
+        return None in made
+
+    def _history_of(self, robot: str) -> Wanted:
+        runs = tuple(run.path for run in self._window.shelf.runs()[0] if run.about["rig"] == robot)
+        directory = str(self._window.shelf.directory.resolve())
+        words = ("history", robot, "--runs", directory, "-o", f"{{out}}/{_PAGE}", "--jobs", "1")
+        return Wanted("analysis.cli", words, runs)
+
+    def _pictures(self, shown: Sequence[Shown]) -> tuple[list[str] | None, str]:
+        """The addresses of the pictures of runs, None while they are drawn; and why there are none."""
+        words = ("analyse", *_paths(shown), "--json", "--plot", "{out}")
+        try:
+            made = self._window.made.get(Wanted("analysis.cli", words, tuple(run.path for run in shown)))
+        except RigError as error:
+            return [], error.what
+        return (
+            (None, "")
+            if made is None
+            else ([f"/made/{made.name}/{picture.name}" for picture in sorted(made.glob("*.png"))], "")
+        )
+
+    def _made_page(self, request: Request, words: tuple[str, ...], shown: Sequence[Shown]) -> Response:
+        return self._served(request, Wanted("analysis.cli", words, tuple(run.path for run in shown)))
+
+    def _served(self, request: Request, making: Wanted) -> Response:
+        made = self._window.made.get(making)
+        if made is None:
+            return self._wait(request)
+        scripts = "?scripts=1" if making.arguments[0] == "report" else ""
+        return RedirectResponse(f"/made/{made.name}/{_PAGE}{scripts}", 303)
+
+    def _wait(self, request: Request) -> Response:
+        return self._page(request, "wait.html", 202)
+
+
+def _label(language: Language, name: str) -> str:
+    """What a figure is called in a language, and in English where it is that of an axis."""
+    label = report_texts(language).label(name)
+    return label_of(name) if label == name else label
+
+
+def _written(value: Quantity) -> str:
+    """A figure with its uncertainty; without one where it has none, as what a program only states."""
+    return str(value) if value.u > 0 else f"{value.rounded(value.value)} {value.sign}".rstrip()
+
+
+def _say_why(watching: asyncio.Task[None]) -> None:
+    """Let a person see why nothing is watched any more: pages say that there is no news."""
+    if not watching.cancelled() and (error := watching.exception()) is not None:
+        log.error("the cell is not watched any more", exc_info=error)
+
+
+async def _form(request: Request) -> dict[str, str]:
+    """The fields of a form. Raises HTTPException for what is none."""
+    try:
+        return await form_of(request)
+    except (ValueError, TimeoutError):
+        raise HTTPException(400) from None
+
+
+def _is_whole(shown: Shown) -> bool:
+    return shown.about["status"] not in ("recording", "crashed", "damaged")
+
+
+def _paths(shown: Sequence[Shown]) -> list[str]:
+    return [str(run.path.resolve()) for run in shown]

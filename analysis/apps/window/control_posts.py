@@ -1,0 +1,97 @@
+"""What a person may do from a browser where the window was started with --control. It never commands the robot."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+
+from analysis.apps.live.controls import label_of
+from analysis.apps.session.child_processes import Child
+from analysis.apps.session.session_state import Place
+from analysis.apps.window.watcher import Watcher
+from daq.service.trust import may_use
+from rigs.errors import CellError, RigError, UseError
+from rigs.schema.vocabulary import MakerName, makers
+from rigs.text import plain
+
+_TAIL_BYTES = 4096
+
+
+class Controls:
+    """Starts and stops recordings, zeroes the view, and goes on with the session."""
+
+    def __init__(self, watcher: Watcher, place: Place | None, rig_file: str) -> None:
+        """place, rig_file: of the session, None and empty where there is none."""
+        self._watcher, self._place, self._rig_file = watcher, place, rig_file
+        self._session: Child | None = None
+        self._lock = threading.Lock()
+
+    def is_allowed(self, user: int) -> bool:
+        """Return whether a user of this computer may control the daemon, as its socket decides it."""
+        try:
+            return may_use(user, self._watcher.socket())
+        except RigError:  # no daemon runs, and what is started here runs as this user
+            return user in (0, os.geteuid())
+
+    def do(self, action: str, form: Mapping[str, str]) -> str | None:
+        """Do what a form asks for; return what to say of it, None for what is not known. Raises RigError."""
+        watcher = self._watcher
+        match action:
+            case "start":
+                label, wrong = label_of(" ".join(form.get(key, "") for key in ("name", "test", "direction")))
+                if label is None:
+                    raise UseError("label", wrong, "give another")
+                watcher.board.post("label", label.fields())
+                return watcher.start(label.name, label.test, label.direction)
+            case "stop":
+                return watcher.stop()
+            case "zero":
+                watcher.zero()
+            case "unzero":
+                watcher.restart(zero=True)
+            case "restart":
+                watcher.restart()
+            case "session":
+                maker = next((known_maker for known_maker in makers() if known_maker == form.get("maker")), None)
+                return self._go_on(maker, entered=bool(form.get("entered")))
+            case _:
+                return None
+        return ""
+
+    def session_lines(self) -> list[str]:
+        """Return the last lines of the session that was started here."""
+        log = self._log
+        if log is None or not log.is_file():
+            return []
+        with log.open("rb") as file:
+            file.seek(max(0, log.stat().st_size - _TAIL_BYTES))
+            lines = file.read().decode("utf-8", "replace").splitlines()
+        return [plain(line) for line in lines[-30:]]
+
+    def close(self) -> None:
+        """End the session that was started here; its state stays, and the same command goes on."""
+        with self._lock:
+            if self._session is not None:
+                self._session.stop()
+
+    @property
+    def _log(self) -> Path | None:
+        return self._place.directory / "window.log" if self._place else None
+
+    def _go_on(self, maker: MakerName | None, *, entered: bool) -> str:
+        """Begin the session, or go on with it, as `rig session` does. maker: of the controller, for a new one."""
+        if self._place is None or self._log is None:
+            raise CellError("rig window", "was started without a cell", "start it as rig window CELL --control")
+        with self._lock:
+            if self._session is not None and self._session.runs:
+                raise CellError(str(self._place.directory), "this session is under way", "look at what it says")
+            kept = self._place.read()
+            words = ["session", self._rig_file, "-o", str(self._place.directory)]
+            chosen = kept.maker if kept else maker
+            words += ["--for", chosen] if chosen else []
+            words += ["--emulated"] if kept and kept.emulated else []
+            words += ["--entered"] if entered else []
+            self._session = Child.start("analysis.cli", "rig", words, self._log)
+        return f"rig {' '.join(words)}"

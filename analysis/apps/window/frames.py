@@ -1,0 +1,200 @@
+"""What pages show of the live cell and of its session, as plain values: each kind by itself, so that only what has
+changed is sent.
+
+The figures are those of `rig live --json`. Curves come in whole numbers of their last digit, which halves what is sent.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from analysis.apps.live.error_panels import scale_of
+from analysis.apps.live.figures import OLD_S, angle_deg, angle_name, figures, lap_state, shown_curves
+from analysis.apps.live.lap import ErrorCurve, pieces
+from analysis.apps.live.text_panels import event_words
+from analysis.apps.live.view import LiveView
+from analysis.apps.session.next_step import Drive, Infer, next_of
+from analysis.apps.session.session_state import Session
+from analysis.apps.session.session_words import correction_lines
+from analysis.robot.kinematics.arm import Array
+
+TRACE_S = 30.0
+_TRACE_POINTS = 240
+_CURVE_POINTS = 360
+_EVENTS = 12
+_REVERSALS = 24
+"""Reversals that are marked on the circle: the last of some two laps."""
+_ONE_PLACE_DEG = 5.0
+_PHI_PER_DEG, _ERROR_PER_UNIT, _UM_TENTHS_PER_MM = 10, 1e5, 1e4
+
+
+def cell(view: LiveView) -> dict[str, Any]:
+    """What stays as long as the rig file does."""
+    if view.cell is None:
+        return {}
+    return {
+        "name": view.cell.name,
+        "axes": list(view.cell.axes),
+        "unit": "°" if view.cell.has_angle else "mm",
+        "circle": view.cell.frame is not None,
+        "start_deg": math.degrees(view.cell.start_rad),
+        "laps": view.cell.laps,
+        "range_mm": [list(range_mm) if range_mm else None for range_mm in view.cell.range_mm],
+    }
+
+
+def now(view: LiveView, zero_mm: tuple[float, float], tick: int) -> dict[str, Any]:
+    """The present figures, less the zeros of both gauges; tick: counts, so that each differs from the last."""
+    lap, state = lap_state(view), view.state or {}
+    return {
+        **figures(view),
+        "tick": tick,
+        "at_s": float(view.rows.t_s[-1]) if len(view.rows) else None,
+        "zero_mm": list(zero_mm) if any(zero_mm) else None,
+        "angle_deg": angle_deg(view, zero_mm),
+        "angle_name": angle_name(view),
+        "lap": {"place": lap.place, "number": lap.number, "share": round(lap.share, 4)},
+        "seconds": state.get("seconds") if view.name else None,
+        "old_s": OLD_S,
+    }
+
+
+def curve(error_curve: ErrorCurve) -> dict[str, Any]:
+    """An error curve: its pieces as places in tenths of a degree and errors in hundred-thousandths of its unit."""
+    step = max(1, math.ceil(len(error_curve.phi) / _CURVE_POINTS))
+    return {
+        "band": round(error_curve.band, 6) if len(error_curve.phi) else None,
+        "whole": error_curve.is_whole,
+        "less_sine": error_curve.less_sine,
+        "pieces": [
+            [
+                _whole(np.degrees(error_curve.phi[piece])[::step] * _PHI_PER_DEG),
+                _whole(error_curve.error[piece][::step] * _ERROR_PER_UNIT),
+            ]
+            for piece in pieces(error_curve)
+        ],
+    }
+
+
+def curves(view: LiveView) -> dict[str, dict[str, Any]]:
+    """Both curves by direction, and the circle: its scale, and where joints turned back."""
+    both = shown_curves(view)
+    turned: list[list[float]] = []
+    for reversal in reversed(view.reversals[-_REVERSALS:]):
+        if not math.isfinite(reversal.phi_rad):
+            continue
+        phi_deg = round(math.degrees(reversal.phi_rad), 1)
+        # One joint at one place, in two laps, is marked once.
+        is_marked = any(
+            (axis, sense) == (reversal.axis, reversal.sense)
+            and abs(math.remainder(phi_deg - at_deg, 360.0)) < _ONE_PLACE_DEG
+            for axis, at_deg, sense in turned
+        )
+        if not is_marked:
+            turned.append([reversal.axis, phi_deg, reversal.sense])
+    return {"acw": curve(both[0]), "cw": curve(both[1]), "circle": {"scale": scale_of(both), "turned": turned}}
+
+
+def trace(view: LiveView) -> dict[str, Any]:
+    """The readings of the last seconds: times before now in hundredths of a second, and each gauge less its mean over
+    them in tenths of a micrometre, null where there is none."""
+    recent = view.since(TRACE_S)
+    recent = recent.taken(slice(None, None, max(1, math.ceil(len(recent) / _TRACE_POINTS))))
+    if not len(recent):
+        return {"t": [], "g": [[], []]}
+    lines: list[list[int | None]] = [[], []]
+    for line, mm in zip(lines, recent.g_mm.T, strict=True):
+        finite = np.isfinite(mm)
+        if finite.any():
+            tenths = np.where(finite, mm - mm[finite].mean(), 0.0) * _UM_TENTHS_PER_MM
+            values = zip(tenths.tolist(), finite.tolist(), strict=True)
+            line.extend(round(value) if is_finite else None for value, is_finite in values)
+    return {"t": _whole((recent.t_s - recent.t_s[-1]) * 100), "g": lines}
+
+
+def links(view: LiveView) -> dict[str, Any]:
+    """Streams, disk and what happened, the latest first."""
+    state = view.state or {}
+    streams = [
+        {
+            "name": name,
+            "connected": stream["connected"],
+            "rate_hz": round(stream["rate_hz"], 1),
+            "faults": ", ".join(f"{count} {kind}" for kind, count in stream["counters"].items() if kind != "samples"),
+            "last_fault": stream["last_fault"],
+        }
+        for name, stream in state.get("streams", {}).items()
+    ]
+    disk = state.get("disk")
+    return {
+        "streams": streams,
+        "disk": {"free": disk["free_bytes"], "size": disk["size_bytes"]} if disk else None,
+        "last_end": state.get("last_end") or "",
+        "events": [[round(event.t_s, 1), event_words(event, view)] for event in reversed(view.events[-_EVENTS:])],
+    }
+
+
+def _whole(values: Array) -> list[int]:
+    whole_numbers: list[int] = np.rint(values).astype(int).tolist()
+    return whole_numbers
+
+
+def summary(session: Session) -> dict[str, Any]:
+    """Return a session as plain values; its texts stay as the session says them."""
+    answer, correction = session.answer, session.correction
+    return {
+        "rig": session.rig,
+        "began": session.began,
+        "next": _next(session),
+        "steps": [
+            {
+                "program": step.program,
+                "state": "driven" if step.run else "skipped" if step.skipped else "again" if step.tries else "open",
+                "run": step.run or "",
+                "why": step.skipped or (step.tries[-1].why if step.tries and not step.run else ""),
+            }
+            for step in session.steps
+        ],
+        "headline": answer.headline if answer else "",
+        "accuracy": (session.judged or answer).accuracy if answer and not session.is_corrected else "",
+        "runs": answer.runs if answer else 0,
+        "parts": [
+            {"part": f"{part.part} {part.size}".strip(), "share": part.share, "um": part.um, "fault": part.fault}
+            for part in (answer.parts if answer else ())
+        ],
+        "remedies": list(session.to_do),
+        "correction": next(correction_lines(correction, session.sides)) if correction else "",
+        "before_after": [
+            {
+                "where": side.place,
+                "before": side.before.model_dump(exclude={"runs"}),
+                "after": side.after.model_dump(exclude={"runs"}) if side.after else None,
+                "expected": side.expected.model_dump() if side.expected else None,
+            }
+            for side in session.sides
+        ],
+        "work": correction.work.model_dump() if correction and correction.work else None,
+        "report": session.report,
+    }
+
+
+def _next(session: Session) -> dict[str, Any]:
+    """What comes next: its key among the texts, and what that text names."""
+    following = next_of(session)
+    match following:
+        case Drive(number):
+            step = session.steps[number]
+            words = session.stage_of(step).words
+            return {
+                "key": "drive",
+                "program": step.program,
+                "number": number + 1,
+                "of": len(session.steps),
+                "stage": words,
+            }
+        case Infer():
+            return {"key": "infer"}
+    return {"key": following}

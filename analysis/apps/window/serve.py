@@ -1,0 +1,221 @@
+"""A window from its command: what it shows, who may look, and its end; and the socket on which it listens, with how
+long a connection may be silent, slow or in the way of others.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import signal
+import socket
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.types import ASGIApp
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from analysis.apps.session.session_state import Place
+from analysis.apps.window.app import Window, app_of
+from analysis.apps.window.control_posts import Controls
+from analysis.apps.window.foxglove import Foxglove
+from analysis.apps.window.guard import Gate, is_loopback, token_of
+from analysis.apps.window.made import Made
+from analysis.apps.window.shelf import Shelf
+from analysis.apps.window.watcher import Watcher
+from daq.service.client import find_socket
+from rigs.errors import CellError, UseError
+from rigs.load import find, load
+
+MOST_CONNECTIONS = 128
+"""Twice as many as pages that follow at once need; a silent one makes room for a new one."""
+HEAD_S = 5.0
+"""From the first byte of a request to the end of its head; on a network it takes milliseconds."""
+SLOW_S = 10.0
+"""A browser that takes nothing of what waits for it for so long is dropped."""
+_KEPT = 1 << 16
+"""Bytes that wait for a browser in the system, and as many here; a page has fewer."""
+_MOST_HEAD = 16384
+
+
+class Bounded(H11Protocol):
+    """A connection that cannot be held open by saying nothing, too slowly, or by taking nothing."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take a connection; of too many, the oldest that is silent goes."""
+        super().connection_made(transport)
+        transport.set_write_buffer_limits(_KEPT)
+        self._slow: asyncio.TimerHandle | None = None
+        self._head: asyncio.TimerHandle | None = self.loop.call_later(HEAD_S, transport.abort)
+        self._since_s = self.loop.time()
+        open_ones = [
+            connection
+            for connection in self.connections
+            if isinstance(connection, Bounded) and not connection.transport.is_closing()
+        ]
+        if len(open_ones) > MOST_CONNECTIONS:
+            silent = [connection for connection in open_ones if connection is not self and connection.is_silent]
+            min(silent, key=lambda connection: connection._since_s, default=self).transport.abort()
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether no answer is under way on it."""
+        return self.cycle is None or self.cycle.response_complete
+
+    def data_received(self, data: bytes) -> None:
+        """Take bytes; their head must be whole in time."""
+        if self._head is None and self.is_silent:
+            self._head = self.loop.call_later(HEAD_S, self.transport.abort)
+        super().data_received(data)
+        if not self.is_silent:
+            self._stop_head()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget the connection."""
+        self._stop_head()
+        self.resume_writing()
+        super().connection_lost(exc)
+
+    def on_response_complete(self) -> None:
+        """Wait for the next request as long as for the first."""
+        self._stop_head()
+        super().on_response_complete()
+
+    def pause_writing(self) -> None:
+        """Too much waits for the browser: it has some seconds to take it."""
+        super().pause_writing()
+        if self._slow is None:
+            self._slow = self.loop.call_later(SLOW_S, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        """The browser has taken it."""
+        if self._slow is not None:
+            self._slow.cancel()
+            self._slow = None
+        super().resume_writing()
+
+    def _stop_head(self) -> None:
+        if self._head is not None:
+            self._head.cancel()
+            self._head = None
+
+
+def listening(address: str, port: int) -> socket.socket:
+    """Return a socket that listens. Raises CellError where it cannot."""
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    sock = socket.socket(family)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _KEPT)
+        sock.bind((address, port))
+        sock.listen(MOST_CONNECTIONS)
+    except (OSError, OverflowError) as error:
+        sock.close()
+        problem = f"cannot be listened on: {getattr(error, 'strerror', None) or error}"
+        raise CellError(f"{address}:{port}", problem, "give another --port, or end the program that has it") from None
+    return sock
+
+
+class Server(uvicorn.Server):
+    """Serves until it is asked to end; streams, which have no end of their own, are ended first."""
+
+    def __init__(self, config: uvicorn.Config, ends: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._ends = ends
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End streams, then connections."""
+        self._ends()
+        await super().shutdown(sockets)
+
+
+def serve(app: ASGIApp, sock: socket.socket, ends: Callable[[], None]) -> None:
+    """Serve until SIGINT or SIGTERM; ends: called when that has come."""
+    with suppress(KeyboardInterrupt):  # Ctrl-C is how a person ends it
+        server_of(app, ends).run(sockets=[sock])
+
+
+def server_of(app: ASGIApp, ends: Callable[[], None]) -> Server:
+    """Return what serves an application."""
+    logging.getLogger("uvicorn.error").addFilter(_not_of_peers)
+    options: dict[str, Any] = {
+        "http": Bounded,
+        "ws": "none",
+        "loop": "asyncio",
+        "lifespan": "on",
+        "log_config": None,
+        "access_log": False,
+        "server_header": False,
+        "proxy_headers": False,
+        "timeout_keep_alive": 5,
+        "timeout_graceful_shutdown": 1,
+        "h11_max_incomplete_event_size": _MOST_HEAD,
+    }
+    return Server(uvicorn.Config(app, **options), ends)
+
+
+def _not_of_peers(record: logging.LogRecord) -> bool:
+    """Nothing that a peer can cause as often as it likes fills the log."""
+    return record.levelno > logging.WARNING and "ASGI callable" not in record.getMessage()
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a person asks for, as the options of `rig window`."""
+
+    rig_file: str | None
+    port: int
+    listen: str
+    token: Path | None
+    names: tuple[str, ...]
+    control: bool
+    foxglove: int | None
+    runs: Path | None
+    session: Path | None
+
+    def gate(self) -> Gate:
+        """Return who may look. Raises UseError where everybody could, and FileError for what is no token."""
+        if not is_loopback(self.listen) and self.token is None:
+            problem = f"{self.listen} can be reached by other computers"
+            remedy = "give --token FILE as well, or put a proxy that asks who it is before 127.0.0.1"
+            raise UseError("--listen", problem, remedy)
+        return Gate.of([self.listen, *self.names], token_of(self.token) if self.token else None)
+
+
+def run_window(asked: Asked, say: Callable[[str], object]) -> None:
+    """Serve until SIGINT or SIGTERM; say where. Raises RigError where that cannot be."""
+    gate = asked.gate()
+    if asked.session and asked.rig_file is None:
+        raise UseError("--session", "needs the rig file of its cell", "give CELL")
+    rig = load(asked.rig_file)[0] if asked.rig_file is not None else None
+    place = Place(asked.session or Path(f"session-{rig.name}")) if rig else None
+    shelf = Shelf(asked.runs or (place.runs if place and place.file.exists() else Path("runs")))
+    sock = listening(asked.listen, asked.port)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # what was made and started here is removed and ended
+    with ExitStack() as ends:
+        made = Made(Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="rig-window-"))))
+        stream = None
+        if asked.foxglove is not None:
+            stream = Foxglove(asked.foxglove, rig, gate)
+            ends.callback(stream.close)
+            say(f"ws://127.0.0.1:{stream.port}{'/?token=TOKEN' if gate.token else ''} for Foxglove")
+        begin = place.command(asked.rig_file) if place and asked.rig_file else ""
+        daemon = partial(find_socket, rig.name if rig else None)
+        watcher = Watcher(daemon, place, stream.show if stream else None, begin=begin)
+        controls = None
+        if asked.control:
+            controls = Controls(watcher, place, str(find(asked.rig_file).resolve()) if asked.rig_file else "")
+            ends.callback(controls.close)
+        ends.callback(signal.signal, signal.SIGINT, signal.SIG_IGN)
+        where = f"[{asked.listen}]" if ":" in asked.listen else asked.listen
+        say(f"http://{where}:{sock.getsockname()[1]}{' with control' if controls else ''}; Ctrl-C ends it")
+        remark = "" if shelf.directory.is_dir() else ", which is not there yet"
+        cell = rig.name if rig else "the only cell that rigd serves"
+        say(f"showing {cell}, and the runs in {shelf.directory}{remark}")
+        serve(app_of(Window(watcher, shelf, place, made, gate, controls)), sock, watcher.board.end)

@@ -1,0 +1,181 @@
+"""The runs in a directory as pages show them: state, figures by the history's file, standing against the limits; the
+newest of them also for Prometheus, beside what the daemon counts.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from analysis.apps.plant.history_file import FILE, Unusable, read_records
+from analysis.apps.plant.records import Record
+from analysis.procedures.shared.quantity import Quantity
+from analysis.report.listings import run_row
+from analysis.report.texts import LEADING, in_order
+from daq.service.exposition import Labels, Metric, render
+from daq.store import survey
+from daq.store.manifest import is_run
+from daq.store.retention import RunInfo, look
+from rigs.errors import FileError, RigError
+from rigs.load import parse
+from rigs.schema.limits import Limit, Limits, Standing
+
+MOST_SHOWN = 300
+_WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a run: its name, value and limit, and how it stands against that; None where it has none."""
+
+    name: str
+    value: Quantity
+    limit: Limit | None
+    standing: Standing | None
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A run: what `rig runs --json` says of it, its record in the history if there is one, and its figures."""
+
+    name: str
+    path: Path
+    about: Mapping[str, Any]
+    record: Record | None
+    figures: tuple[Figure, ...]
+
+    @property
+    def started(self) -> str:
+        """Day and time, to the minute, as its clock had them."""
+        return self.record.started[:16].replace("T", " ") if self.record else ""
+
+    @property
+    def title(self) -> str:
+        """`yaw acw`, say."""
+        return " ".join(filter(None, (self.about["test"], self.about["direction"])))
+
+    @property
+    def leading(self) -> tuple[Figure, ...]:
+        """The figures by which runs are compared."""
+        return tuple(figure for figure in self.figures if figure.name in LEADING)
+
+    @property
+    def standing(self) -> Standing | None:
+        """The worst standing of its figures, None without limits."""
+        standings = {figure.standing for figure in self.figures}
+        return next((worst for worst in _WORST if worst in standings), None)
+
+
+class Shelf:
+    """A directory of runs; it need not be there yet."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+
+    def runs(self, words: str = "") -> tuple[list[Shown], int]:
+        """Return the newest runs that have each of these words in name, test, state or rig, and how many there are."""
+        searched, matching = words.lower().split(), []
+        try:
+            for run in survey(self.directory):
+                of_run = [run.path.name, run.status]
+                if (manifest := run.manifest) is not None:
+                    of_run += [manifest.test, manifest.direction or "", manifest.rig_name]
+                if all(word in " ".join(of_run).lower() for word in searched):
+                    matching.append(run)
+        except FileError:  # the first recording makes it
+            return [], 0
+        matching.sort(key=lambda run: run.ended_s, reverse=True)
+        records = self._records()
+        return [_shown(run, records.get(run.path.name)) for run in matching[:MOST_SHOWN]], len(matching)
+
+    def run(self, name: str) -> Shown:
+        """Return a run by its name. Raises FileError where there is none."""
+        path = self.directory / name
+        try:
+            is_here = path.parent == self.directory and not name.startswith(".") and not path.is_symlink()
+            if is_here and is_run(path):
+                return _shown(look(path), self._records().get(name))
+        except (OSError, ValueError):
+            pass
+        raise FileError(name, "is no run here", "choose one of the list")
+
+    def robots(self) -> list[str]:
+        """Return the names of the rigs that have runs here."""
+        return sorted({str(run.about["rig"]) for run in self.runs()[0] if run.about["rig"]})
+
+    def _records(self) -> Mapping[str, Record]:
+        """What the history knows; where nothing can be read, nothing."""
+        try:
+            return read_records(self.directory / FILE)[0]
+        except Unusable:
+            return {}
+
+
+def _shown(run: RunInfo, record: Record | None) -> Shown:
+    limits = limits_of(run.manifest.rig_text) if run.manifest else Limits()
+    figures = record.figures if record else {}
+    judged = []
+    for name in in_order(figures):
+        limit = limits.of(record.test, name) if record else None
+        value = figures[name]
+        judged.append(Figure(name, value, limit, limit.standing(value.value, value.u) if limit else None))
+    return Shown(run.path.name, run.path, run_row(run, time.time()), record, tuple(judged))
+
+
+@lru_cache(maxsize=64)
+def limits_of(rig_text: str) -> Limits:
+    """Return the limits in the rig file of a run, none where it cannot be read."""
+    try:
+        return parse(rig_text, "the rig file of the run").limits
+    except RigError:
+        return Limits()
+
+
+_STANDINGS: tuple[Standing, ...] = ("pass", "watch", "fail")
+
+
+def metrics_of(runs: Iterable[Shown], *, daemon_is_up: bool) -> str:
+    """Return whether the daemon answers, and the leading figures and those with a limit of the newest run of each rig,
+    test and direction.
+
+    runs: the newest first.
+    """
+    newest: dict[tuple[str, ...], Shown] = {}
+    for run in runs:
+        if run.figures and run.record is not None:
+            newest.setdefault((run.record.rig, run.record.test, run.record.direction), run)
+    shown = []
+    for run in newest.values():
+        for figure in run.figures:
+            if figure.limit or figure in run.leading:
+                record = run.record
+                assert record is not None  # noqa: S101 - of runs with figures
+                labels = {"rig": record.rig, "test": record.test, "direction": record.direction, "figure": figure.name}
+                shown.append((labels, figure))
+    values = tuple((labels, figure.value.value) for labels, figure in shown)
+    u = tuple((labels, figure.value.u) for labels, figure in shown)
+    limits = tuple(
+        ({**labels, "bound": name}, bound)
+        for labels, figure in shown
+        if figure.limit
+        for name, bound in (("watch", figure.limit.watch), ("fail", figure.limit.fail))
+        if bound is not None
+    )
+    standings = tuple(
+        ({**labels, "standing": name}, float(figure.standing == name))
+        for labels, figure in shown
+        if figure.standing
+        for name in _STANDINGS
+    )
+    metrics: tuple[tuple[str, str, tuple[tuple[Labels, float], ...]], ...] = (
+        ("rig_up", "1 where rigd answers, 0 where it does not.", (({}, float(daemon_is_up)),)),
+        ("rig_figure", "Figure of the newest run of each test, in the unit of its name.", values),
+        ("rig_figure_uncertainty", "Its standard uncertainty.", u),
+        ("rig_figure_limit", "Limits of the rig file: from watch on, and beyond fail.", limits),
+        ("rig_figure_standing", "1 for how the figure stands against its limits.", standings),
+    )
+    return render([Metric(name, "gauge", help_text, samples) for name, help_text, samples in metrics])

@@ -1,0 +1,220 @@
+"""What goes on in the cell, put on a board ten times a second, whether a page is open or not; the stream by which a
+browser follows it (server-sent events); and what a person asks of rigd.
+
+One client of rigd serves all browsers, so a further one costs the recorder nothing. The board has the newest of each
+kind of news, and there is no queue: a browser that takes its time gets the newest of each kind when it is ready, and
+costs no memory and no other browser anything. What is sent is encoded once for all.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+from contextlib import aclosing, suppress
+from pathlib import Path
+from typing import Any, Protocol
+
+from starlette.types import Receive, Scope, Send
+
+from analysis.apps.live.daemon_source import DaemonSource
+from analysis.apps.live.view import LiveView, Update
+from analysis.apps.session.session_state import Place
+from analysis.apps.window import frames
+from analysis.apps.window.frames import summary
+from analysis.runs.tabular import for_json
+from daq.service.client import Client
+from rigs.errors import RigError
+from rigs.text import plain_values
+
+MOST_VIEWERS = 50
+"""Pages that follow at once. Chosen: five times as many as a cell with ten viewers."""
+
+
+class Board:
+    """What is known, by kind."""
+
+    def __init__(self) -> None:
+        self._news: dict[str, tuple[int, bytes]] = {}
+        self._changed = asyncio.Event()
+        self.viewers = 0
+        self._ended = False
+
+    def post(self, kind: str, values: Mapping[str, Any]) -> None:
+        """Put something up in place of the last of its kind; what is the same is no news."""
+        text = json.dumps(plain_values(for_json(values)), separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+        data = f"event: {kind}\ndata: {text}\n\n".encode()
+        version, before = self._news.get(kind, (0, b""))
+        if data != before:
+            self._news[kind] = (version + 1, data)
+            self._changed.set()
+            self._changed = asyncio.Event()
+
+    def end(self) -> None:
+        """End what follows: the window goes, and pages ask again until there is another."""
+        self._ended = True
+        self._changed.set()
+
+    async def follow(self) -> AsyncGenerator[bytes, None]:
+        """Yield what is up, then what is new as often as it is asked for."""
+        seen: dict[str, int] = {}
+        while not self._ended:
+            changed = self._changed
+            news = [data for kind, (version, data) in self._news.items() if seen.get(kind) != version]
+            seen = {kind: version for kind, (version, _) in self._news.items()}
+            if news:
+                yield b"".join(news)
+            else:
+                await changed.wait()
+
+
+class Follow:
+    """The answer to one browser that follows a board, until it goes."""
+
+    def __init__(self, board: Board, headers: Mapping[str, str] | None = None) -> None:
+        self._board, self._headers = board, dict(headers or {})
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send the stream. `analysis.apps.window.serve` drops a reader that takes nothing."""
+        headers = {"content-type": "text/event-stream", "cache-control": "no-store", "x-accel-buffering": "no"}
+        head = [(name.encode(), value.encode()) for name, value in {**headers, **self._headers}.items()]
+        self._board.viewers += 1
+        gone = asyncio.create_task(_gone(receive))
+        sends = asyncio.create_task(self._send(send, head))
+        try:
+            await asyncio.wait((gone, sends), return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            self._board.viewers -= 1
+            for task in (gone, sends):
+                task.cancel()
+            with suppress(asyncio.CancelledError, OSError):
+                await sends
+
+    async def _send(self, send: Send, head: list[tuple[bytes, bytes]]) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": head})
+        await send({"type": "http.response.body", "body": b"retry: 1000\n\n", "more_body": True})
+        async with aclosing(self._board.follow()) as news:
+            async for data in news:
+                await send({"type": "http.response.body", "body": data, "more_body": True})
+
+
+async def _gone(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
+_TICK_S = 0.1
+_SLOW_TICKS = 5
+"""Curves, trace and links are put up on each fifth tick, twice a second."""
+
+
+class Source(Protocol):
+    """Where updates come from, from when it is begun until it is ended."""
+
+    def begun(self) -> object:
+        """Begin."""
+
+    def updates(self) -> Sequence[Update]:
+        """Return what has come since the last call."""
+
+    def end(self) -> None:
+        """End."""
+
+
+class Watcher:
+    """Follows the daemon and the session of a cell."""
+
+    def __init__(
+        self,
+        find: Callable[[], Path],
+        place: Place | None,
+        shows: Callable[[LiveView], None] | None = None,
+        source: Source | None = None,
+        begin: str = "",
+    ) -> None:
+        """find: the socket of the daemon; raises CellError while there is none. place: of the session. shows: called
+        with each view, for who follows in another way. source: of what is watched, instead of that daemon. begin: the
+        command that begins a session."""
+        self.board = Board()
+        self.view = LiveView()
+        self.zero_mm = (0.0, 0.0)
+        self._find, self._place, self._shows = find, place, shows
+        self._begin = begin
+        self._source: Source = source or DaemonSource(find)
+        self._session_seen: object = ...
+        """The state of its file when it was read last; None where there was none."""
+
+    async def run(self) -> None:
+        """Watch until it is cancelled."""
+        self._source.begun()
+        due_s, tick = time.monotonic(), 0
+        try:
+            while True:
+                for update in self._source.updates():
+                    self.view = self.view.after(update)
+                board, view = self.board, self.view
+                if self._shows is not None:
+                    self._shows(view)
+                board.post("cell", frames.cell(view))
+                board.post("now", frames.now(view, self.zero_mm, tick))
+                if tick % _SLOW_TICKS == 0:
+                    for kind, values in frames.curves(view).items():
+                        board.post(kind, values)
+                    board.post("trace", frames.trace(view))
+                    board.post("links", frames.links(view))
+                    self._look_at_session()
+                tick += 1
+                due_s = max(due_s + _TICK_S, time.monotonic() + _TICK_S / 4)
+                await asyncio.sleep(due_s - time.monotonic())
+        finally:
+            self._source.end()
+
+    def _look_at_session(self) -> None:
+        """Put the session up where its file has changed."""
+        if self._place is None:
+            return
+        seen: object = None
+        with suppress(OSError):
+            status = self._place.file.stat()
+            seen = status.st_mtime_ns, status.st_size, status.st_ino
+        if seen == self._session_seen:
+            return
+        self._session_seen = seen
+        try:
+            session = self._place.read()
+        except RigError as error:
+            self.board.post("session", {"next": {"key": "damaged", "why": str(error)}})
+            return
+        self.board.post("session", summary(session) if session else {"next": {"key": "none", "command": self._begin}})
+
+    def socket(self) -> Path:
+        """Return the socket of the daemon. Raises CellError while there is none."""
+        return self._find()
+
+    def ask(self, command: str, **fields: Any) -> dict[str, Any]:
+        """Ask rigd for something a person wants. Raises RigError."""
+        with Client(self._find()) as client:
+            return client.ask(command, **fields)
+
+    def start(self, name: str, test: str, direction: str | None) -> str:
+        """Start a recording; return its directory. Raises RigError."""
+        zero = {"view_zero_mm": list(self.zero_mm)} if any(self.zero_mm) else {}
+        return str(self.ask("record_start", name=name, test=test, direction=direction, **zero)["run"])
+
+    def stop(self) -> str:
+        """End the recording; return its directory. Raises RigError."""
+        return str(self.ask("record_stop")["run"])
+
+    def zero(self) -> None:
+        """Show both gauges less what they read now."""
+        readings = self.view.readings
+        g1, g2 = (readings[name].mm if name in readings else 0.0 for name in ("g1", "g2"))
+        self.zero_mm = (g1, g2)
+
+    def restart(self, *, zero: bool = False) -> None:
+        """Begin extremes, curves and counts again; zero: show the readings as they are, too."""
+        if zero:
+            self.zero_mm = (0.0, 0.0)
+        else:
+            self.view = self.view.restarted()

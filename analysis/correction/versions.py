@@ -1,0 +1,100 @@
+"""The calibrations of a robot as versions: rig files that name a calibration, each as a diagnosis left it.
+
+A version is a rig file with its calibration: the effects that the file names were found beside those that the
+calibration holds, and neither is right without the other. Nothing is thrown away: what a version replaces stays beside
+it under a name with its date.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import hashlib
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from analysis.runs.written_files import holding, write_all_new, write_all_over
+from rigs.calibration import CalibratedModel, CalibrationFile
+from rigs.edit import extended
+from rigs.errors import FileError, RigError
+from rigs.load import load
+from rigs.rig import Rig
+
+_MOST = 10_000
+"""YAML files below a folder: one of more is not that of a robot's calibrations."""
+
+
+@dataclass(frozen=True)
+class Version:
+    """A rig file with its calibration. in_use: whether the rig file that was asked about has the same calibration."""
+
+    path: Path
+    calibrated: CalibratedModel
+    sha256: str
+    in_use: bool
+
+
+def versions(rig_file: Path, folder: Path) -> list[Version]:
+    """Return the calibrations below a folder of the arm of a rig file, the newest first; what is not a rig file, of
+    another robot or without a calibration is no version. Raises FileError where the rig file cannot be read, and for a
+    folder of too many files."""
+    rig, _ = load(rig_file)
+    files = list(islice(folder.rglob("*.y*ml"), _MOST + 1))
+    if len(files) > _MOST:
+        problem = f"holds more than {_MOST} YAML files"
+        raise FileError(str(folder), problem, "give the folder of this robot: --in FOLDER")
+    versions = []
+    for path in files:
+        try:
+            listed, _ = load(path)
+        except RigError:
+            continue
+        if listed.calibration and listed.calibrated and _identity(listed) == _identity(rig):
+            digest = listed.calibration.sha256
+            in_use = rig.calibration is not None and rig.calibration.sha256 == digest
+            versions.append(Version(path, listed.calibrated, digest, in_use))
+    return sorted(versions, key=lambda version: (version.calibrated.date, str(version.path)), reverse=True)
+
+
+def _identity(rig: Rig) -> tuple[str, str]:
+    """The name and the serial number of a robot, by which it is another or the same."""
+    return rig.robot.name, rig.robot.serial
+
+
+@dataclass(frozen=True)
+class RolledBack:
+    """What was written: kept, the rig file as it was; calibration, the file that the rig file names now. differing: the
+    keys of a rig file beside effects and calibration whose content is not what it was."""
+
+    kept: Path
+    calibration: Path
+    differing: tuple[str, ...]
+
+
+def roll_back(rig_file: Path, version: Path, now: dt.datetime) -> RolledBack:
+    """Put a version in the place of a rig file, which is kept under a name with the time.
+
+    now: the time in the name of what is kept. Raises FileError where either cannot be read, the version has no
+    calibration or is of another robot, or is the file itself; CellError when the disk refuses. The rig file is the old
+    one or the new one at every moment.
+    """
+    rig, text = load(rig_file)
+    former, former_text = load(version)
+    if rig_file.resolve() == version.resolve():
+        raise FileError(str(version), "is the rig file itself", "name a version that rig versions lists")
+    if former.calibration is None or former.calibrated is None:
+        raise FileError(str(version), "has no calibration", "name a version that rig versions lists")
+    if _identity(former) != _identity(rig):
+        problem = f"is of another robot: {former.robot.name} {former.robot.serial}".rstrip()
+        raise FileError(str(version), problem, "name a version of this robot")
+    content = former.calibrated.content
+    digest = hashlib.sha256(content).hexdigest()
+    named = CalibrationFile(file=f"version-{digest[:12]}.calibration.json", sha256=digest)
+    new = extended(former_text, (), str(version), named)
+    kept = rig_file.with_name(f"{rig_file.stem}-until-{now:%Y%m%d-%H%M%S.%f}{rig_file.suffix}")
+    write_all_new(rig_file.parent, {kept.name: holding(text.encode())})
+    write_all_over(rig_file.parent, {named.file: holding(content)})
+    write_all_over(rig_file.parent, {rig_file.name: holding(new.encode())})
+    fields = [name for name in type(rig).model_fields if name not in ("effects", "calibration", "name")]
+    differing = tuple(name for name in fields if getattr(rig, name) != getattr(former, name))
+    return RolledBack(kept, rig_file.parent / named.file, differing)

@@ -1,0 +1,430 @@
+"""Blocks: repeated runs as one run, and each one on the simulator.
+
+`blocks_of` puts the runs together that repeat each other. A `Block` is the first of them, with the mean of what the
+model leaves of all and the noise of that mean, entry by entry. A `SimulatedBlock` computes what its readings would be
+with other effects or another set-up, and so what one effect adds to them: a column, in sigmas of the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+
+from analysis.diagnosis.evidence.noise import (
+    CircleNoise,
+    Repeated,
+    circle_noise,
+    drift_waves,
+    scatter_columns,
+    scatter_response,
+    stamp_noise,
+    target_sd,
+    without_unseen,
+)
+from analysis.diagnosis.evidence.observation import (
+    ORDER_OF,
+    ORDER_OF_TREND,
+    ORDERS,
+    STAMP_SCATTER,
+    TREND_ORDERS,
+    ObservedRun,
+    Sampling,
+    bridging,
+    predicted_in_scene,
+    residual_of,
+)
+from analysis.diagnosis.evidence.setups import moved_setup, with_effects, without_origin
+from analysis.procedures.pose.evaluate import groups as visits
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.model.predict import Model, SetUp, driven, posed
+from analysis.robot.model.scene import Scene, apply
+from analysis.runs.table_format import SAME_RAD
+from rigs.calibration import is_sine, sine_of
+from rigs.effects import Effect, late_stamps, turned
+from rigs.schema.effect import scaled, size_of
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Results that are kept for as long as they are among the most recent ones.
+
+_Key = TypeVar("_Key", bound=Hashable)
+_One = TypeVar("_One")
+
+
+def recent(kept: dict[_Key, _One], key: _Key, compute: Callable[[], _One], most: int) -> _One:
+    """Return what is kept under a key, or compute it; of more than `most` the least recently used one is dropped."""
+    result = kept[key] = kept.pop(key) if key in kept else compute()
+    if len(kept) > most:
+        del kept[next(iter(kept))]
+    return result
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Blocks: repeated runs combined into one set of readings with the noise of their mean.
+#
+# Neighbouring readings on a circle are correlated, so circles are decomposed into orders (cycles per lap) of the sum
+# and of the difference of the gauges; `noise` estimates the noise of each order. Readings at targets are used
+# as they are.
+
+BAND_EDGES = (0, 3, 8, 16, 30, 60, 120, ORDERS)
+"""Edges of the bands of orders; a residual that no effect explains may have its own strength in each band. Chosen:
+bands of about one octave, so that joint motion (below order 8), gears and probe noise are separate."""
+_SLOW = 8
+"""Orders below this are taken to be as slow as the noise of a robot at rest. Chosen: one eighth of a lap lasts several
+seconds, which is longer than the correlation times of most noise."""
+_BORROWED = 2.0
+"""Degrees of freedom with which each order of a trend counts what is expected of it beside what few repeats show."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block(ObservedRun):
+    """Repeated runs of one test and direction as one run: the first of them, whose feedback represents all.
+
+    `y_mm` (N,) is their weighted mean residual and `sd_mm` (N,) its standard deviation without scatter between runs;
+    `scatter_mm` (N, c) is what one standard deviation of the scatter of joints and ball adds, and `stamps_mm` (N, s)
+    what one of the scatter of stamps adds at a few angles. `apart_mm` (n, N) are the deviations of the n runs from
+    their mean, and `steady_mm` (n, N) the same without what stamps are expected to have added. `band` (N,) numbers the
+    entries that share a strength, `count` the runs. `measured` states whether the noise comes from repeats.
+    """
+
+    y_mm: Array
+    sd_mm: Array
+    scatter_mm: Array
+    stamps_mm: Array
+    apart_mm: Array
+    steady_mm: Array
+    band: Integers
+    count: int
+    measured: bool
+
+    def whitened(self, values: Array) -> Array:
+        """Return readings (m, k, …) mm as entries (N, …) in standard deviations of the noise."""
+        return self.white(self.entries(values))
+
+    def white(self, vector: Array) -> Array:
+        """Return entries (N, …) mm in standard deviations of the noise."""
+        return vector / self.sd_mm.reshape(-1, *[1] * (vector.ndim - 1))
+
+
+def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect] = ()) -> list[Block]:
+    """Return the blocks of all runs about fitted set-ups. The `effects` are included in the model, so that the
+    residuals (N,) do not contain them."""
+    groups: dict[tuple[str, bytes], list[ObservedRun]] = {}
+    for run in runs:
+        groups.setdefault((run.name, run.targets_key), []).append(run)
+    grouped = [_repeated(members, setups, effects) for members in groups.values()]
+    circles = [(first.sampling, raw) for first, raw in grouped if first.sampling]
+    averaged = float(np.mean([sampling.averaged for sampling, _ in circles])) if circles else 1.0
+    noise = circle_noise([raw.of_laps() for _, raw in circles], averaged)
+    sds = iter(noise.sd_mm)
+    # Each set-up has a strength of the residual of its own; all sockets together have one, since one ball is seated.
+    kinds = [first.setup if first.table.kind.parts(first.table) is None else first.table.test for first, _ in grouped]
+    numbers = {name: k for k, name in enumerate(dict.fromkeys(kinds))}
+    return [
+        _circle_block(first, raw, next(sds), noise, numbers[kind])
+        if first.sampling
+        else _target_block(first, raw, noise, numbers[kind])
+        for (first, raw), kind in zip(grouped, kinds, strict=True)
+    ]
+
+
+def _repeated(
+    members: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: Sequence[Effect]
+) -> tuple[ObservedRun, Repeated]:
+    """Return the first of repeated runs as they are compared, and their residuals (n, N) mm with what scatter adds."""
+    # Periods of standing are compared only if every run has them before and after its lap.
+    if not all(run.sampling and run.sampling.stands for run in members):
+        members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
+    # A trend is compared only over as many laps.
+    if len({len(run.sampling.trend) for run in members if run.sampling}) > 1:
+        members = [replace(run, sampling=run.sampling and run.sampling.without_trend()) for run in members]
+    # All members are circles, or none.
+    if samplings := [run.sampling for run in members if run.sampling]:
+        samplings = bridging(samplings)
+        members = [replace(run, sampling=sampling) for run, sampling in zip(members, samplings, strict=True)]
+    residuals = [residual_of(run, setups) for run in with_effects(members, effects)]
+    vectors = [run.entries(residual) for residual, run in zip(residuals, members, strict=True)]
+    first = members[0]
+    stamps = np.empty((len(vectors[0]), 0))
+    if samplings:
+        predicted = [run.values - residual for run, residual in zip(members, residuals, strict=True)]
+        stamps = stamp_noise(samplings, [run.t_s for run in members], predicted)
+    response = scatter_response(first, setups[first.setup])
+    waves = np.empty((0, len(response)))
+    if first.sampling:
+        t_s = first.path.t_s
+        waves = drift_waves((first.t_s - t_s[0]) / (t_s[-1] - t_s[0]))
+    drifting = [first.entries(wave[:, None, None] * response) for wave in waves]
+    constant = first.entries(response)
+    # Averaging needs repeats of the same targets.
+    alike = [vector for vector in vectors if len(vector) == len(vectors[0])]
+    drifts = np.reshape(drifting, (len(drifting), *constant.shape))
+    laps = len(first.sampling.share) if first.sampling else 1
+    return first, Repeated(first.setup, np.array(alike), constant, drifts, laps, stamps)
+
+
+def _circle_block(first: ObservedRun, raw: Repeated, sd_mm: Array, noise: CircleNoise, number: int) -> Block:
+    """Return the block of repeated circles, given the noise sd_mm (n, N) of each run; `number` is that of
+    their set-up."""
+    sampling = first.sampling
+    assert sampling is not None  # noqa: S101 - circles have one
+    weight = 1 / (sd_mm[:, BAND_EDGES[4] > ORDER_OF] ** 2).mean(axis=1)
+    weight /= weight.sum()
+    few = float(np.linalg.norm(weight))
+    sd = np.sqrt(weight**2 @ sd_mm**2)
+    # Slow noise of a period of standing averages like white noise of the same strength; all readings of a gauge that
+    # stands are rounded to the same step, as are those of repeats that differ by less.
+    channels = np.split(sd, 2)
+    slow = (ORDER_OF[: len(channels[0])] > 0) & (ORDER_OF[: len(channels[0])] < _SLOW)
+    power = np.array([np.mean(channel[slow] ** 2) for channel in channels])
+    standing = [np.sqrt(power / share + first.step_mm**2 / 12) for share in sampling.stand_share]
+    sd = np.concatenate([sd, *standing, _trend_sd(sampling, raw, sd, noise)])
+    # The assumed noise of a run that was not repeated contains the drift.
+    repeats = raw if noise.measured else replace(raw, drifting=raw.drifting[:0])
+    scatter = noise.scatter(raw.setup)
+    columns = few * scatter_columns(raw.response, repeats.drifting, scatter)
+    band = np.searchsorted(BAND_EDGES, ORDER_OF, side="right") - 1
+    band = np.concatenate([band, np.zeros(len(sd) - len(band), dtype=np.int64)])
+    steady, numbers = repeats.without_stamps(scatter, sd / few), band + number * len(BAND_EDGES)
+    return Block(
+        **vars(first), y_mm=weight @ raw.rows, sd_mm=sd, scatter_mm=without_unseen(columns, sd),
+        stamps_mm=few * raw.stamps, apart_mm=raw.apart, steady_mm=steady, band=numbers, count=len(raw.rows),
+        measured=noise.measured,
+    )  # fmt: skip
+
+
+def _target_block(first: ObservedRun, raw: Repeated, noise: CircleNoise, number: int) -> Block:
+    """Return the block of repeated runs at targets; `number` is that of their set-up."""
+    table, count = first.table, len(raw.rows)
+    sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(first))
+    if table.kind.of_places and not measured:
+        sd = np.full(len(sd), table.kind.assumed_sd_mm)
+    scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.setup)) / np.sqrt(count)
+    band = np.full(len(sd), number * len(BAND_EDGES))
+    return Block(
+        **vars(first), y_mm=raw.rows.mean(axis=0), sd_mm=sd / np.sqrt(count), scatter_mm=scatter, stamps_mm=raw.stamps,
+        apart_mm=raw.apart, steady_mm=raw.apart, band=band, count=count, measured=measured,
+    )  # fmt: skip
+
+
+def _visit_numbers(run: ObservedRun) -> Integers:
+    """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
+    table, keys = run.table, run.visits
+    if table.kind.of_places:
+        visit, sides = visits(table.q[run.rows], SAME_RAD), table.kind.sides(table)
+        reached = visit[:, None] if sides is None else np.column_stack([visit, sides[run.rows]])
+        keys = np.column_stack([np.repeat(reached, 3, axis=0), np.tile(np.arange(3), len(visit))])
+    return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
+
+
+def _trend_sd(sampling: Sampling, raw: Repeated, sd_mm: Array, noise: CircleNoise) -> Array:
+    """Return the standard deviation (14,) mm of the trend from lap to lap, none without one, given that (N,) of the
+    mean of laps: that of one lap, and as much more as repeated runs show beside the drift of joints and ball. Where
+    nothing is measured, this drift is part of it."""
+    if not len(sampling.trend):
+        return np.empty(0)
+    trend, runs = slice(-len(ORDER_OF_TREND), None), len(raw.rows)
+    squares = len(sampling.trend) * sd_mm[np.flatnonzero(ORDER_OF < TREND_ORDERS)] ** 2
+    scatter = noise.scatter(raw.setup).drifting(raw.response.shape[1])
+    drifting: Array = ((raw.drifting[:, trend] * scatter) ** 2).sum(axis=(0, 2))
+    if not noise.measured or runs < 2:
+        return np.asarray(np.sqrt(squares + drifting), dtype=float)
+    apart = raw.apart[:, trend]
+    expected = runs * squares + drifting  # of one run
+    channel = np.arange(len(ORDER_OF_TREND)) * 2 // len(ORDER_OF_TREND)
+    alike = channel * TREND_ORDERS + ORDER_OF_TREND
+    for number in np.unique(alike).tolist():
+        entries = np.flatnonzero(alike == number)
+        of_one, freedom = float(expected[entries].mean()), (runs - 1) * len(entries)
+        shown = (float((apart[:, entries] ** 2).sum()) + _BORROWED * of_one) / (freedom + _BORROWED)
+        squares[entries] += max(shown - of_one, 0.0) / runs
+    return np.asarray(np.sqrt(squares), dtype=float)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# One block about a set-up on the simulator: its readings, their slopes by joints and by the set-up, and what effects
+# add to them, one by one as columns.
+
+_STEP_DEG = 1e-4
+"""Step of the derivatives by a joint angle. Readings are linear over such a step, which moves the tool of an arm of one
+metre by 2 µm, and far from the limits of floating-point arithmetic."""
+_STEP_MM = 0.01
+"""Step of the derivatives by a set-up term. Readings are linear over such a step."""
+_EARLY, _READING = ("time", "arm"), ("setup", "gauge")
+"""Stages of effects before the errors of joints, and of those that do not move the tool."""
+_RIGID = ("arm", "tool")
+"""Stages of effects whose columns are computed at a healthy size and multiplied. They move the tool in proportion to
+their size, but the ball of a column does not move with it: at 13 mm of a length the column was no slope of the fit."""
+_SCENES, _ERRORS = 4, 64
+"""Number of scenes, and of errors of joints, that are kept for each block, at some 0.1 MB each: a fit returns to those
+of the present effects."""
+_FEW = 64
+"""Number of effects whose readings are computed at a time: about what fits a processor's cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedBlock:
+    """One block about a set-up, simulated (m readings of k gauges).
+
+    `reference` lists the effects about which it is linear: those found so far, which the readings contain beside those
+    of the rig file.
+    """
+
+    block: Block
+    reference: tuple[Effect, ...]
+    setup: SetUp
+    _scenes: dict[tuple[Effect, ...], Scene] = field(default_factory=dict, init=False, repr=False)
+    _errors: dict[tuple[tuple[Effect, ...], Effect], Array] = field(default_factory=dict, init=False, repr=False)
+    _moved: dict[tuple[Effect, ...], tuple[Scene, Scene]] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene up to the tool."""
+        return self.scene_with(self.reference)
+
+    @cached_property
+    def base(self) -> Array:
+        """The readings (m, k) mm."""
+        return self.read(self.reference, self.scene, self.setup)
+
+    @cached_property
+    def slopes(self) -> Array:
+        """The derivatives (m, k, axes) of the readings in mm by the errors of the joints in rad."""
+        slopes = np.empty((*self.base.shape, self.block.model.arm.axes))
+        for axis in range(1, self.block.model.arm.axes + 1):
+            effects = (*self.reference, turned(axis, _STEP_DEG))
+            slopes[:, :, axis - 1] = self.read(effects, self.scene_with(effects), self.setup) - self.base
+        slopes /= np.radians(_STEP_DEG)
+        return slopes
+
+    @cached_property
+    def by_setup(self) -> Array:
+        """The change (N, t) of the whitened readings for a mm of each term of the set-up."""
+        steps = _STEP_MM * np.eye(self.block.table.kind.setup_terms)
+        setups = [moved_setup(self.setup, self.block.table, step) for step in steps]
+        changed = np.stack([self.read(self.reference, self.scene, setup) - self.base for setup in setups], axis=2)
+        return self.block.whitened(changed) / _STEP_MM
+
+    def scene_with(self, effects: Sequence[Effect]) -> Scene:
+        """Return the scene up to the tool with `effects` in place of the reference ones."""
+        model = _with(self.block.model, *effects)
+        early = _early(model.effects)
+        errors = [self._error(early, effect) for effect in model.effects if effect.STAGE == "joint"]
+        joints = self._joints(early)
+        return posed(model, self.block.path, replace(joints, link_q=sum(errors, start=joints.link_q)))
+
+    def _joints(self, early: tuple[Effect, ...]) -> Scene:
+        """Return the scene before joints have errors, given the effects of earlier stages."""
+
+        def compute() -> Scene:
+            return driven(replace(self.block.model, effects=early), self.block.path)
+
+        return recent(self._scenes, early, compute, _SCENES)
+
+    def _error(self, early: tuple[Effect, ...], effect: Effect) -> Array:
+        """Return the errors (n, axes) rad of the joints that one effect makes after those of earlier stages. They are
+        kept, because errors of joints add and a fit changes few effects at a time."""
+        joints = self._joints(early)
+
+        def compute() -> Array:
+            return apply([effect], "joint", joints).link_q - joints.link_q
+
+        return recent(self._errors, (early, without_origin(effect)), compute, _ERRORS)
+
+    def read(self, effects: Sequence[Effect], scene: Scene, setup: SetUp) -> Array:
+        """Return the readings (m, k) mm of a scene up to the tool."""
+        return predicted_in_scene(_with(self.block.model, *effects), self.block, scene, setup)
+
+    def by_joint(self, axis: int, off: Array) -> Array:
+        """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6)."""
+        return self.block.whitened(self.slopes[:, :, axis - 1, None] * off[self.block.samples, None])
+
+    def late(self, effect: Effect) -> Array:
+        """Return the change (N, c) of the whitened readings of a circle if the errors of joints that an effect makes
+        come as much later as each of c effects of the stamps has everything, at its healthy size; zero at targets."""
+        stamps = late_stamps()
+        if not self.block.sampling:
+            return np.zeros((len(self.block.y_mm), len(stamps)))
+        early = _early((*self.block.model.effects, *self.reference))
+        now, later = self._error(early, effect), [self._error((*early, stamp), effect) for stamp in stamps]
+        change = np.stack([(error - now)[self.block.samples] for error in later], axis=2)
+        return self.block.whitened(np.einsum("mka,mac->mkc", self.slopes, change))
+
+    def scattered(self, effect: Effect) -> Array:
+        """Return the change (N, 1) of the whitened readings of a circle if the errors of joints that an effect makes
+        are on average those of a moment earlier and a moment later, as with stamps that scatter; zero at targets."""
+        if not self.block.sampling:
+            return np.zeros((len(self.block.y_mm), 1))
+        early = _early((*self.block.model.effects, *self.reference))
+
+        def moment_apart() -> tuple[Scene, Scene]:
+            joints = self._joints(early)
+            moment_s = STAMP_SCATTER * float(np.median(np.diff(joints.t_s[self.block.samples])))
+            return joints.taken_at(joints.t_s - moment_s), joints.taken_at(joints.t_s + moment_s)
+
+        moved = recent(self._moved, early, moment_apart, _SCENES)
+        earlier, later = (apply([effect], "joint", scene).link_q - scene.link_q for scene in moved)
+        now = self._error(early, effect)
+        change = ((earlier + later) / 2 - now)[self.block.samples]
+        return self.block.whitened(np.einsum("mka,ma->mk", self.slopes, change)[:, :, None])
+
+    def columns(self, effects: Sequence[Effect]) -> Array:
+        """Return what each effect adds to the whitened readings, (N, p)."""
+        early, parts = _early((*self.block.model.effects, *self.reference)), []
+        for begin in range(0, len(effects), _FEW):
+            few = effects[begin : begin + _FEW]
+            added = np.zeros((len(few), *self.base.shape))
+            # Most forms are sines of joints over their angles, which together take a quarter of the time.
+            if waves := [k for k, effect in enumerate(few) if is_sine(effect)]:
+                axes, order, phase, size = np.array([sine_of(few[k]) for k in waves]).T
+                joint = axes.astype(np.int64) - 1
+                angles = self._joints(early).q[self.block.samples].T[joint]
+                error = size[:, None] * np.sin(order[:, None] * angles + phase[:, None])
+                added[waves] = self._slopes_of_axes[joint] * error[:, :, None]
+            for k, effect in enumerate(few):
+                if is_sine(effect):
+                    continue
+                if effect.STAGE == "joint":
+                    error = self._error(early, effect)
+                    # A product of few rows takes a quarter of the time that numpy's `any` takes along many short ones.
+                    for axis in np.flatnonzero(np.ones(len(error)) @ (error != 0)).tolist():
+                        added[k] += self._slopes_of_axes[axis] * error[self.block.samples, axis, None]
+                else:
+                    times = max(1.0, abs(size_of(effect))) if effect.STAGE in _RIGID else 1.0
+                    present = (*self.reference, scaled(effect, 1 / times))
+                    scene = self.scene if effect.STAGE in _READING else self.scene_with(present)
+                    added[k] = times * (self.read(present, scene, self.setup) - self.base)
+            parts.append(self.block.whitened(np.moveaxis(added, 0, 2)))
+        return np.concatenate(parts, axis=1)
+
+    @cached_property
+    def _slopes_of_axes(self) -> Array:
+        """The derivatives (axes, m, k) by each joint, those of one joint side by side in memory."""
+        return np.ascontiguousarray(np.moveaxis(self.slopes, 2, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class SharedBlock(SimulatedBlock):
+    """A simulated block of several linearisations, which keeps the columns (N,) of every effect that it was asked for:
+    those of three runs of a circle take 15 MB."""
+
+    _columns: dict[Effect, Array] = field(default_factory=dict, init=False, repr=False)
+
+    def columns(self, effects: Sequence[Effect]) -> Array:
+        """Return what each effect adds to the whitened readings, (N, p)."""
+        new = [effect for effect in dict.fromkeys(effects) if effect not in self._columns]
+        if new:
+            self._columns.update(zip(new, super().columns(new).T, strict=True))
+        return np.stack([self._columns[effect] for effect in effects], axis=1)
+
+
+def _early(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Return the effects of the stages before that of the joints."""
+    return tuple(without_origin(effect) for effect in effects if effect.STAGE in _EARLY)
+
+
+def _with(model: Model, *effects: Effect) -> Model:
+    return replace(model, effects=(*model.effects, *effects))

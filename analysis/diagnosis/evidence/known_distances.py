@@ -1,0 +1,85 @@
+"""Known distances of sockets, as readings beside those of blocks: each ties the set-ups of two sockets.
+
+Touches of one ball do not show whether all lengths of an arm are too long by the same share: the sockets are then just
+as much further apart. A distance that is known shows it. It is a reading of its own, of two set-ups and of no error of
+the arm, with the scatter of two seated balls; that it may be known wrongly is one error for all placements of the
+sockets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import Block
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.predict import SetUp
+from analysis.runs.noise.cell_noise import SEAT_MM
+from rigs.schema.declared_tests import SocketDistance
+
+_SD_MM = float(np.sqrt(2.0)) * SEAT_MM
+"""Standard deviation of the distance of two balls that are seated."""
+
+
+@dataclass(frozen=True)
+class KnownDistances:
+    """The known distances of the sockets of some touches: `pairs` (t) has the names of two set-ups each, and
+    `distances` (t) what the rig file says of them."""
+
+    pairs: tuple[tuple[str, str], ...]
+    distances: tuple[SocketDistance, ...]
+
+    def residual(self, setups: Mapping[str, SetUp]) -> Array:
+        """Return the known distances less those of set-ups (t,), in standard deviations of their scatter."""
+        apart = [float(np.linalg.norm(_between(setups, pair))) for pair in self.pairs]
+        stated_mm = [distance.distance_mm for distance in self.distances]
+        return np.asarray((np.array(stated_mm) - np.array(apart)) / _SD_MM, dtype=float)
+
+    def by_setup(self, setups: Mapping[str, SetUp], terms: Mapping[str, Sequence[int]], count: int) -> Array:
+        """Return the change (t, count) of the distances for a mm of each term of the set-ups, in the same unit; `terms`
+        are those of each set-up, that of the socket first."""
+        slopes = np.zeros((len(self.pairs), count))
+        for row, pair in zip(slopes, self.pairs, strict=True):
+            away = _between(setups, pair)
+            along = away / np.linalg.norm(away) / _SD_MM
+            row[terms[pair[0]][:3]] -= along
+            row[terms[pair[1]][:3]] += along
+        return slopes
+
+    @property
+    def scatter(self) -> Array:
+        """What one standard uncertainty of each distance of the rig file adds (t, c), in the same unit."""
+        different = list(dict.fromkeys(self.distances))
+        alike = np.array([[distance == other for other in different] for distance in self.distances], dtype=float)
+        return alike.reshape(len(self.distances), len(different)) * [distance.u_mm / _SD_MM for distance in different]
+
+
+def known_distances_of(blocks: Sequence[Block]) -> KnownDistances:
+    """Return the known distances of sockets that were touched in one run, those of repeated runs in the same set-ups
+    once. What belongs to them follows the entries (N,) of the blocks."""
+    distances: dict[tuple[str, str], SocketDistance] = {}
+    touched = [block for block in blocks if block.table.kind.parts(block.table) is not None]
+    for first, second in combinations(touched, 2):
+        touch = first.model.rig.tests.touch
+        if touch is None or first.table is not second.table:
+            continue
+        between = {_socket(first), _socket(second)}
+        for distance in touch.distances:
+            if set(distance.between) == between:
+                distances[first.setup, second.setup] = distance
+    return KnownDistances(tuple(distances), tuple(distances.values()))
+
+
+def _socket(block: Block) -> str:
+    """Return the name of the socket of a block of touches."""
+    sockets = block.table.kind.parts(block.table)
+    return "" if sockets is None else str(sockets[block.rows[0]])
+
+
+def _between(setups: Mapping[str, SetUp], pair: tuple[str, str]) -> Array:
+    """Return the way (3,) mm from one socket to the other."""
+    first, second = (setups[name].T_instrument_world[:3, 3] for name in pair)
+    return second - first

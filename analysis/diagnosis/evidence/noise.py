@@ -1,0 +1,455 @@
+"""Noise of runs from their repeats: the scatter of joints and ball, orders, runs and targets, and late stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.evidence.observation import (
+    GRID,
+    ORDER_OF,
+    ORDER_OF_TREND,
+    STAMP_SCATTER,
+    ObservedRun,
+    Sampling,
+    by_orders,
+    predicted,
+    predicted_in_scene,
+)
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.model.predict import SetUp, moved
+from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
+from rigs.effects import turned
+from rigs.schema.vocabulary import MOST_AXES
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The scatter of joints and ball between runs, which moves all readings of a run together.
+#
+# The geometry of the arm determines how the readings change. A part of the scatter is constant in a run; the rest
+# drifts along it, as encoders and temperature do, in a few waves of unknown phase. Repeated runs determine both.
+
+SCATTER_DEG, SCATTER_MM = 0.0002, 0.001
+"""The unit of scatter of joints and ball to which `scatter_response` refers; all scatter is a multiple of it. It has no
+effect on the result."""
+_MULTIPLES = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
+"""Scatter that is tried, in these units; the largest exceeds that of real cells, 0.005° and 20 µm. Chosen: factors of
+two, since few repeats do not separate closer ones and their average is used."""
+DRIFTING_SHARE = 0.5
+"""Share of the energy of a run's scatter that drifts along the run, where nothing is measured: encoders and warming
+move joints and ball smoothly. Chosen: one half."""
+_SHARES = np.array([0.0, 0.3, 0.6, 0.9])
+"""Shares that are tried where repeats determine it. Chosen: a few runs do not separate closer ones."""
+_JOINTS_AND_BALL = (slice(None, -3), slice(-3, None))
+"""The columns of a response that belong to the joints, and to the ball."""
+_DRIFT_ORDERS = 3
+"""Orders of the drift, in cycles per run. Chosen: slower than any joint motion of a circle."""
+_SEEN = 0.1
+"""Size in standard deviations of the noise below which a combination of scattered terms is ignored. Chosen: it changes
+a variance by one hundredth."""
+
+
+@dataclass(frozen=True)
+class RunScatter:
+    """Scatter of the joints and of the ball between runs, in the units of `scatter_response`: the part that is constant
+    in a run, and the part that drifts along it."""
+
+    joints: float
+    ball: float
+    drifting_joints: float
+    drifting_ball: float
+
+    def constant(self, terms: int) -> Array:
+        """Return the constant scatter (terms,), relative to its unit, of the joints and then of the ball, if it is
+        included."""
+        return _by_term(self.joints, self.ball, terms)
+
+    def drifting(self, terms: int) -> Array:
+        """Return the drifting scatter (terms,), relative to its unit, in the same order."""
+        return _by_term(self.drifting_joints, self.drifting_ball, terms)
+
+
+def _by_term(joints: float, ball: float, terms: int) -> Array:
+    """Return scatter by term (terms,): of all joints, and of the ball where there are more terms than joints."""
+    scatter = np.full(terms, joints)
+    if terms > MOST_AXES:
+        scatter[-3:] = ball
+    return scatter
+
+
+ASSUMED_SCATTER = RunScatter(
+    JOINT_DEG.rms / SCATTER_DEG,
+    BALL_MM.rms / SCATTER_MM,
+    float(np.sqrt(DRIFTING_SHARE)) * JOINT_DEG.rms / SCATTER_DEG,
+    float(np.sqrt(DRIFTING_SHARE)) * BALL_MM.rms / SCATTER_MM,
+)
+"""The scatter of real cells."""
+
+
+def scatter_response(run: ObservedRun, setup: SetUp) -> Array:
+    """Return the response of the readings, (m, k, axes + 3) mm, to a unit scatter of each joint and of the ball; for
+    poses, whose instrument frame is always fitted, of the joints alone, (m, 3, axes)."""
+    model, scene = run.model, moved(run.model, run.path)
+    base, columns = predicted_in_scene(model, run, scene, setup), []
+    for axis in range(1, model.arm.axes + 1):
+        off = replace(model, effects=(*model.effects, turned(axis, SCATTER_DEG)))
+        columns.append(predicted(replace(run, model=off), setup) - base)
+    if not run.table.kind.of_places:
+        places = [replace(setup, ball=setup.ball + step) for step in SCATTER_MM * np.eye(3)]
+        columns += [predicted_in_scene(model, run, scene, place) - base for place in places]
+    return np.stack(columns, axis=2)
+
+
+def drift_waves(share: Array) -> Array:
+    """Return the waves (w, m) of a unit scatter that drifts along the run, at the share (m,) of its duration."""
+    turns = 2 * np.pi * np.arange(1, _DRIFT_ORDERS + 1)[:, None] * share
+    return np.asarray(np.concatenate([np.cos(turns), np.sin(turns)]) / np.sqrt(_DRIFT_ORDERS), dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class Repeated:
+    """Repeated runs of one test and direction: `rows` (n, N) mm of n runs, their responses `response` (N, axes + 3) mm
+    and `drifting` (w, N, axes + 3) mm to a unit scatter, the number of laps of which a row is the mean, and what one
+    standard deviation of the scatter of stamps adds to it at a few angles, `stamps` (N, s) mm."""
+
+    setup: str
+    rows: Array
+    response: Array
+    drifting: Array
+    laps: int
+    stamps: Array
+
+    @cached_property
+    def apart(self) -> Array:
+        """The deviations (n, N) mm of the runs from their mean."""
+        return np.asarray(self.rows - self.rows.mean(axis=0), dtype=float)
+
+    def of_laps(self) -> Repeated:
+        """Return the laps alone, without the periods of standing and the trend after their orders (N,)."""
+        count = len(ORDER_OF)
+        rows, drifting = self.rows[:, :count], self.drifting[:, :count]
+        return replace(self, rows=rows, response=self.response[:count], drifting=drifting, stamps=self.stamps[:count])
+
+    def noise(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
+        """Return the part (n, N) mm of the deviations that is expected to be noise of sd_mm (N,) and not scatter, and
+        the share (N,) of the noise that this part contains."""
+        columns, taken = self._regression(scatter, sd_mm)
+        noise: Array = self.apart - (self.apart / sd_mm) @ taken.T @ columns.T * sd_mm
+        return noise, 1 - np.einsum("nc,cn->n", columns, taken)
+
+    def without_stamps(self, scatter: RunScatter, sd_mm: Array) -> Array:
+        """Return the deviations (n, N) mm without what stamps are expected to have added, given noise of sd_mm (N,)."""
+        if not self.stamps.size:
+            return self.apart
+        _, taken = self._regression(scatter, sd_mm)
+        stamps = taken[taken.shape[0] - self.stamps.shape[1] :]
+        return self.apart - (self.apart / sd_mm) @ stamps.T @ self.stamps.T
+
+    def _regression(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
+        """Return what one standard deviation of scatter and of stamps adds, (N, c) in those of the noise sd_mm (N,),
+        and the matrix (c, N) that estimates their coefficients from readings in the same unit."""
+        scattered = scatter_columns(self.response, self.drifting, scatter)
+        columns = np.concatenate([scattered, self.stamps], axis=1) / sd_mm[:, None]
+        normal = columns.T @ columns
+        normal[np.diag_indices_from(normal)] += 1.0
+        return columns, np.asarray(np.linalg.solve(normal, columns.T), dtype=float)
+
+    def whitened(self, sd_mm: Array) -> tuple[Array, Array, Array]:
+        """Return deviations (n, N), constant response (N, c) and drifting response (w, N, c) in standard deviations of
+        noise of sd_mm (N,) and of stamps together, instead of mm."""
+        directions, size, _ = np.linalg.svd(self.stamps / sd_mm[:, None], full_matrices=False)
+        less = directions * (1 - 1 / np.sqrt(1 + size**2))
+
+        def white(rows: Array) -> Array:
+            whitened = rows / sd_mm
+            return np.asarray(whitened - (whitened @ directions) @ less.T, dtype=float)
+
+        return white(self.apart), white(self.response.T).T, white(self.drifting.swapaxes(1, 2)).swapaxes(1, 2)
+
+
+def scatter_columns(constant: Array, drifting: Array, scatter: RunScatter) -> Array:
+    """Return what one standard deviation of scatter adds, (N, c + c w) mm, given its constant (N, c) and its drifting
+    response (w, N, c) mm."""
+    terms = constant.shape[1]
+    return np.concatenate([constant * scatter.constant(terms), *(drifting * scatter.drifting(terms))], axis=1)
+
+
+def without_unseen(columns: Array, sd_mm: Array) -> Array:
+    """Return columns (N, r) mm with the same covariance as columns (N, c), without what is far below the noise sd_mm
+    (N,)."""
+    directions, size, _ = np.linalg.svd(columns / sd_mm[:, None], full_matrices=False)
+    seen = size > _SEEN
+    return np.asarray(directions[:, seen] * size[seen] * sd_mm[:, None], dtype=float)
+
+
+def unscattered(apart: Array, columns: Array) -> tuple[Array, Array]:
+    """Return the part (n, N) mm of deviations (n, N) mm that columns (N, c) cannot explain, and the share (N,) of the
+    noise that this part contains."""
+    span = _span_of(columns)
+    return apart - (apart @ span) @ span.T, 1 - (span**2).sum(axis=1)
+
+
+def _span_of(columns: Array) -> Array:
+    """Return an orthonormal basis of columns (N, c), without directions that are nearly zero."""
+    squares, directions = np.linalg.eigh(columns.T @ columns)
+    seen = squares > 1e-6 * squares[-1]
+    return np.asarray(columns @ (directions[:, seen] / np.sqrt(squares[seen])), dtype=float)
+
+
+def scatter_of(repeated: Sequence[tuple[Repeated, Array]]) -> RunScatter:
+    """Return the scatter that makes the differences between repeated runs most likely, given the noise (N,) mm of each
+    group.
+
+    Few repeats leave it uncertain, so the posterior mean square is returned and not the most likely value.
+    """
+    joints, ball, share = (axis.ravel() for axis in np.meshgrid(_MULTIPLES, _MULTIPLES, _SHARES, indexing="ij"))
+    squares = np.stack([joints**2 * (1 - share), ball**2 * (1 - share), joints**2 * share, ball**2 * share], axis=1)
+    evidence = np.zeros(len(squares))
+    for runs, sd_mm in repeated:
+        apart, constant, drifting = runs.whitened(sd_mm)
+        span = _span_of(np.concatenate([constant, *drifting], axis=1))
+        waves = [drifting[:, :, columns].transpose(1, 0, 2).reshape(len(constant), -1) for columns in _JOINTS_AND_BALL]
+        inside = [span.T @ part for part in (*(constant[:, columns] for columns in _JOINTS_AND_BALL), *waves)]
+        C = np.tensordot(squares, np.stack([part @ part.T for part in inside]), axes=1)
+        C[:, np.arange(len(C[0])), np.arange(len(C[0]))] += 1.0
+        Z = apart @ span
+        cost = np.einsum("nr,srn->s", Z, np.linalg.solve(C, np.broadcast_to(Z.T, (len(C), *Z.T.shape))))
+        evidence += -0.5 * ((len(Z) - 1) * np.linalg.slogdet(C)[1] + cost)
+    weight = np.exp(evidence - np.max(evidence))
+    return RunScatter(*np.sqrt(weight @ squares / weight.sum()).tolist())
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The noise of the readings, estimated from repeats: of each order of a circle, of each run and of each target.
+#
+# Repeated runs separate it from the scatter of joints and ball between runs (`RunScatter`). The noise of a set-up
+# has one shape over the orders, and a level for each run, for slow and for fine orders, and for sum and difference of
+# the gauges. Without repeats, the noise of real cells is assumed (`analysis.runs.noise.cell_noise`).
+
+_BANDS = (0, 4, 8, 12, 18, 30, 50, 90, 150, len(ORDER_OF))
+"""Edges of the bands of orders in which the noise is pooled. Chosen: wide enough for several degrees of freedom per
+band with two repeats."""
+_SLOW = 30
+"""Orders below this share a level, and so do those above: servo ripple and path errors are slow, the noise of a probe
+is not. Chosen."""
+_SLOW_CORNER = 5.0
+"""The order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s, within the
+0.1 to 5 s of real cells."""
+_NOISE_ROUNDS = 4
+"""Number of rounds in which noise and scatter are estimated in turn. Chosen: a further one changes the noise by less
+than its uncertainty."""
+_BORROWED = 4.0
+"""Degrees of freedom with which a band counts the noise of its finer neighbour. Chosen: as for targets, fewer than a
+band has that no scatter hides."""
+_LEAST_MM = 1e-5
+"""Smallest standard deviation of an entry, far below any gauge, so that exact repeats do not give infinite weights."""
+_LEAST_FREE = 0.1
+"""Smallest share of a reading that is left once the scatter of a run is removed. Chosen: it limits the correction to a
+factor of about three."""
+_LEAST_LEVEL = 1e-6
+"""Smallest level of a run, so that a run that repeats another to the last digit does not get infinite weight."""
+_AGREEMENT = 4.0
+"""Degrees of freedom that all targets together contribute to the variance of one (Smyth 2004). Chosen: makes the
+tenfold differences between the targets of real cells likely."""
+LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
+"""Smallest power of assumed noise, relative to its mean: the lower bound of real cells."""
+
+
+@dataclass(frozen=True)
+class CircleNoise:
+    """Noise of circles. `sd_mm` has an array (n, N) for each block; `scattered` has the scatter of each set-up;
+    `measured` states whether they come from repeats."""
+
+    sd_mm: tuple[Array, ...]
+    scattered: dict[str, RunScatter]
+    measured: bool
+
+    def scatter(self, setup: str) -> RunScatter:
+        """Return the scatter of a set-up; one without repeated circles gets the average of all."""
+        if setup in self.scattered:
+            return self.scattered[setup]
+        squares = np.array([astuple(scatter) for scatter in self.scattered.values()]) ** 2
+        return RunScatter(*np.sqrt(np.mean(squares, axis=0)).tolist())
+
+
+def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
+    """Return the noise of circles from the repeats `rows` (n, N) mm of each group. `averaged` is the share of the power
+    of white noise that remains on the grid of a circle."""
+    repeated: dict[str, list[int]] = {}
+    for k, group in enumerate(groups):
+        if len(group.rows) > 1:
+            repeated.setdefault(group.setup, []).append(k)
+    if not repeated:
+        # That of real cells. A drifting scatter, which nothing separates from the noise of a single run, is in it by
+        # bands.
+        assumed, count = [], len(ORDER_OF) // 2
+        for group in groups:
+            slow = 1 / (1 + (ORDER_OF / _SLOW_CORNER) ** 2)
+            # The energy of a channel of `count` unitary entries is `count` times the mean square of its readings.
+            slow *= SLOW_MM.rms**2 / group.laps * count / slow[:count].sum()
+            drifting = ((group.drifting * ASSUMED_SCATTER.drifting(group.response.shape[1])) ** 2).sum(axis=(0, 2))
+            for entries in _bands():
+                drifting[entries] = drifting[entries].mean()
+            sd = np.sqrt(WHITE_MM.rms**2 * averaged + slow + drifting)
+            assumed.append(np.tile(sd, (len(group.rows), 1)))
+        return CircleNoise(tuple(assumed), {"": ASSUMED_SCATTER}, measured=False)
+    sd_mm: dict[int, Array] = {}
+    scattered = {}
+    for setup, members in repeated.items():
+        levels, scattered[setup] = _setup_noise([groups[k] for k in members])
+        sd_mm.update(zip(members, levels, strict=True))
+    # A run that was not repeated borrows the noise of its set-up, or else of all.
+    every = list(sd_mm)
+    for k, group in enumerate(groups):
+        lenders = repeated.get(group.setup, every)
+        borrowed = np.sqrt(np.mean(np.concatenate([sd_mm[lender] for lender in lenders]) ** 2, axis=0))
+        sd_mm.setdefault(k, np.tile(borrowed, (len(group.rows), 1)))
+    return CircleNoise(tuple(sd_mm[k] for k in range(len(groups))), scattered, measured=True)
+
+
+def _setup_noise(every: Sequence[Repeated]) -> tuple[list[Array], RunScatter]:
+    """Return the noise (n, N) mm of the runs of each repeated group of a set-up, and their scatter.
+
+    Noise and scatter are estimated in turn, each with what the other explains removed; in the first round the noise is
+    taken from what no scatter could explain.
+    """
+    parts = [unscattered(runs.apart, np.concatenate([runs.response, *runs.drifting], axis=1)) for runs in every]
+    levels = [np.ones((len(runs.apart), 4)) for runs in every]
+    for _ in range(_NOISE_ROUNDS):
+        for _ in range(2):
+            shape = _shape(
+                [rows / level[:, _PART] for (rows, _), level in zip(parts, levels, strict=True)],
+                [free for _, free in parts],
+            )
+            levels = [_levels(rows / shape, free) for rows, free in parts]
+        sd_mm = [np.maximum(shape * level[:, _PART], _LEAST_MM) for level in levels]
+        typical = [np.sqrt((sd**2).mean(axis=0)) for sd in sd_mm]
+        scatter = scatter_of(list(zip(every, typical, strict=True)))
+        parts = [runs.noise(scatter, sd) for runs, sd in zip(every, typical, strict=True)]
+    return sd_mm, scatter
+
+
+_PART: Integers = np.asarray((np.arange(len(ORDER_OF)) >= len(ORDER_OF) // 2) * 2 + (ORDER_OF >= _SLOW), dtype=np.int64)
+"""The index of an entry's level among the four levels of a run."""
+
+
+def _bands() -> list[Integers]:
+    """Return the indices of the entries of each channel and band in which noise is pooled."""
+    per_channel = len(ORDER_OF) // 2
+    channels = (np.arange(per_channel), np.arange(per_channel, len(ORDER_OF)))
+    bands = [(channel, low, high) for channel in channels for low, high in pairwise(_BANDS)]
+    return [channel[(ORDER_OF[channel] >= low) & (ORDER_OF[channel] < high)] for channel, low, high in bands]
+
+
+def _shape(unexplained: Sequence[Array], free: Sequence[Array]) -> Array:
+    """Return the standard deviation (N,) of runs at level one, by channel and band, of the part that scatter cannot
+    explain.
+
+    Scatter may hide nearly all of the slowest orders, and few repeats leave every band uncertain. So each band counts
+    its finer neighbour as some more readings: slow noise grows towards slow orders.
+    """
+    squares = np.asarray(sum((rows**2).sum(axis=0) for rows in unexplained))
+    freedom = np.asarray(sum((len(rows) - 1) * share for rows, share in zip(unexplained, free, strict=True)))
+    shape, finer = np.empty(len(ORDER_OF)), 0.0
+    for band in reversed(_bands()):
+        extra = _BORROWED if ORDER_OF[band].max() < ORDER_OF.max() else 0.0
+        seen = freedom[band].sum() + extra
+        # Its scaled inverse chi-square has a mean of about 1 + 2/ν.
+        variance = (squares[band].sum() + extra * finer) / seen * (1 + 2 / seen)
+        shape[band], finer = np.sqrt(variance), variance
+    return np.maximum(shape, _LEAST_MM)
+
+
+def _levels(rows: Array, free: Array) -> Array:
+    """Return the levels (n, 4) of repeated runs, from their deviations (n, N) from their mean divided by the shape of
+    the noise.
+
+    With variances σ_r² of n runs, the expected mean square q_r of a run's deviation from their mean is σ_r² (1 - 2/n) +
+    Σ σ²/n².
+    """
+    n = len(rows)
+    q = np.stack([(rows[:, part == _PART] ** 2).sum(axis=1) / free[part == _PART].sum() for part in range(4)], axis=1)
+    total = q.sum(axis=0) * n / (n - 1)
+    if n < 3:
+        return np.tile(np.maximum(np.sqrt(total / n), _LEAST_LEVEL), (n, 1))
+    each = (q - total / n**2) / (1 - 2 / n)
+    # The estimate for the quietest of few runs can be zero; no run gets less than a quarter of their mean level.
+    return np.asarray(np.maximum(np.sqrt(np.maximum(each, total / n / 16)), _LEAST_LEVEL), dtype=float)
+
+
+def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tuple[Array, bool]:
+    """Return the standard deviation (N,) mm of readings at targets of repeated runs (n, N) mm, and whether repeats
+    determine it. The scatter that moves all targets of a run together, with a response (N, c), is excluded. `alike`
+    (N,) has an integer that readings of the same place and approach share."""
+    mean = rows_mm.mean(axis=0)
+    unexplained, free = unscattered(rows_mm - mean, response)
+    # The part that the scatter of a run explains is removed, and the rest is scaled to its original variance.
+    rows = mean + unexplained / np.sqrt(np.maximum(free, _LEAST_FREE))
+    squares, freedom = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
+    away = []
+    for number in np.unique(alike):
+        visits = np.flatnonzero(alike == number)
+        group = rows[:, visits]
+        if group.size > 1:
+            off = (group - group.mean()) * np.sqrt(group.size / (group.size - 1))
+            away.append(off.ravel())
+            squares[visits] = (off**2).sum() * (group.size - 1) / group.size
+            freedom[visits] = group.size - 1
+    if not away:
+        return np.full(rows.shape[1], TARGET_MM.rms), False
+    # A median is robust against heavy tails and outliers; the target's own scatter then enters with its weight.
+    common = max(1.4826 * float(np.median(np.abs(np.concatenate(away)))), 10 * _LEAST_MM)
+    sd: Array = np.sqrt((_AGREEMENT * common**2 + squares) / (_AGREEMENT + freedom))
+    return sd, True
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The noise that stamps make where readings change within milliseconds: while a joint crosses a wide play, a reading
+# that is stamped a millisecond late is a tenth of a millimetre off.
+#
+# Elsewhere, stamps that scatter add noise that is alike along the lap, which repeats show. Here a few angles carry a
+# thousand times as much, which would raise the noise of all orders.
+
+_RARE = 5.0
+"""How many times the median of a lap the noise of an angle exceeds that is treated by itself. Chosen: the steepest part
+of a wave has 1.4 times its median, so that gear errors are left to the noise of the orders; with ten times, the slower
+half of a crossing was left to it too."""
+_MOST = GRID // 16
+"""Largest number of angles of a lap that are treated by themselves, those with most noise. Chosen: beside a play and a
+spike of 45 healthy sizes up to 60 angles have such noise, but twice as many columns lower the noise of the orders by a
+few per cent only."""
+_LEAST_LATE_MM = 1e-4
+"""Noise in mm below which no angle is treated by itself: a digit of the finest gauges of such a link."""
+
+
+def stamp_noise(samplings: Sequence[Sampling], t_s: Sequence[Array], readings_mm: Sequence[Array]) -> Array:
+    """Return what one standard deviation of the scatter of stamps adds to the entries of a lap, (N, c) mm: a column for
+    each angle of the grid at which readings change quickly.
+
+    The readings of the model, (m, 2) mm at times (m,) s for each of some repeated runs, say how quickly; the stamps of
+    these runs are taken to scatter alike. The rows of fast gauges are means of many readings and scatter less, but a
+    crossing that is shorter than a row makes an error of this size in them too.
+    """
+    laps, none = [], np.zeros((1, 2))
+    for sampling, t, readings in zip(samplings, t_s, readings_mm, strict=True):
+        count = len(sampling.phi)
+        steps, passed_s = np.diff(readings[:count], axis=0), np.diff(t[:count])[:, None]
+        # A step between two readings is as steep for both of them. Readings with the same stamp have no slope.
+        slopes = np.divide(steps, passed_s, out=np.zeros_like(steps), where=passed_s > 0)
+        before, after = np.concatenate([none, slopes]), np.concatenate([slopes, none])
+        late_s = STAMP_SCATTER * float(np.median(passed_s))
+        laps.append((sampling, late_s * np.where(np.abs(before) > np.abs(after), before, after)))
+    sd_mm = np.sqrt(np.mean([sampling.gridded_sd(off_mm) ** 2 for sampling, off_mm in laps], axis=0))
+    way = np.sign(sum(sampling.gridded(off_mm) for sampling, off_mm in laps))
+    most = sd_mm.max(axis=1)
+    angles = np.argsort(-most)[:_MOST]
+    angles = angles[most[angles] > max(_RARE * float(np.median(most)), _LEAST_LATE_MM)]
+    single = np.zeros((GRID, 2, len(angles)))
+    # Both gauges are stamped together.
+    single[angles, :, np.arange(len(angles))] = (way * sd_mm)[angles]
+    others = 2 * len(samplings[0].stands) + (len(ORDER_OF_TREND) if len(samplings[0].trend) else 0)
+    return np.concatenate([by_orders(single), np.zeros((others, len(angles)))])

@@ -1,0 +1,498 @@
+"""Runs as a fit sees them: the readings to explain, the path that was driven, laps, stands and joint ranges.
+
+A run is a table with the readings that count; as a diagnosis uses it, it has a smooth path, its lap and its stands, so
+that it can be compared with its repeats. The joint angles that runs covered say where a model may be used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analysis.robot.kinematics.arm import Array, Integers, Mask
+from analysis.robot.model.motion import Motion
+from analysis.robot.model.predict import Model, Path, SetUp, moved, nominal_setup, path_of, read
+from analysis.robot.model.scene import Scene
+from analysis.runs.laps import laps_of
+from analysis.runs.noise.readings import is_wild, step_of
+from analysis.runs.tables import CircleTable, Table
+from rigs.effects import Effect
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Runs in the form that a fit uses: the readings to explain about the model of their rig file, and what it leaves.
+
+
+@dataclass(frozen=True)
+class ObservedRun:
+    """One run to explain about the model of its rig file: `rows` (m,) of its table are those of the readings used,
+    `values` (m, k) mm the readings. Runs with equal names of their set-up share it.
+
+    Of a circle as a diagnosis uses it the path is smooth, and the rows of standing follow those of the lap, which
+    `sampling` has as orders; `wild` counts the readings that were replaced by interpolation between their neighbours,
+    and `step_mm` is the step to which its coarser gauge is rounded.
+    """
+
+    model: Model
+    table: Table
+    path: Path
+    rows: Integers
+    values: Array
+    setup: str
+    sampling: Sampling | None = None
+    wild: int = 0
+    step_mm: float = 0.0
+
+    @property
+    def samples(self) -> Integers:
+        """The samples (m,) of the path at which the readings were taken."""
+        return np.asarray(self.path.rows[self.rows], dtype=np.intp)
+
+    @property
+    def t_s(self) -> Array:
+        """The times (m,) s of the readings."""
+        return np.asarray(self.path.t_s[self.samples], dtype=float)
+
+    @property
+    def name(self) -> str:
+        """The name that repeated runs share: `yaw cw`, `radial`."""
+        direction = self.table.kind.direction(self.table)
+        return f"{self.setup} {direction}" if direction else self.setup
+
+    @property
+    def visits(self) -> Integers:
+        """Integers (m, k) that describe where and how each reading was taken."""
+        return np.asarray(self.table.kind.visits(self.table)[self.rows], dtype=np.int64)
+
+    @property
+    def targets_key(self) -> bytes:
+        """Bytes that are equal for runs that repeat each other reading by reading; empty for circles, because their
+        name identifies them."""
+        return b"" if self.sampling else self.visits.tobytes()
+
+    def entries(self, values: Array) -> Array:
+        """Return readings (m, k, …) mm as entries (N, …) mm: a circle's by orders, other readings unchanged."""
+        return self.sampling.vector(values) if self.sampling else values.reshape(-1, *values.shape[2:])
+
+    @property
+    def on_lap(self) -> ObservedRun:
+        """The run of (m, k) mm by which errors are stated: of a circle the lap alone, since a robot that stands before
+        and after it would count one place hundreds of times."""
+        if self.sampling is None:
+            return self
+        lap = slice(len(self.sampling.phi))
+        return replace(self, rows=self.rows[lap], values=self.values[lap], sampling=None)
+
+
+def observe(model: Model, table: Table, where: str) -> ObservedRun:
+    """Return a table with its path and, for a circle, the readings of its laps; values are (m, k) mm. Raises FileError
+    for a table that is not a circle of the rig, or has no joint angles."""
+    if table.kind.without_joints:
+        raise table.kind.refused(where)
+    rows = table.kind.rows_used(table, model.rig, where)
+    return ObservedRun(model, table, path_of(model, table), rows, table.kind.readings(table)[rows], table.test)
+
+
+def with_placement(run: ObservedRun, placement: str) -> ObservedRun:
+    """Return the run, of (m, k) mm, with the set-up of a placement that the user named; without a name, that of the
+    test alone."""
+    return replace(run, setup=f"{run.setup} at {placement}") if placement else run
+
+
+_SOCKET = ", socket "
+"""Between the name of a placement and that of one of its sockets."""
+
+
+def without_socket(setup: str) -> str:
+    """Return the name of the placement of a set-up, of which a socket of touches is a part."""
+    return setup.partition(_SOCKET)[0]
+
+
+def by_socket(run: ObservedRun) -> list[ObservedRun]:
+    """Return touches as a run for each socket, of (m, 3) mm, along the path of all; another run alone. The place of
+    each socket is a set-up of its own."""
+    parts = run.table.kind.parts(run.table)
+    if parts is None:
+        return [run]
+    socket = parts[run.rows]
+    names = np.unique(socket).tolist()
+    return [replace(part(run, socket == name), setup=f"{run.setup}{_SOCKET}{name}") for name in names]
+
+
+def part(run: ObservedRun, keep: Mask) -> ObservedRun:
+    """Return a run with the readings (m, k) of the mask `keep` (m,); the path, and with it the approach to each pose,
+    stays complete."""
+    return replace(run, rows=run.rows[keep], values=run.values[keep])
+
+
+def thinned(run: ObservedRun, most: int) -> ObservedRun:
+    """Return a circle with at most `most` (m,) of its readings, evenly spaced, which alone are simulated."""
+    kept = np.argsort(run.rows)[:: -(-len(run.rows) // most)]
+    path = replace(run.path, rows=run.samples[kept], alone=True)
+    return replace(run, path=path, rows=np.arange(len(kept)), values=run.values[kept])
+
+
+def predicted(run: ObservedRun, setup: SetUp) -> Array:
+    """Return the readings (m, k) mm that the model of a run predicts; for poses the positions."""
+    return predicted_in_scene(run.model, run, moved(run.model, run.path), setup)
+
+
+def predicted_in_scene(model: Model, run: ObservedRun, scene: Scene, setup: SetUp) -> Array:
+    """Return the readings (m, k) mm that a model predicts from an existing scene, which is the same for all set-ups."""
+    values = read(model, run.table, run.path, scene, setup)
+    if run.table.kind.of_places:
+        values = values[:, [3, 7, 11]]
+    return values[run.rows]
+
+
+def residual_of(run: ObservedRun, setups: Mapping[str, SetUp]) -> Array:
+    """Return measured minus predicted readings (m, k) mm of a run in its set-up."""
+    return run.values - predicted(run, setups[run.setup])
+
+
+def rms(residuals: Sequence[Array]) -> float:
+    """Return the root mean square in mm of residuals (m, k) mm: per reading of a gauge, and per distance of a
+    position."""
+    squares = np.concatenate([(r**2).sum(axis=1) if r.shape[1] == 3 else (r**2).ravel() for r in residuals])
+    return float(np.sqrt(squares.mean()))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The joint angles that runs covered, and warnings where a model is used beyond them.
+
+JointRange = tuple[float, float]
+"""Lowest and highest angle of a joint, in degrees."""
+BEYOND_DEG = 3.0
+"""Distance outside the measured range up to which a model is taken to be valid. Chosen: link constants and gear errors
+change little over 3 degrees."""
+BEYOND_MM = 50.0
+"""The same of a rail: what 3 degrees of a joint move at a metre."""
+
+
+def outside_coverage(covered: Sequence[JointRange], q_rad: Array, run: str) -> list[str]:
+    """Return a message for each joint whose angles (n, 6) rad leave the ranges in which something was determined; the
+    name of the `run` begins it."""
+    lines = []
+    joints = np.degrees(q_rad[:, : len(covered)])  # behind them stands where a rail is
+    for axis, ((low, high), angle) in enumerate(zip(covered, joints.T, strict=True), start=1):
+        outside = int(((angle < low - BEYOND_DEG) | (angle > high + BEYOND_DEG)).sum())
+        if outside:
+            stands = f"axis {axis} stands at {angle.min():z.1f}° to {angle.max():z.1f}°"
+            lines.append(
+                f"{run}: {stands}, {outside} of {len(angle)} outside {low:z.1f}° to {high:z.1f}°, where it was found"
+            )
+    return lines
+
+
+def outside_effect_coverage(effects: Sequence[Effect], q_rad: Array, run: str) -> list[str]:
+    """Return the same messages for the effects of a rig file, each valid in the range in which it was found; angles are
+    (n, 6) rad."""
+    covered = [effect.found.joints_deg for effect in effects if effect.found and effect.found.joints_deg]
+    if not covered:
+        return []
+    ranges = [(max(low for low, _ in axis), min(high for _, high in axis)) for axis in zip(*covered, strict=True)]
+    return outside_coverage(ranges, q_rad, run)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Smoothing of reported angles, which removes the steps of their last digit.
+#
+# A controller rounds the angles that it reports, to 1e-4 degrees for example. At a reach of one metre that equals the
+# noise of a gauge, and a model that follows the steps would explain them by gauge errors. An arm on a circle moves
+# smoothly, so a local parabola over a fifth of a second to either side replaces the angles of the lap.
+
+_HALF_WIDTH_S = 0.2
+"""Half the width of the local parabola in seconds. Chosen: longer than several samples at 50 Hz, and shorter than the
+reversal of a joint."""
+
+
+def smooth_path(run: ObservedRun) -> ObservedRun:
+    """Return a circle with its path (n, 6) rad smoothed, and any other run unchanged."""
+    if not run.table.kind.swept:
+        return run
+    # A parabola overshoots where the robot starts and stops, and would create reversals, so only laps are smoothed.
+    laps, t_s, q = run.samples, run.path.t_s, run.path.q
+    reach = max(2, int(np.ceil(_HALF_WIDTH_S / float(np.median(np.diff(t_s))))))
+    index = np.arange(len(t_s))[:, None] + np.arange(-reach, reach + 1)
+    inside = (index >= 0) & (index < len(t_s))
+    index = np.clip(index, 0, len(t_s) - 1)
+    x = (t_s[index] - t_s[:, None]) / _HALF_WIDTH_S
+    weight = np.where(inside & (np.abs(x) < 1), 1 - x**2, 0.0)  # Epanechnikov's kernel
+    powers = np.stack([np.ones_like(x), x, x**2], axis=2)
+    normal = np.einsum("nw,nwi,nwj->nij", weight, powers, powers) + 1e-12 * np.eye(3)
+    # Only the value at the centre is needed, so one row of the inverse gives the weights of the samples.
+    row = np.linalg.solve(normal, np.broadcast_to(np.eye(3)[:, :1], (len(t_s), 3, 1)))[:, :, 0]
+    share = weight * np.einsum("ni,nwi->nw", row, powers)
+    smooth = q.copy()
+    smooth[laps] = (np.einsum("nw,nwj->nj", share, q[index] - q[:, None]) + q)[laps]
+    return replace(run, path=replace(run.path, motion=Motion(t_s, smooth)))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# A run as the diagnosis uses it: with a smooth path, its lap and its periods of standing, so that it can be compared
+# with its repeats.
+
+GRID = 512
+"""Circle angles to which a lap is interpolated; the highest order is slightly below half of it. Chosen: a power of two
+for the Fourier transform, with 0.7 degrees per step."""
+ORDERS = GRID // 2
+"""The number of orders of a channel, including order 0."""
+ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDERS)]), 2)
+"""The order of each entry of a circle's vector: first those of the sum of the gauges, then those of their difference.
+"""
+STAMP_SCATTER = 0.25
+"""Standard deviation by which stamps may scatter, as a share of the time between readings. Chosen: with a quarter, one
+reading in 400 passes the next."""
+_ROWS = 2 * GRID
+"""Rows per lap that are sufficient for its orders; the rows of faster gauges are averaged."""
+_STANDS = 0.02
+"""Share of the lap's median joint speed below which the robot stands. Chosen: above the noise of differentiated
+feedback."""
+_MOST_APART = GRID // 16
+"""Largest distance of the angles at which repeated laps begin, in steps of the grid, that is bridged. Chosen: repeats
+of a program begin within a row."""
+_LEAST_STAND = 3
+"""Smallest number of rows that count as a period of standing. Chosen: fewer give no mean."""
+TREND_ORDERS = 4
+"""Orders of the trend from lap to lap: a ball, a gauge and an arm that grows move readings in orders 0 and 1, and an
+eccentric ball adds the next. Chosen: twice as many."""
+ORDER_OF_TREND: Integers = np.tile(np.concatenate([np.arange(TREND_ORDERS), np.arange(1, TREND_ORDERS)]), 2)
+"""The order of each entry of a trend, in the order of `ORDER_OF`."""
+_OF_TREND: Integers = np.flatnonzero(ORDER_OF < TREND_ORDERS)
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """The conversion of a circle's rows to a vector.
+
+    For each of L laps, `before` and `after` (L, GRID) are the rows next to each grid angle and `share` (L, GRID) is the
+    weight of the latter. `phi` (n,) rad are the circle angles of the laps' rows, which come first. `stands` has the
+    rows of standing before and after the lap, and `stand_share` (len(stands),) their number in steps of the grid.
+    `trend` (L,) has the weights of the laps whose sum is what changes with time from lap to lap, with the noise of one
+    lap; it is empty where there is one lap. `bridged` are the first and the last (which may be negative, or of the next
+    turn) of the grid angles where the laps begin, whose values follow from those beside them.
+    """
+
+    before: Integers
+    after: Integers
+    share: Array
+    phi: Array
+    stands: tuple[Integers, ...]
+    stand_share: Array
+    trend: Array
+    bridged: tuple[int, int] | None = None
+
+    def gridded(self, values: Array) -> Array:
+        """Return values (m, …) at the rows, in any unit, as values (GRID, …) at the grid, averaged over the laps."""
+        mean: Array = self._interpolation @ values[: self._interpolation.shape[1]].reshape(-1, values[0].size)
+        return mean.reshape(GRID, *values.shape[1:])
+
+    @cached_property
+    def _interpolation(self) -> csr_array:
+        """The matrix (GRID, n) from values at the rows of the laps to their mean at the grid."""
+        return self._matrix(np.full(len(self.share), 1 / len(self.share)))
+
+    @cached_property
+    def _trend(self) -> csr_array:
+        """The matrix (GRID, n) from values at the rows of the laps to their trend at the grid."""
+        return self._matrix(self.trend)
+
+    def _matrix(self, laps: Array) -> csr_array:
+        """Return the matrix (GRID, n) from values at the rows to their sum over the laps, with weights (L,)."""
+        from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
+
+        weight = np.concatenate([((1 - self.share) * laps[:, None]).ravel(), (self.share * laps[:, None]).ravel()])
+        rows = np.concatenate([self.before.ravel(), self.after.ravel()])
+        grid = np.tile(np.arange(GRID), 2 * len(self.share))
+        matrix = csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
+        if self.bridged is None:
+            return matrix
+        # Values at the bridged grid angles are those on the line between the values beside them.
+        begin, end = self.bridged
+        bridge, share = np.eye(GRID), np.arange(1, end - begin + 2) / (end - begin + 2)
+        inside = np.arange(begin, end + 1) % GRID
+        bridge[inside] = 0.0
+        bridge[inside, (begin - 1) % GRID] = 1 - share
+        bridge[inside, (end + 1) % GRID] = share
+        return csr_array(csr_array(bridge) @ matrix)
+
+    def gridded_sd(self, sd: Array) -> Array:
+        """Return the standard deviation (GRID, …) at the grid of independent errors of the rows, sd (m, …), in any
+        unit."""
+        weight = self._interpolation
+        variance: Array = weight.multiply(weight) @ sd[: weight.shape[1]].reshape(-1, sd[0].size) ** 2
+        return np.sqrt(variance).reshape(GRID, *sd.shape[1:])
+
+    def vector(self, values: Array) -> Array:
+        """Return readings (m, 2, …) of two gauges as entries (N, …): the orders of sum and difference (unitary), then
+        the means over periods of standing, then the slow orders of the trend from lap to lap."""
+        parts = [by_orders(self.gridded(values))]
+        for rows in self.stands:
+            parts += _channels(values[rows].mean(axis=0, keepdims=True))
+        if len(self.trend):
+            laps: Array = self._trend @ values[: len(self.phi)].reshape(len(self.phi), -1)
+            parts.append(by_orders(laps.reshape(GRID, *values.shape[1:]))[_OF_TREND])
+        return np.concatenate(parts)
+
+    @property
+    def begin(self) -> float:
+        """The angle at which the laps begin, in steps of the grid."""
+        return float(self.phi[0] % (2 * np.pi)) * GRID / (2 * np.pi)
+
+    @property
+    def seam(self) -> tuple[float, float]:
+        """How far before and after the angle at which laps begin each lap has rows on either side, in steps of the
+        grid."""
+        laps = len(self.share)
+        off = (self.phi - self.phi[0]) * GRID / (2 * np.pi)
+        number, near = _number(self.phi, laps), (off + GRID / 2) % GRID - GRID / 2
+        before = [near[(number == lap) & (near < 0)] for lap in range(laps)]
+        after = [near[(number == lap) & (near > 0)] for lap in range(laps)]
+        return (
+            min((float(rows.max()) for rows in before if len(rows)), default=0.0),
+            max((float(rows.min()) for rows in after if len(rows)), default=0.0),
+        )
+
+    @property
+    def averaged(self) -> float:
+        """The share of the power of white noise that interpolation between two rows, averaged over the laps, leaves."""
+        return float(np.mean((1 - self.share) ** 2 + self.share**2)) / len(self.share)
+
+    def without_stands(self) -> Sampling:
+        """Return the sampling of the lap alone, with stand_share (0,)."""
+        return replace(self, stands=(), stand_share=np.empty(0))
+
+    def without_trend(self) -> Sampling:
+        """Return the sampling of the mean lap without the trend (0,) from lap to lap."""
+        return replace(self, trend=np.empty(0))
+
+
+def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
+    """Return the samplings of repeated laps, all with the same grid angles bridged where their laps begin.
+
+    A joint may end a lap a turn from where it began, and what goes with its angle steps there by a tenth of a
+    millimetre. Repeats begin within a row of each other, so that at one grid angle some would show the end of their
+    laps and others the beginning. Laps that begin far from each other are left unchanged.
+    """
+    first = samplings[0].begin
+    offsets = [(sampling.begin - first + GRID / 2) % GRID - GRID / 2 for sampling in samplings]
+    if max(offsets) - min(offsets) > _MOST_APART:
+        return list(samplings)
+    seams = [(off + sampling.seam[0], off + sampling.seam[1]) for off, sampling in zip(offsets, samplings, strict=True)]
+    bridged = (int(np.floor(first + min(seams)[0])), int(np.ceil(first + max(after for _, after in seams))))
+    return [replace(sampling, bridged=bridged) for sampling in samplings]
+
+
+def by_orders(readings: Array) -> Array:
+    """Return readings (GRID, 2, …) at the grid as orders of sum and difference, (N, …); `curve` is the inverse."""
+    parts = []
+    for channel in _channels(readings):
+        spectrum = np.fft.rfft(channel, axis=0, norm="ortho")
+        parts += [spectrum[:1].real, np.sqrt(2) * spectrum[1:ORDERS].real, np.sqrt(2) * spectrum[1:ORDERS].imag]
+    return np.concatenate(parts)
+
+
+def curve(vector: Array) -> Array:
+    """Return readings (GRID, 2) at the grid from the orders (N,) of a circle's vector."""
+    per_channel = len(ORDER_OF) // 2
+    channels = []
+    for part in (vector[:per_channel], vector[per_channel : 2 * per_channel]):
+        spectrum = np.zeros(ORDERS + 1, dtype=complex)
+        spectrum[0] = part[0]
+        spectrum[1:ORDERS] = (part[1:ORDERS] + 1j * part[ORDERS:]) / np.sqrt(2)
+        channels.append(np.fft.irfft(spectrum, n=GRID, norm="ortho"))
+    total, apart = channels
+    return np.asarray(np.stack([total - apart, total + apart], axis=1) / np.sqrt(2), dtype=float)
+
+
+def _channels(values: Array) -> tuple[Array, Array]:
+    """Return sum and difference (m, …) of two gauges (m, 2, …), unitary."""
+    return (values[:, 0] + values[:, 1]) / np.sqrt(2), (values[:, 1] - values[:, 0]) / np.sqrt(2)
+
+
+def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
+    """Return a run's table as an observed run, with readings (m, k) mm. Raises FileError for a table that is not a
+    circle of the rig."""
+    if not isinstance(table, CircleTable):
+        return observe(model, table, where)
+    sound = without_wild(table)
+    wild = int(np.count_nonzero(sound.g_mm != table.g_mm))
+    step_mm = max(step_of(gauge) for gauge in table.g_mm.T)
+    laps = laps_of(table, model.rig, where)
+    table = averaged(sound, len(laps.phi) // laps.count // _ROWS)
+    lap = observe(model, table, where)
+    smoothed = smooth_path(lap)
+    phi, q, first, last = laps_of(table, model.rig, where).phi, smoothed.path.q, int(lap.rows[0]), int(lap.rows[-1])
+    speed = np.linalg.norm(np.gradient(q, smoothed.path.t_s, axis=0), axis=1)
+    still = speed < _STANDS * np.median(speed[lap.rows])
+    # Standing before and after the lap, unless it does not on one side.
+    stands = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
+    stands = stands if min(map(len, stands)) >= _LEAST_STAND else []
+    begins = len(lap.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
+    places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
+    per_step = len(lap.rows) / (GRID * _laps(phi))
+    sampling = sampling_of(phi, places, np.array([len(rows) / per_step for rows in stands]))
+    rows = np.concatenate([lap.rows, *stands]).astype(np.intp)
+    raw, smooth = replace(lap, rows=rows), replace(smoothed, rows=rows)
+    # Servo ripple is real motion, so the readings are corrected by the predicted effect of its removal from the path.
+    setup = nominal_setup(model.rig, table)
+    values = table.g_mm[rows] - (predicted(raw, setup) - predicted(smooth, setup))
+    return replace(smooth, values=values, sampling=sampling, wild=wild, step_mm=step_mm)
+
+
+def without_wild(table: CircleTable) -> CircleTable:
+    """Return a circle whose wild readings (n, 2) mm are replaced by interpolation between their neighbours."""
+    g_mm = table.g_mm.copy()
+    for gauge in g_mm.T:
+        wild = is_wild(gauge)
+        if wild.any() and not wild.all():
+            gauge[wild] = np.interp(table.t_s[wild], table.t_s[~wild], gauge[~wild])
+    return table if np.array_equal(g_mm, table.g_mm) else replace(table, g_mm=g_mm)
+
+
+def averaged(table: CircleTable, count: int) -> CircleTable:
+    """Return a circle in which each `count` rows (count, …) are replaced by their mean, so that the cost does not grow
+    with the rate of a gauge; incomplete groups at the end are omitted."""
+    if count < 2:
+        return table
+    whole = len(table.t_s) // count * count
+
+    def means(values: Array) -> Array:
+        return np.asarray(values[:whole].reshape(-1, count, *values.shape[1:]).mean(axis=1), dtype=float)
+
+    return replace(table, t_s=means(table.t_s), q=means(table.q), g_mm=means(table.g_mm), u_t_s=None)
+
+
+def _laps(phi: Array) -> int:
+    """Return the number of laps that circle angles (n,) rad, in order of time, cover."""
+    return max(1, round(float(np.ptp(phi)) / (2 * np.pi)))
+
+
+def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
+    """Return the sampling of the circle angles (n,) rad of some laps, in order of time."""
+    laps, grid = _laps(phi), np.arange(GRID) * 2 * np.pi / GRID
+    number, turned = _number(phi, laps), phi % (2 * np.pi)
+    before, after, share = np.empty((3, laps, GRID))
+    for lap in range(laps):
+        rows = np.flatnonzero(number == lap)
+        order = rows[np.argsort(turned[rows])]
+        angle = turned[order]
+        later = np.searchsorted(angle, grid) % len(angle)
+        step = (angle[later] - angle[later - 1]) % (2 * np.pi)
+        part = ((grid - angle[later - 1]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
+        before[lap], after[lap], share[lap] = order[later - 1], order[later], np.clip(part, 0, 1)
+    # The trend is what each lap adds to the one before, of length one.
+    weights = np.arange(laps) - (laps - 1) / 2
+    trend = weights / np.linalg.norm(weights) if laps > 1 else np.empty(0)
+    return Sampling(before.astype(np.intp), after.astype(np.intp), share, phi, stands, stand_share, trend)
+
+
+def _number(phi: Array, laps: int) -> Array:
+    """Return the number (n,) of the lap, from 0 on, to which each circle angle (n,) rad belongs."""
+    return np.asarray(np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1), dtype=float)

@@ -1,0 +1,252 @@
+"""Placements: which runs share a set-up.
+
+Runs of one test and placement share a set-up unless their readings show that something was moved. A placement has a
+name if the user gave one when the run was recorded or imported; otherwise the readings decide.
+
+Circles of one direction repeat each other, so model errors displace their balls equally, and two balls further apart
+than the scatter of a real cell were mounted separately. A play moves the ball of one direction relative to that of the
+other, so frames of both directions are only matched. Runs at targets, and poses, that cannot share one rigid frame have
+far larger residuals together than each alone. Poses of all placements share the target on the tool, so that a placement
+of few poses needs only its frame from them; the data prove it where a reflector was put elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.diagnosis.evidence.observation import (
+    ObservedRun,
+    observe,
+    predicted,
+    residual_of,
+    rms,
+    thinned,
+    with_placement,
+    without_socket,
+)
+from analysis.diagnosis.evidence.setups import FRAME, fit_setups, placement_of, target_of, targeted
+from analysis.robot.kinematics.arm import Arm, Array, arm_of
+from analysis.robot.model.predict import SetUp, model_of
+from analysis.runs.loading import Measured
+from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+_APART = 3.0
+"""Ratio of the residual of two runs together to that of each alone, above which they have separate frames. Chosen: a
+wrong model increases both."""
+_APART_MM = 5 * BALL_MM.high
+"""Smallest difference between these residuals: five times the largest scatter of a ball between runs in real cells."""
+_MOVED_MM = 3 * float(np.hypot(BALL_MM.high, 1000 * np.radians(JOINT_DEG.high)))
+"""Change of the readings from a circle to its repeat above which the ball was moved: three times the largest scatter of
+ball and joints of real cells, at the end of an arm of one metre."""
+_ENOUGH_ROWS = 256
+"""Number of readings of a circle by which its frame is found. Chosen: with a micrometre of noise they place the ball to
+a tenth of a micrometre, and a ball that was moved is a thousand times further off."""
+TO_SPARE = 9
+"""Number of readings beyond the terms of a set-up from which on the residual of a run alone is meaningful. Chosen:
+three poses, of three coordinates each."""
+
+
+def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
+    """Return runs of (m, k) mm as a fit sees them, each with the set-up of its placement. Raises FileError for a run of
+    another robot."""
+    model = model_of(rig)
+    for run in runs:
+        if not same_arm(arm_of(run.rig.robot), model.arm):
+            problem = f"is of another robot than {rig.name}: its link constants differ"
+            raise FileError(
+                str(run.path), problem, "give the runs of one robot at a time, or the --rig that they were made with"
+            )
+    return [with_placement(observe(model, run.table, str(run.path)), run.run.manifest.placement) for run in runs]
+
+
+def split_by_frame(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
+    """Return runs, of (m, k) mm, with a set-up for each frame that they show, and messages about them; of
+    poses `split_by_target` has those."""
+    split_up, messages = list(runs), []
+    for setup in dict.fromkeys(run.setup for run in runs):
+        places = [k for k, run in enumerate(runs) if run.setup == setup]
+        split = _circle_frames if runs[places[0]].table.kind.swept else _target_frames
+        frames = sorted(sorted(frame) for frame in split(runs, places))
+        for number, frame in enumerate(frames[1:], start=2):
+            for k in frame:
+                split_up[k] = replace(split_up[k], setup=f"{setup}{FRAME}{number}")
+        if len(frames) > 1 and not runs[places[0]].table.kind.of_tracker:
+            messages.append(_of_frames(setup, [[names[k] for k in frame] for frame in frames]))
+    return split_up, messages
+
+
+def _of_frames(setup: str, frames: Sequence[Sequence[str]]) -> str:
+    """Return what a person should know of runs of a set-up that have several frames."""
+    runs = "; ".join(", ".join(names) for names in frames)
+    message = f"runs of {setup} do not share one frame: fitted as {len(frames)} placements ({runs})"
+    return f"{message}, which rig relabel --placement can name"
+
+
+def split_by_target(runs: Sequence[ObservedRun], names: Sequence[str]) -> tuple[list[ObservedRun], list[str]]:
+    """Return runs, of (m, k) mm, with a target of its own for each place on the tool that placements of
+    poses show, and a message about each. A reflector that was put elsewhere under an instrument that stood keeps the
+    frame of that placement."""
+    split_up = list(runs)
+    members: dict[str, list[int]] = {}
+    for k, run in enumerate(runs):
+        if run.table.kind.of_tracker:
+            members.setdefault(run.setup, []).append(k)
+    settled: dict[str, list[ObservedRun]] = {}
+    for setup in sorted(members, key=lambda name: -_readings(runs, name)):
+        of_setup = [runs[k] for k in members[setup]]
+        name = _settled(settled, setup, of_setup)
+        settled[name] = [replace(run, setup=name) for run in of_setup]
+        for k, run in zip(members[setup], settled[name], strict=True):
+            split_up[k] = run
+    named = {split_up[places[0]].setup: [names[k] for k in places] for places in members.values()}
+    if any(map(target_of, named)):
+        targets: dict[str, list[str]] = {}
+        for setup, its_names in named.items():
+            targets.setdefault(target_of(setup), []).extend(its_names)
+        of_runs = "; ".join(", ".join(its_names) for _, its_names in sorted(targets.items()))
+        count = len({placement_of(setup) for setup in named})
+        stood = "one place of the instrument" if count == 1 else f"{count} places of the instrument"
+        message = f"the poses show {len(targets)} places of the target on the tool ({of_runs}) and {stood}: each is a "
+        return split_up, [message + "set-up of its own, as of several reflectors, and the arm is one"]
+    frames: dict[str, list[list[str]]] = {}
+    for setup, its_names in sorted(named.items()):
+        frames.setdefault(setup.partition(FRAME)[0], []).append(its_names)
+    return split_up, [_of_frames(setup, members) for setup, members in frames.items() if len(members) > 1]
+
+
+def _settled(settled: dict[str, list[ObservedRun]], setup: str, runs: Sequence[ObservedRun]) -> str:
+    """Return the name that runs of a set-up get beside those that are settled: with the target of one of these, in the
+    frame of one with a target of their own, or with both."""
+    if not settled:
+        return setup
+    targets = list(dict.fromkeys(map(target_of, settled)))
+    trials = {targeted(setup, target): [home for home in settled if target_of(home) == target] for target in targets}
+    frame = setup.partition(FRAME)[0]
+    if frame != setup:
+        trials[targeted(frame, str(len(targets) + 1))] = [home for home in settled if placement_of(home) == frame]
+    # Few poses are not judged: they have the target of the others.
+    few, fits = sum(run.values.size for run in runs) < runs[0].table.kind.setup_terms + TO_SPARE, []
+    for name, homes in trials.items():
+        if homes:
+            home = settled[homes[0]]
+            moved_mm = rms(_residuals([*home, *(replace(run, setup=name) for run in runs)]))
+            if few:
+                is_home = target_of(name) == target_of(homes[0])
+            else:
+                apart_mm = max(rms(_residuals(home)), rms(_residuals(runs)))
+                is_home = moved_mm < max(_APART * apart_mm, apart_mm + _APART_MM)
+            fits += [(moved_mm, name)] * is_home
+    return min(fits)[1] if fits else targeted(setup, str(len(targets) + 1))
+
+
+def with_enough_readings(runs: Sequence[ObservedRun]) -> tuple[list[int], list[str]]:
+    """Return the indices of runs whose readings (m, k) determine their set-ups, and messages about the others.
+    Raises FileError if there are none."""
+    tool_known = {
+        (run.table.test, target_of(run.setup))
+        for run in runs
+        if _readings(runs, run.setup) > run.table.kind.setup_terms
+    }
+    reasons: dict[str, str] = {}
+    for run in runs:
+        shares = run.table.kind.of_places and (run.table.test, target_of(run.setup)) in tool_known
+        terms = run.table.kind.setup_terms - 3 * shares
+        readings = _readings(runs, run.setup)
+        if readings <= terms:
+            reasons[run.setup] = f"its {readings} readings are too few for the {terms} terms of the set-up alone"
+    kept = [k for k, run in enumerate(runs) if run.setup not in reasons]
+    if not kept:
+        setup, why = next(iter(reasons.items()))
+        raise FileError(f"set-up {setup}", why, "give more runs of it, or more readings in each")
+    return kept, [f"{setup} is left out: {why}" for setup, why in reasons.items()]
+
+
+def reach_mm(judged: Mapping[str, SetUp], used: Mapping[str, SetUp]) -> float:
+    """Return how far at most (mm) a socket that was judged is from all used ones of other placements, or beside one
+    placement from all others: what an arm does farther away shows nowhere, and real ones did up to four times u."""
+    several = len({without_socket(name) for name in used}) > 1
+    place = {name: setup.T_instrument_world[:3, 3] for name, setup in judged.items()}
+
+    def nearest(name: str) -> float:
+        apart = (other for other in used if other != name)
+        others = [other for other in apart if not several or without_socket(other) != without_socket(name)]
+        return min((float(np.linalg.norm(place[name] - place[other])) for other in others), default=0.0)
+
+    return max(map(nearest, judged))
+
+
+def same_arm(first: Arm, second: Arm) -> bool:
+    """Whether two arms have the same link constants and couplings, and rails."""
+    rail, other_rail = (np.zeros(3) if arm.rail is None else arm.rail for arm in (first, second))
+    return np.allclose(rail, other_rail, atol=1e-9) and all(
+        np.allclose(getattr(first, constant), getattr(second, constant), atol=1e-9)
+        for constant in ("a", "alpha", "beta", "d", "offset", "coupling")
+    )
+
+
+def _readings(runs: Sequence[ObservedRun], setup: str) -> int:
+    return sum(run.values.size for run in runs if run.setup == setup)
+
+
+def _circle_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[list[int]]:
+    """Return circles grouped by frame: first those of each direction, which are then matched."""
+    few = {k: thinned(runs[k], _ENOUGH_ROWS) for k in places}
+    placed = {k: fit_setups([run])[run.setup] for k, run in few.items()}
+
+    def moved_mm(first: int, second: int) -> float:
+        at_first, at_second = (predicted(few[second], placed[k]) for k in (first, second))
+        return rms([at_second - at_first])
+
+    ways: dict[str, list[list[int]]] = {}
+    for k in places:
+        table = runs[k].table
+        frames = ways.setdefault(table.kind.direction(table) or "", [])
+        home = next((frame for frame in frames if moved_mm(frame[0], k) < _MOVED_MM), None)
+        if home is None:
+            frames.append([k])
+        else:
+            home.append(k)
+    most, *others = sorted(ways.values(), key=len, reverse=True)
+    for frames in others:
+        apart = np.array([[moved_mm(home[0], frame[0]) for home in most] for frame in frames])
+        pairs = [(0, 0)]
+        if apart.shape != (1, 1):  # each frame has one home, and their distances the least sum
+            from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - slow to import, needed here only
+
+            pairs = list(zip(*(side.tolist() for side in linear_sum_assignment(apart)), strict=True))
+        for row, column in pairs:
+            most[column] = most[column] + frames[row]
+    return most
+
+
+def _target_frames(runs: Sequence[ObservedRun], places: Sequence[int]) -> list[list[int]]:
+    """Return runs at targets, or of poses, grouped by frame."""
+    frames: list[list[int]] = []
+
+    def is_home(frame: Sequence[int], k: int) -> bool:
+        others, last = [runs[j] for j in frame], runs[k]
+        together, alone_mm = _residuals([*others, last]), rms(_residuals(others))
+        if last.values.size >= last.table.kind.setup_terms + TO_SPARE:
+            alone_mm = max(alone_mm, rms(_residuals([last])))
+        apart = max(rms(together[:-1]), rms(together[-1:]))
+        return apart < _APART * alone_mm or apart < alone_mm + _APART_MM
+
+    # Runs with most readings come first, because a run of few readings can only join a frame.
+    for k in sorted(places, key=lambda k: -runs[k].values.size):
+        home = next((frame for frame in frames if is_home(frame, k)), None)
+        if home is None:
+            frames.append([k])
+        else:
+            home.append(k)
+    return frames
+
+
+def _residuals(runs: Sequence[ObservedRun]) -> list[Array]:
+    """Return the residuals (m, k) mm of runs with their set-ups fitted."""
+    setups = fit_setups(runs)
+    return [residual_of(run, setups) for run in runs]

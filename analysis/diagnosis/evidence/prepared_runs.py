@@ -1,0 +1,238 @@
+"""Runs prepared for a diagnosis: all about the model of one rig, and wild targets set aside."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.diagnosis.evidence.observation import (
+    ObservedRun,
+    by_socket,
+    observe_run,
+    part,
+    residual_of,
+    with_placement,
+)
+from analysis.diagnosis.evidence.placements import split_by_frame, split_by_target, with_enough_readings
+from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
+from analysis.procedures.checks.check_runs import findings_of
+from analysis.procedures.checks.finding import Finding
+from analysis.procedures.checks.gauge_sign import ORDER, SIGN
+from analysis.procedures.checks.lost_poses import left_out
+from analysis.robot.kinematics.arm import Array, Mask
+from analysis.robot.model.predict import model_of
+from analysis.runs.loading import Measured
+from analysis.runs.noise.cell_noise import TARGET_MM
+from analysis.runs.noise.wild import by_accident
+from analysis.runs.tables import Table
+from rigs.effects import Effect
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Runs prepared for a diagnosis: all about the model of one rig, whatever their own rig files contain.
+
+_FEW = 1e-3
+"""Share of wild readings up to which they are not reported: where a play is crossed, some sound readings are classified
+as wild. Chosen."""
+
+
+def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[ObservedRun]], list[str]]:
+    """Return the runs of each use as the diagnosis uses them, with the circle and targets of their own rig files, and
+    messages about their frames and wiring.
+
+    All runs of one cell and placement share a set-up and its name, whatever their use. Runs that fit only if a
+    convention is another than labelled, and runs of a set-up that absorbs all of their readings (m, k), are left out.
+    Raises FileError for a run of another robot, and where a convention leaves no run of the first use.
+    """
+    uses, doubts = _with_joints(uses)
+    runs = [run for use in uses for run in use]
+    names = [run.run.manifest.name for run in runs]
+    use_of = [number for number, use in enumerate(uses) for _ in use]
+    findings = findings_of(runs)
+    shown: dict[str, Finding] = {}  # the first that shows for certain that a run is no measurement as it is labelled
+    for finding in findings:
+        if finding.strength != "likely":
+            shown = dict.fromkeys(finding.runs, finding) | shown
+    wrong = {k: shown[name] for k, name in enumerate(names) if name in shown}
+    if uses[0] and all(k in wrong for k in range(len(uses[0]))):
+        raise FileError(str(runs[0].path), wrong[0].what, wrong[0].remedy)
+    seen = _about_one_rig(rig, runs)
+    kept = [k for k in range(len(runs)) if k not in wrong]
+    seen, far = _without_far(seen, names, set(kept))
+    doubts += far
+    pieces = [(k, piece) for k in kept for piece in by_socket(seen[k])]
+    of_pieces = [names[k] for k, _ in pieces]
+    split_up, of_frames = split_by_frame([piece for _, piece in pieces], of_pieces)
+    split_up, of_targets = split_by_target(split_up, of_pieces)
+    doubts += [f"{names[k]} is left out: {finding.words}" for k, finding in wrong.items()] + of_frames + of_targets
+    doubts += _doubts_of_gauges(findings, [(names[k], seen[k].wild, runs[k].table) for k in kept])
+    parts = []
+    for number in range(len(uses)):
+        of_use = [run for (k, _), run in zip(pieces, split_up, strict=True) if use_of[k] == number]
+        enough, too_few = with_enough_readings(of_use) if of_use else ([], [])
+        parts.append([of_use[k] for k in enough])
+        doubts += too_few
+    return parts, doubts
+
+
+def _with_joints(uses: Sequence[Sequence[Measured]]) -> tuple[tuple[Sequence[Measured], ...], list[str]]:
+    """Return the runs of each use without paths, and a message for each of those. Raises FileError where nothing is
+    left of the first."""
+    kept = tuple([run for run in use if not run.table.kind.without_joints] for use in uses)
+    without = [run for use in uses for run in use if run.table.kind.without_joints]
+    if without and not kept[0]:
+        why = without[0].table.kind.without_joints
+        raise FileError(str(without[0].path), why, "give poses, touches or circles as well")
+    return kept, [f"{run.run.manifest.name} is left out: it {run.table.kind.without_joints}" for run in without]
+
+
+def _doubts_of_gauges(findings: Sequence[Finding], counted: Sequence[tuple[str, int, Table]]) -> list[str]:
+    """Return a message for each doubt about the gauges, with the runs that look so: their repeats do not show it; and
+    one with the number of wild readings of circles, if there are many, from the name, wild readings and table as it was
+    read of each run."""
+    likely = [finding for finding in findings if finding.convention in (ORDER, SIGN) and finding.strength == "likely"]
+    doubts = []
+    for meant in dict.fromkeys(finding.meant for finding in likely):
+        names = [name for finding in likely if finding.meant == meant for name in finding.runs]
+        others = f" and {len(names) - 1} more" * (len(names) > 1)
+        doubts.append(
+            f"{meant} in {names[0]}{others}, where repeats cannot show it; every size would be wrong then: press a "
+            "probe to see which is which before anything is corrected"
+        )
+    circles = [(name, wild, table.kind.readings(table).size) for name, wild, table in counted if table.kind.swept]
+    wild, readings = sum(circle[1] for circle in circles), sum(circle[2] for circle in circles)
+    if wild > _FEW * readings:
+        worst, most, _ = max(circles, key=lambda circle: circle[1])
+        message = f"{wild} of {readings} readings of circles are wild and were replaced by interpolation"
+        doubts.append(f"{message} (most, {most}, in {worst})")
+    return doubts
+
+
+def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
+    """Return the runs about a rig with their own circle and targets; set-ups are named by test, placement and cell."""
+    cells: list[Rig] = []
+    seen: list[ObservedRun] = []
+    of_rig = any(run.rig.robot == rig.robot for run in runs)
+    for run in runs:
+        # A circle with the ball beside axis 6 has another tool on the same arm; a tool that no run has is a mistake.
+        robot = run.rig.robot.model_copy(update={"tool": rig.robot.tool}) if of_rig else run.rig.robot
+        if robot != rig.robot:
+            theirs, ours = vars(run.rig.robot), vars(rig.robot)
+            fields = [name for name in type(rig.robot).model_fields if theirs[name] != ours[name]]
+            differing = f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"
+            remedy = "diagnose the runs of one robot at a time, or give the --rig that they were made with"
+            raise FileError(str(run.path), f"is of another robot than {rig.name} ({differing})", remedy)
+        cell = run.rig.model_copy(update={"name": rig.name, "description": ""}).modelled_as(rig)
+        if cell not in cells:
+            cells.append(cell)
+        observed = observe_run(model_of(cell), run.table, str(run.path))
+        placed = with_placement(observed, run.run.manifest.placement)
+        # Another circle or other gauges need another set-up.
+        seen.append(replace(placed, setup=placed.setup + f" {cells.index(cell) + 1}" * (cell != cells[0])))
+    return seen
+
+
+def _without_far(
+    seen: Sequence[ObservedRun], names: Sequence[str], kept: Collection[int]
+) -> tuple[list[ObservedRun], list[str]]:
+    """Return runs of poses without the readings that lie far from all others of their own run, before anything is
+    fitted to them, and a message for each run that has such."""
+    found, doubts = list(seen), []
+    for k, run in enumerate(seen):
+        far = run.table.kind.far(run.table, run.model.arm) if k in kept else None
+        if far is None:
+            continue
+        table = run.table
+        if words := far.words(table):
+            doubts.append(f"{names[k]}: {words}")
+        out = far.wild | table.kind.lost(table)
+        if out.any() and not out.all():
+            found[k] = part(run, ~out[run.rows])
+            doubts.append(f"{names[k]}: {left_out(table, out, far.far_mm)}")
+    return found, doubts
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Wild readings at targets and poses, which no effect explains: they are counted, and judge no model.
+#
+# Names are selected with robust weights, so that a wild reading has little influence there. An rms has no such
+# weights: a single pose that was 25 mm wrong among those held out made a right name one that makes them worse.
+
+_NEAR = 2.5
+"""Robust standard deviations up to which a reading counts while set-ups are fitted; they are taken to be at least the
+largest of real cells, 0.06 mm. Chosen: usual."""
+_STEPS = 4
+"""Number of fits of the set-ups, each to the readings that are near after the one before (Rousseeuw's concentration
+steps): fitted to all of them, the set-up of one wild reading in nine hid them."""
+
+
+def without_wild(
+    runs: Sequence[ObservedRun], effects: Sequence[Effect], use: str
+) -> tuple[list[ObservedRun], list[str]]:
+    """Return runs without the readings (m, k) mm at targets and poses that lie far from all others beside a model with
+    `effects`, those that have others, and a message for each set-up with wild ones; `use` says in it what the runs are
+    for."""
+    targets = [k for k, run in enumerate(runs) if not run.table.kind.swept]
+    sound, far_mm, doubts = list(runs), dict[str, float](), list[str]()
+    away = _away(with_effects([runs[k] for k in targets], effects)) if targets else []
+    far = [spreads > runs[k].table.kind.wild_spreads for k, (_, spreads) in zip(targets, away, strict=True)]
+    kept = _no_accidents([runs[k] for k in targets], far)
+    for k, (distance_mm, _), wild in zip(targets, away, far, strict=True):
+        run = runs[k]
+        if run.setup not in kept:
+            sound[k] = part(run, ~wild)
+            if wild.any():
+                far_mm[run.setup] = max(far_mm.get(run.setup, 0.0), float(distance_mm.max()))
+        elif wild.any():
+            doubts.append(
+                f"{wild.sum()} of {len(run.rows)} readings of {run.setup} lie far from all others, up "
+                f"to {distance_mm.max():.1f} mm, and are not left out: so many, or all in one range of a joint, are no "
+                "lost points; check the signs, order and zeros of the joints, and whether instrument or base moved"
+            )
+    for setup, most_mm in far_mm.items():
+        members = [k for k, run in enumerate(runs) if run.setup == setup]
+        count = sum(len(runs[k].rows) for k in members)
+        wild_count = count - sum(len(sound[k].rows) for k in members)
+        kind, check = f"poses of {setup}", "check that the robot stood and that the tracker had the target"
+        if not runs[members[0]].table.kind.of_places:
+            kind = f"readings at the targets of {setup}"
+            check = "check that the robot stands while it is read, that the clocks agree, and that the plunger touches"
+        are = "is wild" if wild_count == 1 else "are wild"
+        doubts.append(
+            f"{wild_count} of {count} {kind} {are}, up to {most_mm:.1f} mm off, and not counted in the rms of {use}: "
+            f"{check}"
+        )
+    return [run for run in sound if len(run.rows)], doubts
+
+
+def _no_accidents(runs: Sequence[ObservedRun], wild: Sequence[Mask]) -> set[str]:
+    """Return the set-ups whose poses that are `wild` (m,) are too many for accidents, or have a range of a joint to
+    themselves. Readings of a gauge at targets are no such: a robot that is read while it moves is wild at many."""
+    poses = [k for k, run in enumerate(runs) if run.table.kind.of_places]
+    kept = set()
+    for setup in dict.fromkeys(runs[k].setup for k in poses):
+        members = [k for k in poses if runs[k].setup == setup]
+        angles = np.concatenate([runs[k].table.q[runs[k].rows] for k in members])
+        if not by_accident(np.concatenate([wild[k] for k in members]), angles):
+            kept.add(setup)
+    return kept
+
+
+def _away(runs: Sequence[ObservedRun]) -> list[tuple[Array, Array]]:
+    """Return how far the readings (m,) of each run are from the model, in mm and in robust standard deviations of their
+    set-up, with set-ups fitted to those that are near."""
+    near: list[Mask] = [np.ones(len(run.rows), dtype=bool) for run in runs]
+    distances_found: list[tuple[Array, Array]] = []
+    for _ in range(_STEPS):
+        setups, _ = fit_run_setups([part(run, mask) for run, mask in zip(runs, near, strict=True)])
+        distances = [np.linalg.norm(residual_of(run, setups), axis=1) for run in runs]
+        sd_mm = {}
+        for setup in setups:
+            every = [mm for run, mm in zip(runs, distances, strict=True) if run.setup == setup]
+            sd_mm[setup] = max(1.4826 * float(np.median(np.concatenate(every))), TARGET_MM.high)
+        distances_found = [(mm, mm / sd_mm[run.setup]) for run, mm in zip(runs, distances, strict=True)]
+        near = [spreads <= _NEAR for _, spreads in distances_found]
+    return distances_found

@@ -1,0 +1,552 @@
+"""The background: everything that is not named, as one normal distribution, and errors whose form is free."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from itertools import pairwise
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns, Form, fault_sizes
+from analysis.diagnosis.fit.responses import Linearisation, Response
+from analysis.robot.geometry.circle import frame_of
+from analysis.robot.geometry.driven_programs import circle_of
+from analysis.robot.kinematics.arm import Array, Integers, forward
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The background: everything that is not named, as one normal distribution of noise, set-ups, scatter between runs and
+# a healthy share of every effect.
+#
+# The covariance of the readings is C = W⁻¹ + X V X', with W the weights of the noise (lower in bands where more
+# remains than noise explains) and V the prior variances of all columns. With M = I + √V X'WX √V,
+#
+#     a'C⁻¹b = a'Wb - (√V X'Wa)' M⁻¹ (√V X'Wb),    A = √V M⁻¹ √V the posterior covariance of all coefficients.
+#
+# The columns add X m at their prior means m, which is subtracted from the readings before any product.
+#
+# The size that a single form may have follows from its cavity (Λ, η): what the readings say about it without its own
+# prior.
+
+
+@dataclass(frozen=True)
+class MarginalValues:
+    """Values (N, k), and what their products with C⁻¹, marginal over the coefficients of a background, need of them:
+    `weighted` (N, k) by the noise, and `absorbed` (p, k), the part that the columns absorb."""
+
+    values: Array
+    weighted: Array
+    absorbed: Array
+
+    def products(self, right: MarginalValues) -> Array:
+        """Return values' C⁻¹ right, a matrix (k, l) for whitened values (N, k) and (N, l)."""
+        return self.weighted.T @ right.values - self.absorbed.T @ right.absorbed
+
+
+@dataclass(frozen=True)
+class FittedTerms:
+    """Terms that are fitted beside the background: q columns in some responses, with prior precision (q, q) and prior
+    mean (q,), and the residual r (N,) of the model where all of them are zero. `held` (q,) has the values of terms that
+    a limit holds, which are as uncertain as they are, and NaN for all others. Readings are whitened."""
+
+    r: Array
+    responses: tuple[Response, ...]
+    precision: Array
+    mean: Array
+    held: Array
+
+    @cached_property
+    def T(self) -> Array:  # noqa: N802 - a matrix
+        """The columns (N, q)."""
+        return np.concatenate([np.empty((len(self.r), 0)), *(response.columns for response in self.responses)], axis=1)
+
+    def best(self, normal: Array, right: Array) -> Array:
+        """Return the terms (q,) of whitened columns that solve normal (q, q) times terms = right (q,) beside those that
+        limits hold."""
+        free, terms = np.isnan(self.held), self.held.copy()
+        right_free = right[free] - normal[np.ix_(free, ~free)] @ terms[~free]
+        terms[free] = np.linalg.solve(normal[np.ix_(free, free)], right_free)
+        return terms
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """The background of one state: noise weights (N,) of the readings, prior variances and means (p,) of the
+    coefficients of all columns. `weighted_gram` makes the products X'WX (p, p) of the columns, which its factor alone
+    needs, so that a background that is kept does not hold them."""
+
+    columns: Columns
+    weight: Array
+    variance: Array
+    mean: Array
+    weighted_gram: Callable[[], Array]
+    _latest: list[tuple[FittedTerms, MarginalValues]] = field(default_factory=list, init=False, repr=False)
+    _marginals: WeakKeyDictionary[Response, MarginalValues] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
+
+    @cached_property
+    def _root(self) -> Array:
+        return np.sqrt(self.variance)
+
+    @cached_property
+    def _chol(self) -> Array:
+        """The lower Cholesky factor (p, p) of M."""
+        from scipy.linalg import cholesky  # noqa: PLC0415 - slow to import
+
+        M = self._root[:, None] * self.weighted_gram()
+        M *= self._root
+        M[np.diag_indices_from(M)] += 1.0
+        return np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
+
+    @cached_property
+    def pull(self) -> Array:
+        """The prior means over the prior variances (p,): what the prior adds to η; zero where nothing is expected."""
+        return np.divide(self.mean, self.variance, out=np.zeros_like(self.mean), where=self.variance > 0)
+
+    @cached_property
+    def at_mean(self) -> Array:
+        """What the columns add to the whitened readings (N,) at their prior means."""
+        return self.columns.X @ self.mean
+
+    def marginal(self, values: Array) -> MarginalValues:
+        """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
+        weighted = self.weight[:, None] * values
+        # In this order the product of many rows with few columns takes a third of the time.
+        return self._absorbing(values, weighted, weighted.T @ self.columns.X)
+
+    def _absorbing(self, values: Array, weighted: Array, products: Array) -> MarginalValues:
+        """Return values (N, k) with their products (k, p) with the weighted columns as far as these absorb them."""
+        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+        right = self._root[:, None] * products.T
+        absorbed = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
+        return MarginalValues(values, weighted, np.asarray(absorbed, dtype=float))
+
+    @cached_property
+    def _marginal_means(self) -> MarginalValues:
+        return self.marginal(self.at_mean[:, None])
+
+    def _marginal_response(self, response: Response) -> MarginalValues:
+        if response not in self._marginals:
+            weighted = self.weight[:, None] * response.columns
+            products = self.columns.weighted_products(response, self.weight)
+            self._marginals[response] = self._absorbing(response.columns, weighted, products)
+        return self._marginals[response]
+
+    def marginal_residual(self, residual: Array) -> MarginalValues:
+        """Return a whitened residual (N,) less the readings at the prior means, as (N, 1); what does not depend on the
+        weights is kept for as long as the residual is in use."""
+        whole, mean = self._marginal_response(self.columns.response_of(residual)), self._marginal_means
+        weighted, absorbed = whole.weighted - mean.weighted, whole.absorbed - mean.absorbed
+        return MarginalValues(whole.values - mean.values, weighted, absorbed)
+
+    def marginal_responses(self, responses: Sequence[Response], residual: Array | None = None) -> MarginalValues:
+        """Return the columns of some responses and, last, a whitened residual (N,) at the prior means,
+        together."""
+        parts = [self._marginal_response(response) for response in responses]
+        parts += [] if residual is None else [self.marginal_residual(residual)]
+        if len(parts) == 1:
+            return parts[0]
+        empty = np.empty((len(self.weight), 0))
+        return MarginalValues(
+            np.concatenate([empty, *(part.values for part in parts)], axis=1),
+            np.concatenate([empty, *(part.weighted for part in parts)], axis=1),
+            np.concatenate([np.empty((len(self.variance), 0)), *(part.absorbed for part in parts)], axis=1),
+        )
+
+    def marginal_terms(self, terms: FittedTerms) -> MarginalValues:
+        """Return the columns (N, q) of fitted terms and, last, the residual at the prior means. The latest
+        ones are kept, because a state's evidence and its posterior need the same."""
+        if not self._latest or self._latest[0][0] is not terms:
+            self._latest[:] = [(terms, self.marginal_responses(terms.responses, terms.r))]
+        return self._latest[0][1]
+
+    def taken(self, marginal: MarginalValues) -> Array:
+        """Return the coefficients (p, k) with which the columns absorb as much as possible of the values."""
+        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+        back = solve_triangular(self._chol, marginal.absorbed, lower=True, trans=1, check_finite=False)
+        return self._root[:, None] * back
+
+    @property
+    def logdet(self) -> float:
+        """The logarithm of the determinant of the covariance of the readings."""
+        return 2 * float(np.log(np.diag(self._chol)).sum()) - float(np.log(self.weight).sum())
+
+    @cached_property
+    def covariance(self) -> Array:
+        """The posterior covariance A (p, p) of all coefficients, with no terms fitted beside them."""
+        from scipy.linalg.lapack import dpotri  # noqa: PLC0415 - slow to import
+
+        lower, _ = dpotri(self._chol, lower=True)
+        covariance: Array = lower + lower.T  # above its diagonal the factor is zero, and remains so
+        covariance[np.diag_indices_from(covariance)] /= 2
+        covariance *= self._root[:, None]
+        covariance *= self._root
+        return covariance
+
+    @cached_property
+    def variances(self) -> Array:
+        """The diagonal (p,) of the covariance, from half of its work unless the whole is there already."""
+        if "covariance" in vars(self):  # where a cached property is kept once it was asked for
+            return np.diag(self.covariance)
+        from scipy.linalg.lapack import dtrtri  # noqa: PLC0415 - slow to import
+
+        inverse, _ = dtrtri(self._chol, lower=True)
+        return np.asarray(self.variance * np.einsum("kj,kj->j", inverse, inverse), dtype=float)
+
+    def covariance_times(self, vector: Array) -> Array:
+        """Return the product (p,) of the covariance of the coefficients, in healthy sizes, with a vector (p,)."""
+        none = np.empty((0, 1))
+        return self.taken(self._absorbing(none, none, vector[None]))[:, 0]
+
+    @cached_property
+    def spent(self) -> Array:
+        """The energy of each band (b,), in variances of the noise, that the uncertainty of the coefficients hides, with
+        no terms fitted beside them."""
+        return np.tensordot(self.columns.K, self.covariance, axes=2)
+
+    def posterior(self, terms: FittedTerms) -> Posterior:
+        """Return the posterior of all coefficients beside the fitted terms, of which T is (N, q)."""
+        return Posterior(self, terms)
+
+    def evidence(self, terms: FittedTerms) -> float:
+        """Return the log density of the readings beside the fitted terms, up to a constant; T is (N, q)."""
+        q = len(terms.mean)
+        marginal = self.marginal_terms(terms)
+        products = marginal.products(marginal)
+        normal = products[:q, :q] + terms.precision
+        right = products[:q, q] + terms.precision @ terms.mean
+        best = terms.best(normal, right)
+        cost = products[q, q] + terms.mean @ terms.precision @ terms.mean - (2 * right - normal @ best) @ best
+        occam = np.linalg.slogdet(normal)[1] - np.linalg.slogdet(terms.precision)[1] + self.logdet
+        return -0.5 * float(cost + occam)
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What n forms would gain, each beside everything else, over the healthy share that it has: the log evidence (n,)
+    as a `fault`, and as the single form of `healthy` size that its name has. `sigma` (n,) is how many sigmas a healthy
+    size of it is, and `size` (n,) what the readings show of it, in healthy sizes."""
+
+    fault: Array
+    healthy: Array
+    sigma: Array
+    size: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The posterior of all coefficients of whitened columns beside fitted terms."""
+
+    background: Background
+    terms: FittedTerms
+
+    @cached_property
+    def _marginal(self) -> MarginalValues:
+        return self.background.marginal_terms(self.terms)
+
+    @cached_property
+    def _products(self) -> Array:
+        return self._marginal.products(self._marginal)
+
+    @cached_property
+    def term_covariance(self) -> Array:
+        """The covariance (q, q) of the fitted terms."""
+        q = len(self.terms.mean)
+        return np.asarray(np.linalg.inv(self._products[:q, :q] + self.terms.precision), dtype=float)
+
+    @cached_property
+    def term_means(self) -> Array:
+        """The means (q,) of the fitted terms."""
+        q, terms = len(self.terms.mean), self.terms
+        normal = self._products[:q, :q] + terms.precision
+        return terms.best(normal, self._products[:q, q] + terms.precision @ terms.mean)
+
+    @cached_property
+    def _taken(self) -> Array:
+        """The coefficients (p, q + 1) with which the columns absorb the fitted terms and, last, the residual."""
+        return self.background.taken(self._marginal)
+
+    @cached_property
+    def mean(self) -> Array:
+        """The means (p,) of the columns of the background."""
+        return self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.term_means
+
+    @cached_property
+    def variance(self) -> Array:
+        """The variances (p,) of the columns of the background."""
+        taken = self._taken[:, :-1]
+        return np.asarray(self.background.variances + np.sum(taken @ self.term_covariance * taken, axis=1), dtype=float)
+
+    def covariance_among(self, columns: Integers) -> Array:
+        """Return the covariances (…, q, q) among columns (…, q) of the background, in healthy sizes squared."""
+        taken = self._taken[:, :-1][columns]
+        without_terms = self.background.covariance[columns[..., :, None], columns[..., None, :]]
+        return np.asarray(without_terms + taken @ self.term_covariance @ np.swapaxes(taken, -1, -2), dtype=float)
+
+    def joint_covariance(self, columns: int, fitted: int) -> Array:
+        """Return the covariance (f + c, f + c) of the first `fitted` terms and, after them, the first `columns` of the
+        background, in healthy sizes."""
+        among_terms, taken = self.term_covariance[:fitted], self._taken[:columns, :-1]
+        across = -among_terms @ taken.T
+        below = self.background.covariance[:columns, :columns] + taken @ self.term_covariance @ taken.T
+        return np.asarray(np.block([[among_terms[:, :fitted], across], [across.T, below]]), dtype=float)
+
+    def covariance_times(self, vector: Array) -> Array:
+        """Return the product (p,) of the covariance of the whitened columns of the background with a vector (p,)."""
+        taken = self._taken[:, :-1]
+        return self.background.covariance_times(vector) + taken @ (self.term_covariance @ (vector @ taken))
+
+    @cached_property
+    def residual(self) -> Array:
+        """The whitened residual (N,) with all coefficients at their means."""
+        return self.terms.r - self.terms.T @ self.term_means - self.background.columns.X @ self.mean
+
+    @cached_property
+    def spent(self) -> Array:
+        """The energy of each band (b,), in variances of the noise, that the uncertainty of all coefficients hides."""
+        return self.background.spent + np.bincount(self.background.columns.band, self._of_terms)
+
+    def left_out(self, rows: Integers) -> tuple[Array, Array]:
+        """Return by how much the whitened readings of some rows (n,) miss what all others predict (n,), and the
+        covariance (n, n) of these predictions without the noise of the readings.
+
+        Of a normal distribution both follow without a fit: with C the covariance of the readings, the residuals are
+        (C⁻¹)_rows⁻¹ (C⁻¹ y)_rows and their covariance is (C⁻¹)_rows⁻¹ (Rasmussen and Williams, 2006, 5.4.2). What a
+        fit of sizes and widths took from the rows stays in.
+        """
+        background, weight = self.background, self.background.weight[rows]
+        X = background.columns.X[rows]
+        terms = self.terms.T[rows] - X @ self._taken[:, :-1]
+        modelled = X @ background.covariance @ X.T + terms @ self.term_covariance @ terms.T
+        covariance = np.linalg.inv(np.diag(weight) - weight[:, None] * modelled * weight)
+        missed: Array = covariance @ (weight * self.residual[rows])
+        return missed, np.asarray(covariance - np.diag(1 / weight), dtype=float)
+
+    @cached_property
+    def weighted_spent(self) -> Array:
+        """The energy of each band (b,), weighted as readings are, that the uncertainty of all coefficients hides."""
+        background, columns = self.background, self.background.columns
+        spent: Array = columns.weighted_spent(background.weight, background.covariance)
+        return spent + np.bincount(columns.band, background.weight * self._of_terms)
+
+    @cached_property
+    def _of_terms(self) -> Array:
+        """The variances (N,) of the readings that the uncertainty of the fitted terms adds: that of what the columns
+        leave of them, since they take back the rest."""
+        remainder = self.terms.T - self.background.columns.X @ self._taken[:, :-1]
+        return np.asarray(np.sum(remainder @ self.term_covariance * remainder, axis=1), dtype=float)
+
+    @property
+    def unexplained(self) -> Array:
+        """The whitened residual (N,) of the fitted effects, with the background at its prior means."""
+        return self.terms.r - self.background.at_mean
+
+    @property
+    def healthy_share(self) -> Array:
+        """What the forms of effects, at their posterior means, add to the whitened readings (N,)."""
+        forms = self.background.columns.set_ups.start
+        return self.background.columns.X[:, :forms] @ self.mean[:forms]
+
+    def gains(self, forms: Sequence[Form], level: float) -> Gains:
+        """Return what forms would gain in an arm whose other forms are at a level."""
+        gains = Gains(*np.full((2, len(forms)), -np.inf), *np.zeros((2, len(forms))))
+        width = np.array([len(form.columns) for form in forms])
+        usual_variance = self.background.columns.usual_variance(level)
+        for q in np.unique(width).tolist():
+            members = np.flatnonzero(width == q)
+            cols = np.array([forms[k].columns for k in members.tolist()])
+            is_free = (self.background.variance[cols] > 0).all(axis=1)
+            members, cols = members[is_free], cols[is_free]
+            inverse, precision = self._inverse_and_cavity(cols)
+            eta = np.einsum("nij,nj->ni", inverse, self.mean[cols]) - self.background.pull[cols]
+            values, axes = np.linalg.eigh(precision)
+            values = np.maximum(values, 0.0)
+            eta_along, mean_along = (np.einsum("nij,ni->nj", axes, v) for v in (eta, self.background.mean[cols]))
+            usual = np.minimum(self.background.variance[cols], usual_variance[cols]).mean(axis=1)[:, None]
+            share = cavity_evidence(values, (eta_along - values * mean_along) ** 2, usual)
+            share += np.sum(eta_along * mean_along - 0.5 * values * mean_along**2, axis=1)
+            gains.fault[members] = fault_evidence(values, eta_along**2, level) - share
+            gains.healthy[members] = cavity_evidence(values, eta_along**2, level**2 / q) - share
+            gains.sigma[members] = np.sqrt(values.max(axis=1))
+            shown = np.divide(eta_along, values, out=np.zeros_like(values), where=values > 0)
+            gains.size[members] = np.linalg.norm(shown, axis=1)
+            if q == 1:
+                one_sided = np.array([forms[k].one_sided for k in members.tolist()], dtype=bool)
+                wrong_way = members[one_sided & (eta[:, 0] < 0)]
+                gains.fault[wrong_way] = gains.healthy[wrong_way] = -np.inf
+        return gains
+
+    def size(self, form: Form) -> Array:
+        """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""
+        cols = np.array(form.columns)
+        inverse, precision = self._inverse_and_cavity(cols)
+        eta = inverse @ self.mean[cols] - self.background.pull[cols]
+        return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta), dtype=float)
+
+    def _inverse_and_cavity(self, columns: Integers) -> tuple[Array, Array]:
+        """Return the inverse covariance (…, q, q) among columns (…, q), and the same without their own prior, Λ."""
+        inverse = np.asarray(np.linalg.inv(self.covariance_among(columns)), dtype=float)
+        precision, diagonal = inverse.copy(), np.arange(columns.shape[-1])
+        precision[..., diagonal, diagonal] -= 1 / self.background.variance[columns]
+        return inverse, precision
+
+    def cavity(self, columns: Array) -> tuple[Array, Array]:
+        """Return what the readings say about whitened columns (N, q) beside everything else: the precision Λ (q, q)
+        and the vector η (q,)."""
+        marginal = self.background.marginal(columns)
+        across = self._marginal.products(marginal)
+        with_terms, eta = across[:-1], across[-1] - self.term_means @ across[:-1]
+        precision: Array = marginal.products(marginal) - with_terms.T @ self.term_covariance @ with_terms
+        return precision, eta
+
+    def left_of(self, columns: Array) -> Array:
+        """Return what everything else leaves of whitened columns (N, q) that are added to the readings."""
+        marginal = self.background.marginal(columns)
+        terms = self.term_covariance @ self._marginal.products(marginal)[:-1]
+        taken = self.background.taken(marginal) - self._taken[:, :-1] @ terms
+        return columns - self.terms.T @ terms - self.background.columns.X @ taken
+
+
+def background_of(columns: Columns, weight: Array, variance: Array, mean: Array | None = None) -> Background:
+    """Return the background of noise weights (N,), prior variances (p,) and prior means (p,), zero by default."""
+    mean = np.zeros(len(variance)) if mean is None else mean
+    return Background(columns, weight, variance, mean, partial(columns.weighted_gram, weight))
+
+
+def fault_evidence(values: Array, seen: Array, level: float) -> Array:
+    """Return the log evidence (…) of cavities for a fault of any size over no fault.
+
+    `values` (…, q) are the eigenvalues of the precision, `seen` (…, q) the squares of η along its eigenvectors.
+    """
+    each = np.stack([cavity_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
+    top = each.max(axis=0)
+    return np.asarray(top + np.log(np.exp(each - top).mean(axis=0)), dtype=float)
+
+
+def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Array:
+    """Return the log evidence F(V) (…) of cavities with precision eigenvalues (…, q), squares of η along the
+    eigenvectors (…, q) and prior variance V."""
+    return np.asarray(0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1), dtype=float)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Free forms: errors without a name, whose shape is left open. They are an error of an axis as a function of its
+# angle, of its speed or of a direction of motion; of the gauges as a function of time; and of the ball as a function
+# of position.
+#
+# Each effect of the library has a definite shape, so it explains with two or three parameters what a free form needs
+# many for. Where a free form still explains much of the residual of the names, an effect outside the library is
+# present, and the form describes what it depends on.
+
+_WAVES = 24
+"""Half waves over the range of an angle, or over the duration of a run. Their strength falls as one over their number,
+as in the path of a random walk, so that a function may bend and step. Chosen: fine enough for a feature of a few
+degrees."""
+_POWERS = np.array([0.5, 1.0, 2.0])
+"""Powers of the speed that describe an error that depends on speed. Chosen: square root, linear and quadratic, which
+cover friction and inertia."""
+_SLOW = np.radians(0.2)
+"""Rad/s below which the direction of motion of a joint is not clear. Chosen: a fraction of the slowest joint speeds of
+a circle."""
+_UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
+"""Units of the columns. They have no effect on the result, because the strength is scaled."""
+_STRENGTHS = 4.0 ** np.arange(-4, 11)
+"""Squares of a form's strength in these units; the best is used. The grid reaches from 1/16 of a unit to 1000 units in
+factors of two."""
+FREE_PRICE = 6.0
+"""Logarithm of the number of choices: some 26 forms times 15 strengths."""
+
+
+@dataclass(frozen=True)
+class FreeForm:
+    """A form with its description and its columns (N, c) in standard deviations of the noise. One that was chosen has
+    its most likely strength, and its log evidence after the price of the choice among forms and strengths."""
+
+    words: str
+    columns: Array
+    gain: float = 0.0
+
+
+def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FreeForm:
+    """Return the free form that explains most of what the names leave beside everything else, at its most likely
+    strength; its columns are (N, c)."""
+    # One product with the columns of all forms takes two thirds of the time of one product for each form.
+    ends = np.cumsum([0, *(form.columns.shape[1] for form in forms)]).tolist()
+    products, slope = posterior.cavity(np.concatenate([form.columns for form in forms], axis=1))
+    gains, strengths = [], _STRENGTHS[:, None]
+    for begin, end in pairwise(ends):
+        # The log evidence, for each strength, of columns with unknown normal coefficients over no columns.
+        power, turn = np.linalg.eigh(products[begin:end, begin:end])
+        power = np.maximum(power, 0.0)
+        seen = (turn.T @ slope[begin:end]) ** 2
+        gains.append(0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1))
+    k = int(np.argmax([gain.max() for gain in gains]))
+    strength = float(np.sqrt(_STRENGTHS[np.argmax(gains[k])]))
+    return FreeForm(forms[k].words, strength * forms[k].columns, float(gains[k].max()) - FREE_PRICE)
+
+
+def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
+    """Yield the free forms that the runs could show, with columns (N, c): functions (n, c) rad or mm at the samples of
+    each block."""
+    # On circles joints move while they are read, elsewhere between readings.
+    blocks = tuple(block for block in linear.blocks if block.sampling) or linear.blocks
+    low, high = (of([of(block.path.q, axis=0) for block in blocks], axis=0) for of in (np.min, np.max))
+    span, fastest = high - low, np.max([np.abs(_rates(block)).max(axis=0) for block in blocks], axis=0)
+
+    def angle(joint: int, block: Block) -> Array:
+        return _waves((block.path.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)
+
+    def speed(joint: int, block: Block) -> Array:
+        return np.asarray(_UNIT_RAD * np.abs(_rates(block)[:, [joint]] / fastest[joint]) ** _POWERS, dtype=float)
+
+    def way(joint: int, block: Block) -> Array:
+        return np.asarray(_UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW), dtype=float)
+
+    for axis in range(1, linear.axes + 1):
+        error = f"an error of axis {axis} that goes with"
+        if span[axis - 1] > 0:
+            yield FreeForm(f"{error} its angle", linear.by_joint(axis, partial(angle, axis - 1)))
+        if fastest[axis - 1] > 0:
+            words = f"{error} its speed, whichever way it turns"
+            yield FreeForm(words, linear.by_joint(axis, partial(speed, axis - 1)))
+        for joint in np.flatnonzero(fastest).tolist():
+            words = f"{error} the way {'it' if joint == axis - 1 else f'axis {joint + 1}'} turns"
+            yield FreeForm(words, linear.by_joint(axis, partial(way, joint)))
+    for where, shares in (("both gauges", (1.0, 1.0)), ("gauge 1", (1.0, 0.0)), ("gauge 2", (0.0, 1.0))):
+        yield FreeForm(f"something that changes with time in {where}", linear.by_gauge(shares, _time))
+    yield FreeForm("something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _around))
+
+
+def _time(block: Block) -> Array:
+    """Return functions (n, c) mm of the time of the samples of a block."""
+    t = block.path.t_s
+    return _waves((t - t[0]) / (t[-1] - t[0]), _UNIT_MM) if block.sampling else np.zeros((len(t), _WAVES))
+
+
+def _around(block: Block) -> Array:
+    """Return functions (n, c) mm of the circle angle of the samples of a block."""
+    q = block.path.q
+    if not block.sampling:
+        return np.zeros((len(q), 2 * _WAVES))
+    tool = forward(block.model.arm, q)[:, :3, 3]
+    turned = frame_of(circle_of(block.model.rig)).angle(tool)[:, None] * np.arange(1, _WAVES + 1)
+    waves = np.concatenate([np.cos(turned), np.sin(turned)], axis=1)
+    return _UNIT_MM * waves / np.tile(np.arange(1, _WAVES + 1), 2)
+
+
+def _waves(share: Array, unit: float) -> Array:
+    """Return half waves (n, c) of a share (n,) between 0 and 1."""
+    number = np.arange(1, _WAVES + 1)
+    return unit * np.cos(np.pi * number * np.clip(share, 0, 1)[:, None]) / number
+
+
+def _rates(block: Block) -> Array:
+    """Return the joint speeds (n, 6) rad/s; at targets they are zero."""
+    path = block.path
+    return np.gradient(path.q, path.t_s, axis=0) if block.sampling else np.zeros_like(path.q)

@@ -1,0 +1,588 @@
+"""Candidates: the names that may explain readings, and the columns of everything that may change them.
+
+`candidates_for` lists every effect that these runs could show, and `columns_for` makes the `Columns` of them: what each
+of their forms adds to all readings at a healthy size, then what set-ups and scatter between runs may do.
+`departure_columns` are what a real gear, ball or brake adds beside its ideal form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.evidence.blocks import Block, recent
+from analysis.diagnosis.evidence.setups import constants_apart
+from analysis.diagnosis.fit.joint_curves import CurveColumns, JointCurves, curve_columns
+from analysis.diagnosis.fit.responses import Linearisation, Response
+from analysis.robot.kinematics.arm import Array, rail_mm
+from rigs.effects import VOCABULARY, Effect, one_sided
+from rigs.schema.effect import Scope, healthy, is_play, name_of, phases, scaled
+from rigs.schema.scene import play
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The candidates: the names that a diagnosis can give, each with its possible columns in the readings.
+# The response to an effect is simulate(model + effect) - simulate(model) (`linearisation`), so that no response is
+# written by hand. A column is such a response at a healthy size; an effect with a free phase has two. Names, forms
+# and shapes: `rigs/effects`.
+
+_PLAY_SIGMA = 15.0
+"""Size in sigmas of the narrowest play that is tried. Chosen: well above the detection limit of 7 sigma."""
+_PLAYS = (1.0, 6.0, 30.0)
+"""Widths of plays that are tried, in healthy widths: that of healthy arms, and two of faults, which are 5 to 100
+healthy sizes. Chosen: a factor of about five apart, since the fit then adjusts the width."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One name in one form. `effects` has one effect for each column, at `size` of its healthy size, because the
+    response to a play is not proportional to its width. `shaped` has the same effect in the other shapes that a search
+    also tries, and `weight` how likely each of these is beside this one."""
+
+    name: str
+    effects: tuple[Effect, ...]
+    size: float = 1.0
+    shaped: tuple[Effect, ...] = ()
+    weight: float = 1.0
+
+    @property
+    def effect(self) -> Effect:
+        """The effect of its first column."""
+        return self.effects[0]
+
+
+def candidates_for(linear: Linearisation) -> list[Candidate]:
+    """Return every effect of the vocabulary that the runs of a linearisation, with their N entries, could show."""
+    scope = _scope(linear.blocks)
+    places = [forms for cls in VOCABULARY.values() for forms in cls.forms(scope)]
+    plays = [healthy(form) for forms in places for form in forms if is_play(form)]
+    sigmas = iter(np.linalg.norm(linear.columns(plays), axis=0))
+    candidates = []
+    for forms in places:
+        for form in forms:
+            sizes = [min(1.0, form.STRAIGHT)]
+            if is_play(form):  # its response depends on its width
+                sizes = sorted({min(1.0, _PLAY_SIGMA / max(float(next(sigmas)), 1e-9)), *_PLAYS})
+            tried = [(free.stated, {free.field: value}) for free in form.free(scope.payload_kg) for value in free.tried]
+            # All that is against what the rig file states is as likely as that: more of it makes no name less likely.
+            weight = 1 / len(tried) if any(stated for stated, _ in tried) else 1.0
+            for whole, size in ((scaled(healthy(form), size), size) for size in sizes):
+                shaped = tuple(whole.model_copy(update=shape) for _, shape in tried)
+                candidates.append(Candidate(name_of(form), phases(whole), size, shaped, weight))
+    return candidates
+
+
+def _scope(blocks: Sequence[Block]) -> Scope:
+    """Return what the runs of the blocks can show. A circle has two gauges, a target has one."""
+    tables = [block.table for block in blocks]
+    timed = any(table.kind.swept for table in tables)
+    gauges = max((table.kind.gauges for table in tables), key=len)
+    twist_deg = np.degrees(blocks[0].model.arm.alpha)
+    arm = blocks[0].model.arm
+    rail = arm.rail is not None and any(np.ptp(rail_mm(arm, table.q)) > 0 for table in tables)
+    # On circles, if there are any, joints move while they are read.
+    moving = [table for table in tables if table.kind.swept] or tables
+    turned = np.max([np.ptp(table.q, axis=0) for table in moving], axis=0) / (2 * np.pi)
+    payload_kg = blocks[0].model.load.payload_kg
+    return Scope(timed, gauges, tuple(twist_deg.tolist()), tuple(turned[: arm.axes].tolist()), rail, payload_kg)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Departures: the deviations of a real gear, ball or brake from the ideal form of a named effect.
+#
+# They are never named. They are allowed for, in proportion to the effect, when it is fitted and when the residual is
+# judged. The effects themselves define their departures.
+
+_REVERSAL_SHIFT = 0.4
+"""Standard deviation of the error at a sample next to a reversal, as a share of the effect's size, and of the instant
+of the reversal, as a share of the time between samples. Chosen: the instant is known to about one sample, so any part
+of the jump may fall on either side."""
+_LEAST = 1e-3
+"""Largest entry, in standard deviations of the noise, below which a column is left out: it changes nothing."""
+_NEGLIGIBLE = 0.01
+"""Largest standard deviation along one direction, in those of the noise, that `fewest_columns` leaves out. Chosen: a
+ten-thousandth of the variance of the noise."""
+_PARTS = 16
+"""Parts of a fault's play in each of which a run may have begun. Chosen: finer than the rounding of a play."""
+
+
+def departure_columns(linear: Linearisation, effect: Effect) -> Array:
+    """Return what the departures of an effect may add, one standard deviation each: columns (N, f) in standard
+    deviations of the noise."""
+    departures = effect.departures()
+    parts = [_shares(linear, departures.beside)]
+    parts += [_initial_play(linear, *departures.gap, _PARTS)] if departures.gap else []
+    parts += [_reversal_shifts(linear, *departures.jolt)] if departures.jolt else []
+    if departures.stick:
+        # One for each target, for the unknown state in which a sticking plunger reached it.
+        gauge, off_mm = departures.stick
+        read = [not block.sampling and gauge == "g1" for block in linear.blocks]
+        blocks = zip(read, linear.blocks, strict=True)
+        off = linear.at_entries([reads * off_mm / block.sd_mm for reads, block in blocks])
+        targets = np.flatnonzero(off)
+        parts.append(np.zeros((len(off), len(targets))))
+        parts[-1][targets, np.arange(len(targets))] = off[targets]
+    # What is left at a block of targets of an effect that fades may be anything between nothing and twice as much.
+    parts += [_apart(linear, linear.columns([effect]), sampling=False)] if departures.fades else []
+    # What late stamps do among the columns of a healthy arm is what they do without the effect. A play that was crossed
+    # 2 ms later came out 1.2 % too narrow, with an uncertainty of 0.06 %. A wave of 5 Hz that is read at instants which
+    # scatter by 4 ms is 0.8 % smaller on average.
+    if effect.STAGE == "joint":
+        parts.append(_that_change(np.concatenate([linear.late(effect), linear.scattered(effect)], axis=1)))
+    return np.concatenate(parts, axis=1)
+
+
+def alike_columns(linear: Linearisation, effect: Effect) -> Array:
+    """Return what combinations of effects that resemble an effect may add, one standard deviation each: columns (N, f)
+    in standard deviations of the noise."""
+    parts = [_shares(linear, combined).sum(axis=1) for combined in effect.departures().alike]
+    return np.stack(parts, axis=1) if parts else np.empty((len(linear.y), 0))
+
+
+def _shares(linear: Linearisation, effects: Sequence[tuple[float, Effect]]) -> Array:
+    return linear.columns([effect for _, effect in effects]) * [share for share, _ in effects]
+
+
+def fewest_columns(columns: Array) -> Array:
+    """Return the fewest columns (N, g) that allow for the same as columns (N, f): both have the same covariance, except
+    along directions that hardly vary. A play has a column for each part of it and each circle, and most are alike."""
+    variances, directions = np.linalg.eigh(columns.T @ columns)
+    return np.asarray(columns @ directions[:, variances > _NEGLIGIBLE**2], dtype=float)
+
+
+def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:
+    """Return columns (N, b), one standard deviation each, for the unknown position in their play of the effects' joints
+    before each run began."""
+    gaps = [departures.gap for departures in (effect.departures() for effect in effects) if departures.gap]
+    return np.concatenate([np.empty((len(linear.y), 0)), *(_initial_play(linear, *gap, 1) for gap in gaps)], axis=1)
+
+
+def _initial_play(linear: Linearisation, axis: int, half_width_deg: float, parts: int) -> Array:
+    """Return columns (N, b) for the unknown position of a joint in its play when each circle began.
+
+    It lasts until the joint has crossed the play, which may take much of a lap. The play of ± half_width_deg is divided
+    into parts, each with a column for each circle; a position anywhere in the play is equally likely.
+    """
+    edges, half_width_rad = np.linspace(-1, 1, parts + 1), np.radians(half_width_deg)
+    # The rms of the share of each part that lies between its middle and a position anywhere in the play.
+    reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
+    usual = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
+
+    def off(block: Block) -> Array:
+        x = block.path.q[:, axis - 1]
+        return np.asarray(
+            np.diff([play(x, half_width_rad, float(edge)) for edge in edges], axis=0).T * usual, dtype=float
+        )
+
+    return _apart(linear, linear.by_joint(axis, off), sampling=True)
+
+
+def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
+    """Return columns (N, j) for the samples about each reversal of a joint. The instant of a reversal is known to about
+    one sample and differs by that between repeats, so a spike may begin earlier or later, and a play may be crossed
+    differently. One that fades, in fades_s (s), is smaller or larger from then on: of it more is left if it began
+    later."""
+    jolts, faded = [], [np.empty((len(linear.y), 0))]
+    for k, (simulated, rows) in enumerate(zip(linear.simulated, linear.rows, strict=True)):
+        path = simulated.block.path
+        turns = [when for when, _ in path.motion.reversals(axis)] if simulated.block.sampling else []
+        for when in turns:
+            after = int(np.searchsorted(path.t_s, when))
+            jolts += [
+                linear.jolt(k, axis, sample, min(_REVERSAL_SHIFT * size_deg, 1.0))
+                for sample in (after - 1, after)
+                if 0 <= sample < len(path.t_s)
+            ]
+        if fades_s and turns:
+            since = np.subtract.outer(path.t_s, turns)
+            later_s = _REVERSAL_SHIFT * float(np.median(np.diff(path.t_s)))
+            more_deg = size_deg * later_s / fades_s * np.exp(-np.maximum(since, 0.0) / fades_s)
+            faded.append(np.zeros((len(linear.y), len(turns))))
+            faded[-1][rows] = simulated.by_joint(axis, np.radians(np.where(since >= 0, more_deg, 0.0)))
+    at_samples = np.stack(jolts, axis=1) if jolts else np.empty((len(linear.y), 0))
+    return np.concatenate([at_samples, np.concatenate(faded, axis=1)], axis=1) if fades_s else at_samples
+
+
+def _that_change(columns: Array) -> Array:
+    """Return those of columns (N, c) that change a reading."""
+    return columns[:, np.abs(columns).max(axis=0) > _LEAST]
+
+
+def _apart(linear: Linearisation, whole: Array, *, sampling: bool) -> Array:
+    """Return columns (N, c) once for each circle, or, without sampling, for each block of targets, as (N, f): zero
+    elsewhere, and without those that change nothing."""
+    columns = [np.empty((len(whole), 0))]
+    for block, rows in zip(linear.blocks, linear.rows, strict=True):
+        if bool(block.sampling) == sampling:
+            apart = np.zeros_like(whole)
+            apart[rows] = whole[rows]
+            columns.append(_that_change(apart))
+    return np.concatenate(columns, axis=1)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The columns: everything that may change the readings, namely every form of every effect, the set-ups, and the
+# scatter between runs.
+#
+# A form is one way in which a name may appear: a gear error of one order (two columns, because its phase is free), or
+# a play of one width and crossing. A healthy arm has a little of every effect, so the healthy size of each name is
+# distributed over its forms.
+
+_BALL_MM, _PLACED_MM = 10.0, 1000.0
+"""Prior standard deviation of a set-up term about its first fit: of a ball, and of an instrument or its target. It
+affects only what readings hardly determine, such as a ball's height above the plane of a circle. Chosen: people set up
+a ball where the tool goes round it, and an instrument anywhere. Poses of a UR10 whose last axis mostly points in two
+directions move instrument and target by 60 mm; when 10 mm was expected, a length at its limit took 12 mm of them."""
+_DETECTABLE_SIGMA = 3.0
+"""Smallest size in sigmas that the largest fault must have, were the set-up known, for its form to get a column.
+Chosen: below the 7 sigma at which an effect is detected."""
+LARGEST_FAULT = 68.0
+"""Largest size of a fault, in healthy sizes: the last of the sizes 6, 11, 20, 37 and 68, since faults are 5 to 100
+healthy sizes."""
+_SMALLEST_FAULT = 6.0
+"""Smallest size of a fault, as a multiple of what the arm shows of every effect. It comes from the definition of a
+fault as 5 to 100 healthy sizes, with a margin of one."""
+_MEAN = float(np.sqrt(2 / np.pi))
+"""Mean of the magnitude of a normal variable of standard deviation one: what a healthy arm has on average of an effect
+that cannot be negative."""
+WEIGHT_DIGITS, _UNEVEN, _RESIDUALS = 9, 4, 8
+"""Digits to which weights of readings are distinguished, the number of weighted products of a band that are cached, at
+some 8 MB each, and of residuals."""
+_EQUAL = np.ones(1)
+"""The weights of a band whose readings have equal ones, relative to the largest."""
+_SIZE_RATIO = 1.85
+"""Ratio between consecutive fault sizes of the grid, which gives the five sizes 6, 11, 20, 37 and 68 in a healthy arm.
+Chosen: the evidence is an average over sizes and smooth in their logarithm."""
+
+
+def fault_sizes(level: float) -> Array:
+    """Return the sizes (n,), in healthy sizes, that a fault may have in an arm whose background is at the
+    given level."""
+    least = min(_SMALLEST_FAULT * level, LARGEST_FAULT / 4)
+    return np.geomspace(least, LARGEST_FAULT, 1 + round(np.log(LARGEST_FAULT / least) / np.log(_SIZE_RATIO)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Form(Candidate):
+    """One way in which a name may appear: a candidate with the indices of its `columns`."""
+
+    columns: tuple[int, ...]
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether its size cannot be negative."""
+        return len(self.effects) == 1 and one_sided(self.effect)
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """The columns of one linearisation.
+
+    `X` (N, p) has those of forms per healthy size, then of set-ups (`set_ups`) per mm, then of the scatter of joints,
+    ball and stamps. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the prior variances of
+    the coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean` (p,) their means at
+    level one. `not_seen` lists names that no fault size makes visible. Constants of the arm have widths of their own
+    where they are `constants_apart`, as of touches. `turned` (axes): turns of joints.
+    """
+
+    X: Array
+    forms: tuple[Form, ...]
+    set_ups: slice
+    band: NDArray[np.int64]
+    healthy: Array
+    fixed: Array
+    healthy_mean: Array
+    not_seen: tuple[str, ...] = ()
+    constants_apart: bool = False
+    turned: tuple[float, ...] = ()
+    _products: WeakKeyDictionary[Response, dict[tuple[int, bytes], Array]] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
+    _residuals: dict[int, tuple[Array, Response]] = field(default_factory=dict, init=False, repr=False)
+    _uneven: dict[tuple[int, bytes], Array] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def among(self) -> dict[str, float]:
+        """The number of forms of each name, by their weights."""
+        among = dict.fromkeys((form.name for form in self.forms), 0.0)
+        for form in self.forms:
+            among[form.name] += form.weight
+        return among
+
+    @cached_property
+    def likelihoods(self) -> Array:
+        """How likely each form (n,) is among those of its name in a healthy arm."""
+        return _likelihoods(self.forms)
+
+    @cached_property
+    def sizes(self) -> Array:
+        """The size (f,), in healthy sizes, at which each column of a form was computed."""
+        return np.repeat([form.size for form in self.forms], [len(form.columns) for form in self.forms])
+
+    def forms_in(self, linear: Linearisation) -> Array:
+        """Return the columns (N, f) of the same forms in another linearisation, per healthy size."""
+        return np.asarray(linear.columns([effect for form in self.forms for effect in form.effects]) / self.sizes)
+
+    @cached_property
+    def name_of_column(self) -> NDArray[np.int64]:
+        """The index (p,) of the name of each column, and -1 for those that are not of a form."""
+        numbers = {name: k for k, name in enumerate(self.among)}
+        of_forms = [numbers[form.name] for form in self.forms for _ in form.columns]
+        return np.array(of_forms + [-1] * (self.X.shape[1] - len(of_forms)), dtype=np.int64)
+
+    @cached_property
+    def curves(self) -> CurveColumns:
+        """Those of the columns that are waves of joints over their angles."""
+        effects = [effect for form in self.forms for effect in form.effects]
+        return curve_columns(effects, self.turned, apart=self.constants_apart)
+
+    @cached_property
+    def rows(self) -> list[NDArray[np.int64]]:
+        """The entries (n,) of each band."""
+        return [np.flatnonzero(self.band == b) for b in range(len(self.count))]
+
+    @cached_property
+    def count(self) -> NDArray[np.int64]:
+        """The number (b,) of entries of each band."""
+        return np.bincount(self.band)
+
+    @cached_property
+    def parts(self) -> list[Array]:
+        """The whitened columns (n, p) of each band."""
+        return [self.X] if len(self.rows) == 1 else [self.X[rows] for rows in self.rows]
+
+    @cached_property
+    def K(self) -> Array:  # noqa: N802 - a matrix
+        """The products (b, p, p) of the whitened columns by band."""
+        products = np.empty((len(self.parts), self.X.shape[1], self.X.shape[1]))
+        for part, product in zip(self.parts, products, strict=True):
+            np.matmul(part.T, part, out=product)
+        return products
+
+    @cached_property
+    def gram(self) -> Array:
+        """The products (p, p) of the whitened columns over all bands."""
+        return np.asarray(self.K[0] if len(self.K) == 1 else self.K.sum(axis=0), dtype=float)
+
+    def weighted_gram(self, weight: Array) -> Array:
+        """Return the products X'WX (p, p), computed from those of bands whose readings have equal weights (N,)."""
+        equal, uneven = self._by_band(weight)
+        gram = self.gram.copy()
+        for band in np.flatnonzero(equal != 1).tolist():  # most weights are 1
+            gram += (equal[band] - 1) * self.K[band]
+        for band in uneven:
+            gram += self._uneven_gram(band, weight)
+        return gram
+
+    def weighted_spent(self, weight: Array, covariance: Array) -> Array:
+        """Return the energy of each band (b,), weighted by weights (N,), that a covariance (p, p) of the coefficients
+        hides."""
+        equal, uneven = self._by_band(weight)
+        spent: Array = equal * np.tensordot(self.K, covariance, axes=2)
+        for band in uneven:
+            spent[band] = np.vdot(self._uneven_gram(band, weight), covariance)
+        return spent
+
+    def _uneven_gram(self, band: int, weight: Array) -> Array:
+        """Return the weighted products (p, p) of the columns of a band whose readings differ in weight (N,), which are
+        kept: a search for the strength of the noise changes all weights of a band alike."""
+        scale, shape = self._shape(band, weight)
+
+        def compute() -> Array:
+            part = np.sqrt(shape)[:, None] * self.parts[band]
+            return np.asarray(part.T @ part, dtype=float)
+
+        return np.asarray(scale * recent(self._uneven, (band, shape.tobytes()), compute, _UNEVEN), dtype=float)
+
+    def _shape(self, band: int, weight: Array) -> tuple[float, Array]:
+        """Return the largest of the weights (N,) of a band, and its weights (n,) relative to it."""
+        weights = weight[self.rows[band]]
+        return float(weights.max()), np.round(weights / weights.max(), WEIGHT_DIGITS)
+
+    def response_of(self, residual: Array) -> Response:
+        """Return a whitened residual (N,) as a response, the same one as long as the same residual is asked for."""
+        kept = recent(self._residuals, id(residual), lambda: (residual, Response(residual[:, None])), _RESIDUALS)
+        return kept[1]
+
+    def weighted_products(self, response: Response, weight: Array) -> Array:
+        """Return the products (k, p) of a response with the columns, of readings with weights (N,), computed in the
+        same way; those of each band are kept for as long as the response."""
+        kept = self._products.setdefault(response, {})
+        products = np.zeros((response.columns.shape[1], self.X.shape[1]))
+        for band, equal in enumerate(self._by_band(weight)[0].tolist()):
+            scale, shape = (equal, _EQUAL) if equal else self._shape(band, weight)
+
+            def compute(rows: NDArray[np.int64] = self.rows[band], shape: Array = shape, band: int = band) -> Array:
+                return np.asarray((shape[:, None] * response.columns[rows]).T @ self.parts[band], dtype=float)
+
+            products += scale * recent(kept, (band, shape.tobytes()), compute, len(self.rows) + _UNEVEN)
+        return products
+
+    def _by_band(self, weight: Array) -> tuple[Array, list[int]]:
+        """Return the weight (b,) of each band whose readings have equal weights (N,), zero for the others, and the
+        numbers of these."""
+        each = [weight[rows] for rows in self.rows]
+        equal = np.array([weights[0] if np.ptp(weights) == 0 else 0.0 for weights in each])
+        return equal, [band for band, weights in enumerate(each) if np.ptp(weights) > 0]
+
+    def variance(self, level: float, curves: JointCurves | None = None) -> Array:
+        """Return the prior variance (p,) of the coefficients in an arm that has `level` times the healthy size of every
+        effect; waves of joints have that of their curves, if these are given."""
+        variance: Array = level**2 * self.healthy + self.fixed
+        if curves is not None:
+            variance[self.curves.columns] = self.curves.variance(curves)
+        return variance
+
+    def usual_variance(self, level: float) -> Array:
+        """Return the largest variance (p,), in healthy sizes squared, that is usual of the coefficients at a level:
+        that of a healthy arm for the constants that have widths of their own, and no limit for all others.
+
+        A width that has only one large constant to go by is as large as that, and would make any fault usual.
+        """
+        usual = np.full(len(self.healthy), np.inf)
+        constants = self.curves.of_constants
+        usual[constants] = level**2 * self.healthy[constants]
+        return usual
+
+    def mean(self, level: float) -> Array:
+        """Return the prior mean (p,) of the coefficients in an arm that has `level` times the healthy size of every
+        effect."""
+        return np.asarray(level * self.healthy_mean, dtype=float)
+
+
+def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Columns:
+    """Return the columns (N, p) of the candidates that runs show, of set-ups and of scatter."""
+    every = in_each_shape(candidates)
+    sizes = np.repeat([candidate.size for candidate in every], [len(candidate.effects) for candidate in every])
+    columns = linear.columns([effect for candidate in every for effect in candidate.effects]) / sizes
+    widths, sigma = [len(candidate.effects) for candidate in every], LARGEST_FAULT * np.linalg.norm(columns, axis=0)
+    shows = [bool(sigmas.max() > _DETECTABLE_SIGMA) for sigmas in np.split(sigma, np.cumsum(widths)[:-1])]
+    forms = forms_of([candidate for candidate, is_shown in zip(every, shows, strict=True) if is_shown])
+    seen, columns = {form.name for form in forms}, columns[:, np.repeat(shows, widths)]
+    # Every joint of a healthy arm has some play, and its position in the play at the start of a run is unknown.
+    plays = [healthy(candidate.effect) for candidate in candidates if is_play(candidate.effect)]
+    begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
+    present = {name_of(effect) for block in linear.blocks for effect in block.model.effects}
+    random = np.concatenate([linear.Z, linear.stamps, begins], axis=1)
+    share, set_ups, scattered = healthy_shares(forms, present), linear.U.shape[1], random.shape[1]
+    placed_mm = np.full(set_ups, _BALL_MM)
+    placed_mm[sorted(linear.terms_of_poses)] = _PLACED_MM
+    return Columns(
+        np.concatenate([columns, linear.U, random], axis=1),
+        forms,
+        slice(len(share), len(share) + set_ups),
+        np.unique(linear.band, return_inverse=True)[1],
+        np.concatenate([share, np.zeros(set_ups + scattered)]),
+        np.concatenate([np.zeros(len(share)), placed_mm**2, np.ones(scattered)]),
+        np.concatenate([healthy_means(forms, present), np.zeros(set_ups + scattered)]),
+        tuple(dict.fromkeys(candidate.name for candidate in every if candidate.name not in seen)),
+        constants_apart(linear.blocks),
+        _scope(linear.blocks).turned,
+    )
+
+
+def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return candidates, each followed by its variants in other shapes."""
+    return [
+        replace(candidate, effects=effects, shaped=(), weight=candidate.weight if k else 1.0)
+        for candidate in candidates
+        for k, effects in enumerate((candidate.effects, *((shape,) for shape in candidate.shaped)))
+    ]
+
+
+def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
+    """Return the forms of candidates, with columns in their order."""
+    first, forms = 0, []
+    for form in every:
+        columns = tuple(range(first, first := first + len(form.effects)))
+        forms.append(Form(**vars(form), columns=columns))
+    return tuple(forms)
+
+
+def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
+    """Return the prior variance (p,) of the columns of forms in a healthy arm, in healthy sizes squared: each name's is
+    distributed over its forms. The model contains the names `present` already."""
+    whole = np.array([1 - _MEAN**2 if _is_magnitude(form, present) else 1.0 for form in forms])
+    width = np.array([len(form.columns) for form in forms], dtype=np.int64)
+    return np.asarray(np.repeat(whole * _likelihoods(forms) / np.maximum(width, 1), width), dtype=float)
+
+
+def shares_beside(forms: Sequence[Form], effect: Effect) -> Array:
+    """Return which share of its healthy variance each form (n,) keeps beside a named effect: none of the effect's name.
+
+    A gear may have other waves beside the named one, which a joint that turns little hardly separates: without them the
+    size of a wave of order 16 was 5 % too large beside one of order 20, 4 times its uncertainty. Most orders are whole,
+    as numbers of teeth are, so the wave takes what one order is of those that its nearest form stands for.
+    """
+    name = name_of(effect)
+    keeps = np.array([form.name != name for form in forms], dtype=float)
+    indices = np.flatnonzero(keeps == 0)
+    orders = np.array([order_of(forms[k].effect) for k in indices.tolist()])
+    if _is_ordered(orders):
+        width, k = np.gradient(np.sort(orders)), int(np.argmin(np.abs(orders - order_of(effect))))
+        keeps[indices] = 1.0
+        keeps[indices[k]] = 1 - min(1.0, 1 / float(width[np.searchsorted(np.sort(orders), orders[k])]))
+    return keeps
+
+
+def column_shares_beside(forms: Sequence[Form], effect: Effect, count: int) -> Array:
+    """Return the same for each of `count` columns (p,), of which those after the forms keep everything."""
+    shares = np.ones(count)
+    of_forms = np.repeat(shares_beside(forms, effect), [len(form.columns) for form in forms])
+    shares[: len(of_forms)] = of_forms
+    return shares
+
+
+def order_of(effect: Effect) -> float:
+    """Return the order of a gear's wave, and NaN for every other effect."""
+    return float(getattr(effect, "order", np.nan))
+
+
+def _is_ordered(orders: Array) -> bool:
+    """Return whether forms differ by their orders (n,), of which there are several."""
+    return len(orders) > 1 and len(np.unique(orders[np.isfinite(orders)])) == len(orders)
+
+
+def _likelihoods(forms: Sequence[Form]) -> Array:
+    """Return how likely each form is (n,) among those of its name: by their weights, but for the orders of a gear.
+
+    Orders are ratios of gear stages, so every octave of them is equally likely. With the same likelihood for every
+    order of a joint that turns far, a healthy gear error of order 3 was expected to be a third of what it was, and a
+    form error of the ball that resembles it came out 8 % too small, 6 times its uncertainty.
+    """
+    likely, names = np.array([form.weight for form in forms]), np.array([form.name for form in forms])
+    for name in dict.fromkeys(names.tolist()):
+        indices = np.flatnonzero(names == name)
+        orders = np.array([order_of(forms[k].effect) for k in indices.tolist()])
+        if _is_ordered(orders):
+            likely[indices[np.argsort(orders)]] = np.gradient(np.log(np.sort(orders)))
+        likely[indices] /= likely[indices].sum()
+    return likely
+
+
+def healthy_means(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
+    """Return the prior mean (p,) of the columns of forms in a healthy arm, in healthy sizes. The model contains the
+    names `present` already, so that what it lacks of them may have either sign.
+
+    A size that cannot be negative is positive on average. Servo lags of all joints look like late stamps; a large lag
+    beside those of a healthy arm came out smaller by their mean. A name has its mean in its expected shape at a healthy
+    size: a play's response is not proportional to its width.
+    """
+    means = np.zeros(sum(len(form.columns) for form in forms))
+    nearest: dict[str, Form] = {}
+    for form in forms:  # those in other shapes come after the expected one
+        if form.name not in nearest or abs(np.log(form.size)) < abs(np.log(nearest[form.name].size)):
+            nearest[form.name] = form
+    for form in nearest.values():
+        if _is_magnitude(form, present):
+            means[list(form.columns)] = _MEAN
+    return means
+
+
+def _is_magnitude(form: Form, present: Collection[str]) -> bool:
+    """Return whether what the model lacks of a form's effect cannot be negative."""
+    return form.one_sided and form.name not in present

@@ -1,0 +1,160 @@
+"""Joint curves: the error of each joint as a function of its angle, which poses show in long pieces.
+
+A curve is a sum of waves, order by order. In an arm the amplitudes of joint j have the standard deviation
+
+    width_j · k^−decay        for each whole order k,
+
+so that a curve is smooth, and as large as its joint shows. Widths and decay are those that make the readings likeliest
+(type-II maximum likelihood: MacKay, Neural Computation 4, 1992), with
+
+    d log p(readings) / d log v_i = ½ ((m_i − mean_i)² + A_ii) / v_i − ½
+
+for a coefficient with prior variance v_i and posterior mean m_i and variance A_ii. On a UR10 (1495 and 632 poses) the
+joints have widths of 0.03 to 0.06°, ten times a healthy gear's, and a decay of 1.0 to 1.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.robot.kinematics.arm import Array
+from rigs.effects import Effect
+from rigs.schema.effect import is_wave, size_field
+from rigs.schema.vocabulary import MOST_AXES
+
+_WIDTH, _WIDTH_SPREAD = 0.5, 2.0
+"""Expected width of a curve, in healthy sizes of a gear error, and the standard deviation of its logarithm. Chosen: a
+tenth to four times a healthy gear is as likely as not; readings decide all but the widths of joints that hardly turned.
+"""
+_DECAY, _DECAY_SPREAD = 1.0, 0.5
+"""Expected decay and its standard deviation: that of a path that bends at every scale alike is 1."""
+_WIDTHS, _DECAYS = (1e-3, 20.0), (0.3, 2.0)
+"""Bounds. Without them the widths of the lowest orders, which resemble zeros and set-ups, run away: a curve of 20
+healthy sizes is 0.1°."""
+_PIECE, _MOST_OF_A_PIECE = 0.25, 1.0
+"""Share of a wave up to which a joint that drove no more of it shows only a zero and a slope, and the largest standard
+deviation of its amplitude, in healthy sizes. Without that a zero of 0.3° of a joint that turned by 19° was a curve."""
+_WIDTH_OF_A_KIND, _MOST_OF_A_KIND = 1.0, 5.0
+"""Expected and largest width of the constants of one kind, in healthy sizes: what is larger is a fault, and has its own
+name."""
+_ENOUGH, _MOST_FITS = 0.5, 40
+"""Log likelihood that a step must gain for the search to go on, and the largest number of likelihoods."""
+
+
+LogLikelihood = Callable[["JointCurves", Array], tuple[float, Array, Array]]
+"""A function of curves and strengths (b,) of the noise that returns the log likelihood of the readings, and its
+derivatives by the logarithms of the prior variances (c,), which are in healthy sizes squared, and of the strengths."""
+
+
+def is_of_curve(effect: Effect) -> bool:
+    """Return whether an effect is a wave of a joint over its angle."""
+    return is_wave(effect) and effect.STAGE == "joint"
+
+
+@dataclass(frozen=True)
+class JointCurves:
+    """How large the curves of an arm's joints are: their widths in healthy sizes of a gear error, and how fast the
+    amplitudes decay with the order. Where the kinds of an arm's constants have widths of their own, those of angles,
+    lengths and compliances follow those of as many joints as an arm can have, in healthy sizes."""
+
+    widths: tuple[float, ...]
+    decay: float = _DECAY
+
+
+@dataclass(frozen=True, eq=False)
+class CurveColumns:
+    """The columns of joint curves among p columns: their indices (c,), joints (c,) from 0, orders (c,), how many whole
+    orders each stands for (c,), and the largest prior variances (c,), in healthy sizes squared. Constants with a width
+    of their own stand as waves of order 1 of further joints, one for each kind."""
+
+    columns: NDArray[np.int64]
+    joint: NDArray[np.int64]
+    order: Array
+    among: Array
+    most: Array
+
+    @property
+    def count(self) -> int:
+        """How many widths there are."""
+        return int(self.joint.max(initial=-1)) + 1
+
+    @property
+    def of_constants(self) -> NDArray[np.int64]:
+        """The indices of those that are no waves but constants with a width of their own."""
+        return self.columns[self.joint >= MOST_AXES]
+
+    def variance(self, curves: JointCurves) -> Array:
+        """Return the prior variances (c,), in healthy sizes squared."""
+        return np.minimum(self._unbounded(curves), self.most)
+
+    def _unbounded(self, curves: JointCurves) -> Array:
+        return np.array(curves.widths)[self.joint] ** 2 * self.order ** (-2 * curves.decay) * self.among
+
+    def fitted(
+        self, start: JointCurves, strength: Array, limits: Array, log_likelihood: LogLikelihood
+    ) -> tuple[JointCurves, Array]:
+        """Return the likeliest curves and strengths (b,) of the noise within `limits` (2, b), searched from `start` and
+        `strength`, given the log likelihood of the readings.
+
+        Both are searched together: what curves are too small to hold looks like noise, beside which they stay small.
+        """
+        from scipy.optimize import minimize  # noqa: PLC0415 - slow to import
+
+        joints = len(start.widths)
+        kinds = np.arange(joints) >= MOST_AXES
+        expected = np.append(np.log(np.where(kinds, _WIDTH_OF_A_KIND, _WIDTH)), _DECAY)
+        spread = np.array([_WIDTH_SPREAD] * joints + [_DECAY_SPREAD])
+
+        def cost(x: Array) -> tuple[float, Array]:
+            curves = _curves(x[: joints + 1])
+            likely, by_variance, by_strength = log_likelihood(curves, np.exp(x[joints + 1 :]))
+            by_variance = np.where(self._unbounded(curves) < self.most, by_variance, 0.0)
+            slope = np.append(np.bincount(self.joint, 2 * by_variance, joints), -2 * np.log(self.order) @ by_variance)
+            away = (x[: joints + 1] - expected) / spread
+            return 0.5 * float(away @ away) - likely, np.append(away / spread - slope, -by_strength)
+
+        begin = np.concatenate([np.log(start.widths), [start.decay], np.log(strength)])
+        widths = [(_WIDTHS[0], _MOST_OF_A_KIND if kind else _WIDTHS[1]) for kind in kinds]
+        bounds = [*np.log(widths), _DECAYS, *np.log(limits.T)]
+        enough = _ENOUGH / max(abs(cost(begin)[0]), 1.0)
+        optimum = minimize(
+            cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": enough, "maxfun": _MOST_FITS}
+        )
+        return _curves(optimum.x[: joints + 1]), np.exp(optimum.x[joints + 1 :])
+
+
+def curve_columns(effects: Sequence[Effect], turned: Sequence[float] = (), *, apart: bool = False) -> CurveColumns:
+    """Return the columns of joint curves among those of some effects, one each, of joints that turned by so much of a
+    turn (axes), and those of the arm's constants where these have widths of their own, `apart`."""
+    indices = np.array([k for k, effect in enumerate(effects) if is_of_curve(effect)], dtype=np.int64)
+    joint = np.array([getattr(effects[k], "axis", 1) - 1 for k in indices.tolist()], dtype=np.int64)
+    order = np.array([float(getattr(effects[k], "order", 1.0)) for k in indices.tolist()])
+    among = np.ones(len(indices))
+    for j in np.unique(joint).tolist():
+        orders = np.unique(order[joint == j])
+        if len(orders) > 1:
+            among[joint == j] = np.interp(order[joint == j], orders, np.gradient(orders))
+    piece = [k < len(turned) and n * turned[k] < _PIECE for k, n in zip(joint.tolist(), order.tolist(), strict=True)]
+    most = np.where(piece, _MOST_OF_A_PIECE**2, np.inf)
+    if apart:
+        # Angles, lengths, and what yields under gravity each share a width: 0, 1 and 2.
+        kinds: dict[int, int] = {}
+        for k, effect in enumerate(effects):
+            if effect.part == "gravity" and effect.STAGE == "joint":
+                kinds[k] = 2
+            elif effect.compensation().constant is not None:
+                kinds[k] = int(effect.unit(size_field(effect)) == "mm")
+        place = np.array(list(kinds), dtype=np.int64)
+        indices = np.concatenate([indices, place])
+        joint = np.concatenate([joint, MOST_AXES + np.array(list(kinds.values()), dtype=np.int64)])
+        order, among = np.append(order, np.ones(len(place))), np.append(among, np.ones(len(place)))
+        most = np.append(most, np.full(len(place), np.inf))
+    return CurveColumns(indices, joint, order, among, most)
+
+
+def _curves(x: Array) -> JointCurves:
+    return JointCurves(tuple(np.exp(x[:-1]).tolist()), float(x[-1]))

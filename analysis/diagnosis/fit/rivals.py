@@ -1,0 +1,141 @@
+"""The comparison of faults with their rivals: the effects that could replace a fault, fitted in its place, and the odds
+between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.diagnosis.fit.responses import Worth, worth
+from analysis.diagnosis.fit.selection import Selection
+from analysis.diagnosis.fit.selection_state import FAULT, SelectionState
+from analysis.robot.kinematics.arm import Array
+from rigs.schema.effect import label_of, name_of, size_of
+
+_NEAR = 6.0
+"""Log evidence behind a name within which its rivals are fitted on the simulator; further behind, their odds are below
+1 in 400."""
+_MISSED = 0.9
+"""Share of the evidence of a name, or of its linear form where that is less, above which the linear form of a rival is
+also fitted. Chosen: forms alike differ by less than a tenth in what their lines miss of their fits."""
+_SWAPS = 4
+"""Largest number of replacements of a name by its rival. Chosen: each costs a search."""
+_RIVALS = 4
+"""Largest number of rivals that are fitted. Chosen: those further behind have negligible odds."""
+_DOUBT = 5.0
+"""Log evidence behind a name within which a rival is also fitted beside the name, to check whether it explains
+something else. Chosen: odds of 150 to 1."""
+
+
+@dataclass(frozen=True)
+class RivalOdds:
+    """The odds of a name and of its rivals, the best first, each as the state with the rival in the name's place.
+    `healthy_odds` are those that a healthy arm shows the same."""
+
+    odds: float
+    rivals: tuple[tuple[SelectionState, float], ...] = ()
+    healthy_odds: float = 0.0
+
+
+def compare_with_rivals(
+    selection: Selection, state: SelectionState, limits: Array
+) -> tuple[SelectionState, tuple[RivalOdds, ...]]:
+    """Return the state and the odds of each name after the comparison of each fault with its rivals. A rival with more
+    evidence replaces the fault, and the search continues from there.
+
+    An effect of healthy size, or one that is a fault only in this arm and changes readings by no more than the limits
+    (b,) µm, has no rivals, because it is not reported as a fault.
+    """
+    state = without_needless_names(selection, state, limits)
+    swapped: set[int] = set()
+    compared: list[RivalOdds] = []
+    for swaps_left in reversed(range(_SWAPS + 1)):
+        compared = []
+        for place in range(len(state.effects)):
+            effect = state.effects[place]
+            moves = abs(size_of(effect)) >= FAULT or _worth(selection, state, place).is_material(limits)
+            is_reported = state.may_be_fault(place) and moves
+            odds = rival_odds(selection, state, place) if is_reported else RivalOdds(1.0)
+            compared.append(odds)
+            if swaps_left and place not in swapped and odds.rivals and odds.rivals[0][1] > odds.odds:
+                rival_state = selection.select(odds.rivals[0][0])
+                swapped.add(place)
+                if selection.evidence(rival_state) > selection.evidence(state):
+                    state, swapped = rival_state, set()
+                    break
+        else:
+            break
+    return state, tuple(compared)
+
+
+def without_needless_names(selection: Selection, state: SelectionState, limits: Array) -> SelectionState:
+    """Return the state without the faults that do not pay once everything else is fitted again without them; those that
+    change readings by no more than the limits (b,) µm are not tried.
+
+    A name that was added while a large fault was not fitted closely yet may have taken up what that left, and then
+    keeps it from its place. The fault of largest worth is not tried: the others are beside it.
+    """
+    state = selection.settled(state)
+    tried: set[str] = set()
+    while True:
+        of = {k: _worth(selection, state, k) for k in range(len(state.effects)) if state.may_be_fault(k)}
+        names = {k: label_of(state.effects[k]) for k in sorted(of, key=lambda k: of[k].um.max())[:-1]}
+        place = next((k for k, name in names.items() if name not in tried and of[k].is_material(limits)), None)
+        if place is None:
+            return state
+        tried.add(names[place])
+        whole = selection.evidence(state)
+        without = selection.settled(selection.without(state, place), least=whole)
+        if selection.evidence(without) > whole:
+            state = selection.refusing(without, state.effects[place], state.origins[place])
+
+
+def _worth(selection: Selection, state: SelectionState, place: int) -> Worth:
+    """Return the worth of an effect beside the others."""
+    change = selection.linear.residual(state.refined.without(place).effects) - state.refined.residual
+    return worth(selection.linear, change)
+
+
+def rival_odds(selection: Selection, state: SelectionState, place: int) -> RivalOdds:
+    """Return the odds of a name and of its rivals: effects that explain as much without it and nothing beside it."""
+    forms, effect = selection.columns.forms, state.effects[place]
+    without = selection.without(state, place)
+    bare, whole = selection.evidence(without), selection.evidence(state)
+    gain = whole - bare
+    now = selection.posterior(state)
+    gains = selection.gains(state, now)
+    without_name = selection.posterior(without)
+    linear = selection.gains(without, without_name)
+    # The linear form of a large effect may lose a third of what its fit gains, and so may those of its rivals.
+    own_linear = max((linear[k] for k, form in enumerate(forms) if form.name == name_of(effect)), default=gain)
+    least = min(gain - _NEAR, _MISSED * min(gain, own_linear))
+    score = linear - np.maximum(gains, 0.0)
+    rivals: list[tuple[SelectionState, float]] = []
+    seen: set[str] = set()
+    for k in np.argsort(-score).tolist():
+        if len(rivals) == _RIVALS or not score[k] > least:
+            break
+        if forms[k].name in seen or forms[k].name == name_of(effect):
+            continue
+        tried = selection.with_form(without, without_name, k)
+        if name_of(tried.effects[-1]) == name_of(effect):
+            continue
+        seen.add(name_of(tried.effects[-1]))
+        instead = selection.evidence(tried) - bare
+        gain_over = instead - max(float(gains[k]), 0.0)
+        # A wave may be beside the name already, and have another order only without it.
+        is_new = np.isfinite(gains[k])
+        if is_new and gain_over > gain - _DOUBT:
+            # A rival that explains as much beside the name explains a different part of the readings.
+            both = selection.with_form(state, now, k)
+            gain_over = instead - max(selection.evidence(both) - whole, 0.0)
+        rivals.append((tried, gain_over))
+    rivals.sort(key=lambda rival: -rival[1])
+    # A width of constants that has one large constant to go by is as large: a healthy one of it is not.
+    healthy = min(0.0, gain - selection.gain_of(state, now, place)) if selection.columns.constants_apart else 0.0
+    scores = np.array([gain, healthy, *(score for _, score in rivals)])
+    weight = np.exp(scores - scores.max())
+    odds = (weight / weight.sum()).tolist()
+    rivals_found = tuple((tried, odds_of) for (tried, _), odds_of in zip(rivals, odds[2:], strict=True))
+    return RivalOdds(odds[0], rivals_found, odds[1])

@@ -1,0 +1,502 @@
+"""The state of a selection: fitted effects, noise and levels beside them, and how both are fitted in turn."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import recent
+from analysis.diagnosis.evidence.noise import LEAST_ASSUMED
+from analysis.diagnosis.fit.background import Background, FreeForm, Posterior
+from analysis.diagnosis.fit.candidates import (
+    LARGEST_FAULT,
+    WEIGHT_DIGITS,
+    Columns,
+    Form,
+    column_shares_beside,
+    order_of,
+)
+from analysis.diagnosis.fit.joint_curves import JointCurves
+from analysis.diagnosis.fit.refine import Refined
+from analysis.diagnosis.fit.responses import Linearisation
+from analysis.robot.kinematics.arm import Array, Mask
+from rigs.calibration import Term, effects_of, is_nothing
+from rigs.effects import Effect, healthy_size, size_field
+from rigs.schema.effect import PHASE, healthy, identity, is_play, is_wave, name_of, scaled, size_of
+from rigs.schema.vocabulary import Build
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The state of a selection: the fitted effects, and the noise and healthy level of everything else.
+
+FAULT = 5.0
+"""Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. In an arm
+with a level below 1, smaller ones may be."""
+DRIVEN_WAVES = 2.0
+"""Waves that a joint must drive before one of them is called a gear: fewer are a piece of a smooth curve."""
+_NEAR_ORDER = 1.15
+"""Ratio of orders of one gear below which they count as one wave. Chosen: a lap does not separate closer orders of a
+slow joint."""
+_SAME_ORDER = 0.5
+"""Difference of the orders of one gear below which they are one wave. Chosen: most orders are whole, as numbers of
+teeth are."""
+_MOST_WAVES = 6
+"""Largest number of waves of one joint that are its gears. A sum of waves describes any error that goes with the angle
+of a joint: one that slips was named as 22. Of 240 other generated cases none had more than three of a joint."""
+
+
+@dataclass(frozen=True)
+class SelectionState:
+    """One state.
+
+    `refined` has the fitted effects and `origins` the indices of the forms from which they come, -1 for none. `level`
+    is that of the background and `level_cap` its upper limit. `strength` (b,) is the variance of the residual in each
+    band over that of the noise and `robust` (N,) the weights of the entries. `refused` has the indices of forms that
+    did not cover their price, `free_forms` the free forms in use and `replaced_forms` the descriptions of those that a
+    name replaced. `curves` is how large the curves of joints are, where poses alone show them, and None elsewhere.
+    """
+
+    refined: Refined
+    origins: tuple[int, ...]
+    level: float
+    strength: Array
+    robust: Array
+    refused: frozenset[int] = frozenset()
+    level_cap: float = 1.0
+    curves: JointCurves | None = None
+    free_forms: tuple[FreeForm, ...] = ()
+    replaced_forms: frozenset[str] = frozenset()
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The fitted effects."""
+        return self.refined.effects
+
+    def may_be_fault(self, place: int) -> bool:
+        """Whether an effect is one of the possible faults."""
+        return bool(self.possible_faults([self.refined.effects[place]]))
+
+    def possible_faults(self, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+        """Return the effects that are larger than healthy arms, or else than arms of this level, show: beside them a
+        search computes everything else again, and it asks for their rivals. The verdict says which are faults."""
+        return tuple(effect for effect in effects if abs(size_of(effect)) > FAULT * min(self.level, 1.0))
+
+
+def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:
+    """Return the effect that the columns of `effects` form with coefficients size (q,) in healthy sizes."""
+    effect = effects[0]
+    field_name, healthy = size_field(effect), healthy_size(effect)
+    if len(size) == 2:
+        phase = float(np.degrees(np.arctan2(size[1], size[0])))
+        return effect.model_copy(update={field_name: float(np.hypot(*size)) * healthy, PHASE: phase})
+    return effect.model_copy(update={field_name: float(size[0]) * healthy})
+
+
+def is_alike(effect: Effect, other_effect: Effect) -> bool:
+    """Return whether two effects have the same name, with any size and shape; waves of other orders do not."""
+    if name_of(effect) != name_of(other_effect):
+        return False
+    order, order_there = order_of(effect), order_of(other_effect)
+    return np.isnan(order) or np.isnan(order_there) or max(order, order_there) / min(order, order_there) < _NEAR_ORDER
+
+
+def is_one(effect: Effect, other_effect: Effect) -> bool:
+    """Return whether two effects, of any size and shape, are one: of the same name and, for waves, the same order."""
+    apart = abs(order_of(effect) - order_of(other_effect))
+    return name_of(effect) == name_of(other_effect) and not apart >= _SAME_ORDER
+
+
+def is_twice(effects: Sequence[Effect]) -> bool:
+    """Return whether the last of some effects is the wave of one before it: of the same name and order."""
+    *others, last = effects
+    return any(is_one(effect, last) for effect in others if np.isfinite(order_of(effect)))
+
+
+def series_among(effects: Sequence[Effect]) -> frozenset[str]:
+    """Return the names of which some effects have so many waves that these are no gears, but the series of an error of
+    another form."""
+    waves = Counter(name_of(effect) for effect in effects if is_wave(effect) and effect.STAGE == "joint")
+    return frozenset(name for name, count in waves.items() if count > _MOST_WAVES)
+
+
+_SHOULDER = 2
+"""The axis that yields to nearly the moment to which the base yields: the first that lies across gravity."""
+
+
+def _is_soft_shoulder(effect: Effect) -> bool:
+    return effect.part == "gravity" and effect.STAGE == "joint" and getattr(effect, "axis", 0) == _SHOULDER
+
+
+def stands_softly(effects: Sequence[Effect]) -> bool:
+    """Return whether effects have a base that yields, and no softness of the shoulder beside it."""
+    yields = any(e.part == "gravity" and e.STAGE == "tool" and not hasattr(e, "axis") for e in effects)
+    return yields and not any(map(_is_soft_shoulder, effects))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The backgrounds of selection states, of which the most recent are kept.
+
+_KEPT = 6
+"""Number of backgrounds that are cached, at some 20 MB each with their marginals (1000 columns and 150 terms of
+4600 entries). With twelve, 1495 poses of a UR10 took 145 factors instead of 153, and 25 MB more."""
+_GRAMS = 4
+"""Number of weighted products of the columns that are cached, at some 8 MB each: one round tries two strengths."""
+
+
+@dataclass(frozen=True)
+class Backgrounds:
+    """The backgrounds of states about some columns, of an arm of a build. States that differ only in the fitted sizes
+    and shapes of the same names share one; those that differ only in names and level share the weighted products of the
+    columns."""
+
+    columns: Columns
+    build: Build
+    _recent: dict[tuple[bytes, bytes], Background] = field(default_factory=dict, init=False, repr=False)
+    _grams: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
+    _shares: dict[tuple[str, str], Array] = field(default_factory=dict, init=False, repr=False)
+
+    def of(self, state: SelectionState) -> Background:
+        """Return the background of everything that is not fitted as an effect in a state."""
+        columns = self.columns
+        variance, mean = columns.variance(state.level, state.curves), columns.mean(state.level)
+        if stands_softly(state.effects):
+            variance, mean = self._usual_load**2 * variance, self._usual_load * mean
+        for effect in state.effects:
+            name = (name_of(effect), str(order_of(effect)))
+            if name not in self._shares:
+                self._shares[name] = column_shares_beside(columns.forms, effect, len(columns.healthy))
+            variance, mean = self._shares[name] * variance, self._shares[name] * mean
+        weight = state.robust / state.strength[columns.band]
+        seen = weight.tobytes()
+        weighted_gram = partial(recent, self._grams, seen, partial(columns.weighted_gram, weight), _GRAMS)
+        key = (seen, variance.tobytes())  # the means follow from the level and the names, as the variances do
+        return recent(self._recent, key, lambda: Background(columns, weight, variance, mean, weighted_gram), _KEPT)
+
+    @cached_property
+    def _usual_load(self) -> Array:
+        """How many times a healthy one each column (p,) of the shoulder's softness is in an arm of the build; 1 of all
+        others.
+
+        What the arm stands on turns it as a soft axis 2 does, about a point that lies lower. Beside it that axis may be
+        as soft as is usual: as stiff as a machine's, it left its softness to the base, three times what that had.
+        """
+        usual = np.ones(len(self.columns.healthy))
+        for form in self.columns.forms:
+            if _is_soft_shoulder(form.effect):
+                usual[list(form.columns)] = form.effect.usual_times(self.build)
+        return usual
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The hyperparameters of a state: the healthy level of the arm, the strength of the residual in each band, and the
+# robust weights.
+
+_BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
+"""Log evidence that the strength of a band of orders, and of targets, must gain to exceed that of the noise. Chosen:
+targets have the higher price, because their noise has heavy tails."""
+_MOST_STRENGTH = 1e6
+"""Largest strength of the noise: a thousand times the scatter of a real pose, which nothing exceeds but a wrong arm."""
+_TAIL = 4.0
+"""Degrees of freedom of Student's distribution of readings at targets. Chosen: stops of real robots have heavy tails.
+"""
+MOST_LEVEL = 8.0
+"""Largest level of a background. Chosen: an arm that shows eight times the healthy size of every effect has faults
+instead."""
+LEAST_LEVEL = 0.003
+"""Smallest level of a background. Chosen: a simulated arm that has named effects alone."""
+_LEVELS = np.geomspace(LEAST_LEVEL, MOST_LEVEL, 80)
+"""Levels of a background that are tried; consecutive ones differ by a tenth."""
+_LEVEL_ROUNDS, _SAME_LEVEL = 12, 0.15
+"""Estimates of the level in a row, most, and the logarithm of their ratio at which they agree. An estimate moves a
+third of the way, so twelve rounds lead from a healthy arm to one that is a hundred times quieter."""
+_SAME_STRENGTH = 0.01
+"""Largest logarithm of the ratio of strengths that are taken as the same: half a percent of an uncertainty."""
+_LEVEL_TAIL = 4.0
+"""Degrees of freedom of Student's distribution of the effects of an arm, so that a fault has little weight in its
+level. Chosen."""
+_LEVEL_SPREAD = 1.4
+"""Prior standard deviation of the logarithm of a level about that of a healthy arm: a factor of four either way.
+Chosen."""
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """The hyperparameters of one linearisation, with N entries in b bands."""
+
+    linear: Linearisation
+    columns: Columns
+
+    @cached_property
+    def _targets(self) -> Mask:
+        """Whether each entry (N,) is at a target."""
+        return self.linear.at_entries([np.full(len(b.y_mm), b.sampling is None) for b in self.linear.blocks])
+
+    @cached_property
+    def _band_price(self) -> Array:
+        """The log evidence (b,) that the strength of each band must gain; known distances are as certain as they are
+        said to be."""
+        price = np.where(np.bincount(self.columns.band, self._targets) > 0, _TARGET_PRICE, _BAND_PRICE)
+        price[self.columns.band[self.linear.of_distances]] = np.inf
+        return price
+
+    def level(self, state: SelectionState, posterior: Posterior) -> float:
+        """Return the level of the background: the ratio of the mean square of each name's effects to its expectation in
+        an arm at level one.
+
+        A name counts once however many forms it has, because a gear shows only a few of its orders; a fault has little
+        weight. What is only expected, and not shown, does not count.
+        """
+        columns, background = self.columns, posterior.background
+        leveled = (columns.healthy > 0) & (background.variance > 0)
+        if state.curves is not None:
+            leveled[columns.curves.columns] = False  # curves have widths of their own
+        cols = np.flatnonzero(leveled)
+        freedom = np.clip(1 - posterior.variance[cols] / background.variance[cols], 0.0, 1.0)
+        names, count = columns.name_of_column[cols], len(columns.among)
+        # Of the coefficients, the prior means alone make this much; readings show the rest.
+        unseen = posterior.covariance_times(background.pull)
+        shown = (posterior.mean - unseen)[cols]
+        expected = columns.healthy[cols] * freedom + ((background.mean - unseen)[cols] / state.level) ** 2
+        squares = np.asarray(np.bincount(names, shown**2, count), dtype=float)
+        seen = np.asarray(np.bincount(names, expected, count), dtype=float)
+        for k, name in enumerate(columns.among):
+            if sizes := [size_of(effect) for effect in state.effects if name_of(effect) == name]:
+                squares[k] += np.sum(np.square(sizes))
+                seen[k] = 1.0
+        weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)
+        likely = -seen.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
+        likely -= np.log(_LEVELS) ** 2 / (2 * _LEVEL_SPREAD**2)
+        return float(min(_LEVELS[np.argmax(likely)], state.level_cap))
+
+    def robust(self, posterior: Posterior) -> Array:
+        """Return the weights (N,) of the entries: those of Student's distribution at targets, and 1 elsewhere."""
+        weight, targets = np.ones(len(self._targets)), self._targets
+        if targets.any():
+            at_targets = posterior.residual[targets]
+            scale = max(1.0, 1.4826 * float(np.median(np.abs(at_targets))))
+            fair = np.minimum(1.0, (_TAIL + 1) / (_TAIL + (at_targets / scale) ** 2))
+            weight[targets] = np.round(fair, WEIGHT_DIGITS)
+        return weight
+
+    def strength(self, state: SelectionState, posterior: Posterior) -> Array:
+        """Return the strength (b,) of each band: that of the residual where it exceeds the noise by more than its
+        price. Assumed noise, which is wide, may also be reduced."""
+        count = self.columns.count
+        free: Array = np.maximum(count - posterior.spent / state.strength, 0.25 * count)
+        ratio: Array = np.maximum(self._energy(state, posterior) / free, 1e-9)
+        gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
+        return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self.strength_limits[0], 1.0))
+
+    @cached_property
+    def strength_limits(self) -> Array:
+        """The smallest and the largest strength (2, b) of each band, relative to the noise: at least 1 where repeats
+        show it, less where it is assumed; known distances are as certain as they are said to be."""
+        assumed = self.linear.at_entries([np.full(len(b.y_mm), not b.measured) for b in self.linear.blocks])
+        least = np.where(np.bincount(self.columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
+        return np.stack([least, np.where(np.isfinite(self._band_price), _MOST_STRENGTH, 1.0)])
+
+    def by_strength(self, posterior: Posterior) -> Array:
+        """Return the derivatives (b,) of the log evidence by the logarithms of the strengths."""
+        energy = np.bincount(self.columns.band, posterior.background.weight * posterior.residual**2)
+        return 0.5 * (energy + posterior.weighted_spent - self.columns.count)
+
+    def nearer_strength(self, state: SelectionState, posterior: Posterior) -> Array:
+        """Return the strength (b,) after a shorter step, which never makes the readings less likely (expectation
+        maximisation: Dempster, Laird and Rubin 1977)."""
+        energy = self._energy(state, posterior) + posterior.spent
+        return np.clip(energy / self.columns.count, *self.strength_limits)
+
+    def update(
+        self,
+        state: SelectionState,
+        posterior: Posterior,
+        evidence: Callable[[SelectionState], float],
+        posterior_of: Callable[[SelectionState], Posterior],
+    ) -> SelectionState:
+        """Return a state with strengths and robust weights that increase its evidence, and the level that it shows.
+
+        Strengths are estimated from the state's posterior with all else unchanged, so that an estimate may go too far;
+        then a step that is clearly shorter is tried, and where that does not help either, they do not change.
+        """
+        whole, robust = evidence(state), self.robust(posterior)
+        whole_step, nearer = self.strength(state, posterior), self.nearer_strength(state, posterior)
+        apart = float(np.abs(np.log(whole_step / nearer)).max())
+        for strength in (whole_step, nearer) if apart > _SAME_STRENGTH else (whole_step,):
+            tried = replace(state, strength=strength, robust=robust)
+            if evidence(tried) > whole:
+                state = tried
+                break
+        for _ in range(_LEVEL_ROUNDS):
+            level = self.level(state, posterior)
+            if abs(np.log(level / state.level)) < _SAME_LEVEL:
+                break
+            tried = replace(state, level=level)
+            # Effects that are not named yet look like an arm that shows more of everything.
+            if level > max(state.level, 1.0) and evidence(tried) <= evidence(state):
+                break
+            state, posterior = tried, posterior_of(tried)
+        return state
+
+    def _energy(self, state: SelectionState, posterior: Posterior) -> Array:
+        """Return the robust energy (b,) of the residual of each band, in variances of the noise."""
+        raw = posterior.background.weight * state.strength[self.columns.band] * posterior.residual**2
+        return np.asarray(np.bincount(self.columns.band, raw), dtype=float)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# What the background is on average, as terms and as effects of the arm.
+#
+# Every form of the background is its effect at the size at which its column was computed, and how many times of it
+# the readings show. Single forms are rarely certain, and their sum is: it is what reaches a tenth of a millimetre
+# where named effects reach half of one.
+
+
+def background_terms(posterior: Posterior) -> list[Term]:
+    """Return the forms of the background, each with how many times it shows on average."""
+    mean, terms = posterior.mean, []
+    for form in posterior.background.columns.forms:
+        for effect, column in zip(form.effects, form.columns, strict=True):
+            times = float(mean[column] / form.size)
+            # What a model leaves out is not written either, so that whoever reads the file has the same model.
+            times = 0.0 if is_nothing(effect, times) else times
+            terms.append(Term.model_construct(effect=effect, times=times, named=False))
+    return terms
+
+
+def background_effects(posterior: Posterior) -> tuple[Effect, ...]:
+    """Return what the forms of the background are together, as effects of the arm."""
+    return tuple(effects_of([(term.effect, term.times) for term in background_terms(posterior)]))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Settling: the effects and the noise of a state fitted in turn, until its evidence hardly rises.
+#
+# Strengths estimated before a large effect was found leave its shape open, and a wrong shape keeps them large; the
+# residual then supports wrong names. So after such an effect the fits start twice, from these strengths and, where
+# they differ, from those of the noise alone.
+
+_SETTLING_ROUNDS = 6
+"""Largest number of fits after an update of the noise. Chosen: most states need three."""
+_ENOUGH = 5.0
+"""Log evidence that a round must gain for the next one. Chosen: odds of 150 to 1."""
+_Change = Callable[[SelectionState], SelectionState]
+
+
+def beginnings(state: SelectionState) -> list[SelectionState]:
+    """Return a state, and the same with the strengths (b,) of the noise alone, if they differ."""
+    return [state, replace(state, strength=np.ones_like(state.strength))] if (state.strength != 1).any() else [state]
+
+
+def settled(
+    begins: Sequence[SelectionState],
+    fitted: _Change,
+    with_noise: _Change,
+    evidence: Callable[[SelectionState], float],
+    least: float = -np.inf,
+) -> SelectionState:
+    """Return the likeliest of the states reached from some states.
+
+    `fitted` fits all effects, `with_noise` estimates the noise, and `evidence` is the log evidence of a state. Fits end
+    early where gains fall, and the rounds left, each with the gain of the last one, would not reach the log evidence
+    `least`.
+    """
+    states = []
+    for begin in begins:
+        now, gain = fitted(begin), np.inf
+        for rounds in reversed(range(_SETTLING_ROUNDS)):
+            previous, now, last_gain = now, fitted(with_noise(now)), gain
+            gain = evidence(now) - evidence(previous)
+            if gain < _ENOUGH or (gain < last_gain < np.inf and evidence(now) + rounds * gain < least):
+                break
+        states += [previous, now]
+    return max(states, key=evidence)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The effects with which the fit of a form starts on the simulator.
+#
+# The response to a play or a wave is not linear in its width or order, so a fit from afar ends in a local minimum,
+# whose residual supports wrong names. Therefore widths and orders are scanned first.
+
+_BETWEEN = np.linspace(-0.6, 0.6, 9)
+"""Orders tried about the order of a form, as multiples of the distance to its neighbour. They cover a little more than
+half of the distance to either side."""
+_PARTS = 3
+"""Parts into which the distances between the orders of forms are divided for a large wave. Chosen: at the ends of a
+joint's range the phases of neighbours differ by 48 degrees then."""
+_WIDTHS = np.concatenate([0.5 ** np.arange(5.0, 1.0, -1.0), np.geomspace(0.5, 100.0, 40)])
+"""Widths of a play that are tried, in healthy sizes, up to that of the largest fault. Neighbours differ by 15 %: fits
+that start within 20 % of the width reached it. Below half a healthy size the response is nearly proportional to the
+width, and they differ by a factor of two."""
+
+
+def starting_effects(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> list[Effect]:
+    """Return the effects from which the fit of a form to the readings (N,) starts.
+
+    A wave has the order between its neighbours that explains most, and that of all orders where it is large; every
+    other effect but a play has the size that it would have as a fault.
+    """
+    effect = form.effect
+    if is_play(effect):
+        expected = identity(effect).model_copy(update={free.field: free.expected for free in effect.FREE})
+        tried = [expected.model_copy(update={free.field: value}) for free in effect.FREE for value in free.tried]
+        shapes = [healthy(shape) for shape in (expected, *tried)]
+        # The background expects some of this play, which the tried one replaces.
+        indices = [k for form in columns.forms if is_alike(form.effect, effect) for k in form.columns]
+        at_mean = columns.X[:, indices] @ posterior.background.mean[indices]
+        cost, energy = np.empty((len(shapes), len(_WIDTHS))), np.empty(0)
+        for k, shape in reversed(list(enumerate(shapes))):
+            widths = [scaled(shape, float(width)) for width in _WIDTHS]
+            each = linear.near.of("every width", shape, {}, partial(linear.columns, widths))
+            added = each.columns - at_mean[:, None]
+            remaining = posterior.residual[:, None] - posterior.left_of(added)
+            cost[k] = columns.count @ np.log([np.sum(remaining[rows] ** 2, axis=0) for rows in columns.rows])
+            energy = np.sum(linear.without_set_up(posterior.unexplained[:, None] - added) ** 2, axis=0)
+        beside_others, by_itself = float(_WIDTHS[np.argmin(cost.min(axis=0))]), float(_WIDTHS[np.argmin(energy)])
+        if max(beside_others, by_itself) <= FAULT:
+            likeliest = np.argsort(cost.min(axis=1))[:2].tolist()
+            return [scaled(shapes[k], float(_WIDTHS[np.argmin(cost[k])])) for k in likeliest]
+        return [
+            *(scaled(shape, beside_others) for shape in shapes),
+            *[scaled(shapes[0], by_itself)] * (by_itself != beside_others),
+        ]
+    if hasattr(effect, "order"):
+        return _waves(columns, linear, posterior, form)
+    return [combined_effect(form.effects, posterior.size(form))]
+
+
+def _waves(columns: Columns, linear: Linearisation, posterior: Posterior, form: Form) -> list[Effect]:
+    """Return the wave of an order between the neighbours of the form's that explains most and, where that is large, the
+    one that leaves least (N,) with the set-ups alone, of any order between those of the forms.
+
+    A joint is mostly near the ends of its range, so that a large wave looks most like those whose phases agree at both
+    ends, and least like its neighbours among the forms.
+    """
+    effect: Any = form.effect
+    orders = [order_of(neighbour.effect) for neighbour in columns.forms if neighbour.name == form.name]
+    near = sorted(abs(order - effect.order) for order in orders)
+    tried = effect.order + (near[1] if len(near) > 1 else 0.0) * _BETWEEN
+    tried = tried[tried >= min(effect.order, max(shape.low for shape in effect.STRETCHED))]
+    effects = [part.model_copy(update={"order": float(order)}) for order in tried for part in form.effects]
+    waves = [_best_of_pairs(effects, *posterior.cavity(linear.columns(effects) / form.size))]
+    if np.linalg.norm(posterior.size(form)) > FAULT:
+        whole = sorted(set(orders))
+        places = np.arange(_PARTS * (len(whole) - 1) + 1) / _PARTS
+        tried = np.interp(places, np.arange(len(whole)), whole)
+        effects = [part.model_copy(update={"order": float(order)}) for order in tried for part in form.effects]
+        added = linear.without_set_up(linear.columns(effects) / form.size)
+        waves.append(_best_of_pairs(effects, added.T @ added, added.T @ posterior.unexplained))
+    return waves
+
+
+def _best_of_pairs(effects: Sequence[Effect], precision: Array, eta: Array) -> Effect:
+    """Return the wave that explains most, of pairs of effects that differ in phase, given the precision (2 n, 2 n) and
+    the vector eta (2 n,) of their sizes."""
+    pairs = [slice(2 * i, 2 * i + 2) for i in range(len(effects) // 2)]
+    sizes = [np.linalg.solve(precision[pair, pair] + np.eye(2) / LARGEST_FAULT**2, eta[pair]) for pair in pairs]
+    best = int(np.argmax([size @ eta[pair] for size, pair in zip(sizes, pairs, strict=True)]))
+    return combined_effect(effects[pairs[best]], np.asarray(sizes[best], dtype=float))

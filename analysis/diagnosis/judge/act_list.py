@@ -1,0 +1,321 @@
+"""The list of acts that follow from a diagnosis, each judged by what it alone leaves at a place without part in it.
+
+What an act removes is computed by doing it in the model and fitting the set-ups again, as in the gap: nothing of
+another part is counted with it. What the whole model still misses at the place where it was judged is part of the
+uncertainty of each figure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.diagnosis.evidence.setups import FittedRuns
+from analysis.diagnosis.judge.acts import FOUND, Act, Against, Cost, JudgedOn, NamingTest, Reason
+from analysis.diagnosis.judge.result import (
+    LARGE_SHARE,
+    BudgetPart,
+    Diagnosis,
+    Gap,
+    Named,
+    is_open,
+    is_sure,
+    likely_rivals,
+)
+from analysis.diagnosis.judge.validation import Stages, residual_um
+from rigs.calibration import verdict_of
+from rigs.effects import Effect
+from rigs.schema.effect import label_of, name_of, size_field
+
+LEAST_SHARE = 0.1
+"""Share of the error from which every part has an act, or a reason why there is none."""
+_WORTH = 0.8
+"""Share of the error up to which what a correction leaves makes it worth while. Chosen: a fifth less."""
+_REPEATS = 2
+"""Runs of each direction that show what changes with time: the second shows what the first cannot."""
+_RARE = 3.0
+"""Times usual from which something of usual size is repaired where it makes much of the error: three arms of a thousand
+show as much of it without a fault."""
+
+
+@dataclass(frozen=True)
+class JudgedPlace:
+    """The runs by which acts are judged, those by which set-ups of the same placement are fitted, the models, and the
+    gap there."""
+
+    place: JudgedOn
+    used: FittedRuns
+    there: Sequence[ObservedRun]
+    stages: Stages
+    gap: Gap
+
+    def removed(self, effects: Sequence[Effect], relative_u: float = 0.0) -> Act:
+        """Return the figures of an act that takes away some effects, of which the change is known to a share."""
+        before = self.gap.before_um
+        after = residual_um(self.there, self.used, effects)
+        change = math.sqrt(max(abs(before**2 - after**2), 0.0))
+        u_um = math.hypot(relative_u * change, self.gap.left_u_um)
+        return Act(
+            "none", "sound", removes_um=before - after, removes_u_um=u_um, place=self.place, remains_um=after,
+            remains_u_um=u_um,
+        )  # fmt: skip
+
+
+EARLY_COMMANDED = Act("convert", "early", command=("import", "TABLE", "--test", "pose", "--joints", "commanded"))
+EARLY = Act("wait", "early")
+"""What comes before all else where joints were read before they came to rest: they are read out of the same file where
+it has the commanded ones beside them, or measured again."""
+
+
+def acts_of(
+    diagnosis: Diagnosis,
+    judged: JudgedPlace,
+    tests: Sequence[tuple[int, NamingTest, Cost]] = (),
+    before: Sequence[Act] = (),
+) -> tuple[Act, ...]:
+    """Return the acts that follow, the first one first: what removes most before what removes less. `tests` has the
+    tests that would name a part of the budget, by its index; `before` what the readings themselves ask for first."""
+    if diagnosis.given:
+        return ()
+    if diagnosis.condition == "not_testable_here":
+        return (*before, Act("measure", "not_visible", command=("plan", _model(diagnosis))))
+    repairs, following = _repairs(diagnosis, judged)
+    if diagnosis.condition == "nothing_unusual" and diagnosis.accuracy.standing == "pass" and not repairs:
+        # Within its limits: a correction, or an approach from one side, would change programs for nothing.
+        large = tuple(k for k, part in enumerate(diagnosis.budget) if part.share > LEAST_SHARE)
+        return (*before, Act("none", "sound", parts=large), *_measurements(diagnosis, judged, tests))
+    acts = in_order([*repairs, *_corrections(diagnosis, judged), *_approaches(diagnosis)], diagnosis.train.before_um)
+    acts = one_after_the_other(acts + following, judged)
+    asked = _measurements(diagnosis, judged, tests)
+    first = [act for act in asked if _comes_first(act, acts, diagnosis)]
+    acts = [*first, *acts, *(act for act in asked if act not in first)]
+    served = {k for act in acts for k in act.parts}
+    acts += [
+        Act("none", _reason(diagnosis, part), parts=(k,), remains_um=part.um, remains_u_um=part.u_um)
+        for k, part in enumerate(diagnosis.budget)
+        if part.share > LEAST_SHARE and k not in served
+    ]
+    return (*before, *(acts or [Act("none", "sound")]))
+
+
+def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
+    """Return acts, what removes most first, and an approach from one side, whose gain is unknown beforehand, by what
+    the error now would lose without its part. What is usual is corrected for today, and repaired where that is not
+    enough: its repair stands behind its correction."""
+    corrected = {k for act in acts if act.kind in ("load", "approach") for k in act.parts}
+    late = [act for act in acts if act.why == "sure_and_large" and act.kind == "repair" and {*act.parts} <= corrected]
+    late.sort(key=lambda act: -act.removes_um)
+    ordered: list[Act] = []
+
+    def weight_um(act: Act) -> float:
+        without_um = math.sqrt(max(now_um**2 - act.remains_um**2, 0.0))
+        return now_um - without_um if act.kind == "approach" else act.removes_um
+
+    by_weight = sorted(acts, key=weight_um, reverse=True)
+    for act in [act for act in by_weight if act not in late]:
+        ordered.append(act)
+        served = {part for done in ordered if done.kind in ("load", "approach") for part in done.parts}
+        behind = [repair for repair in late if {*repair.parts} <= served]
+        ordered += [replace(repair, why="not_enough") for repair in behind]
+        late = [repair for repair in late if repair not in behind]
+    return ordered
+
+
+def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
+    """Return acts, those of hands with what is left once those of hands before them are done as well."""
+    done: list[Effect] = []
+    square_um2, ordered = 0.0, []
+    for act in acts:
+        by_hand = act.effect if act.kind != "approach" else None
+        if by_hand is not None:
+            done.append(by_hand)
+            square_um2 += act.removes_u_um**2
+        is_later = by_hand is not None and len(done) > 1
+        um = judged.removed(done).remains_um if is_later else None
+        ordered.append(replace(act, with_before_um=um, with_before_u_um=math.sqrt(square_um2) if is_later else 0.0))
+    return ordered
+
+
+def _approaches(diagnosis: Diagnosis) -> list[Act]:
+    """Return the correction for today of what depends on the side from which a joint came, which no target holds: every
+    target is approached from one side."""
+    acts = []
+    for k, part in enumerate(diagnosis.budget):
+        if part.index is None or part.share <= LEAST_SHARE or not is_sure(diagnosis, part):
+            continue
+        effect = diagnosis.effects[part.index].effect
+        if effect.part == "reversal" and effect.compensation().use == "none":
+            acts.append(Act("approach", "history", (k,), remains_um=part.um, remains_u_um=part.u_um, effect=effect))
+    return acts
+
+
+def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list[Act]]:
+    """Return what a hand does about faults, and about what is of usual size and makes much of the error; and those of
+    them that follow. Of errors that cancel, one alone may make the error larger: it is done, and judged, after the
+    others."""
+    served = [(k, named) for k, part in enumerate(diagnosis.budget) for named in _by_hand(diagnosis, part)]
+    acts = [_repair(diagnosis, judged, k, named, ()) for k, named in served]
+    done = [act.effect for act in acts if act.removes_um > 0 and act.effect is not None]
+    first, following = list(acts), []
+    for (k, named), act in zip(served, acts, strict=True):
+        if done and act.removes_um <= 0 and named.stands:
+            after = _repair(diagnosis, judged, k, named, done)
+            if after.removes:
+                first.remove(act)
+                following.append(after)
+                done.append(named.effect)
+    return first, following
+
+
+def _by_hand(diagnosis: Diagnosis, part: BudgetPart) -> list[Named]:
+    """Return the effects of a part that a hand does something about: its own, and faults that cancel some of it.
+
+    Of usual size, what is sure and makes much of the error is entered or re-mastered; repaired where few arms show as
+    much of it, or where the arm fails its limits.
+    """
+    of_part = [diagnosis.effects[part.index]] if part.index is not None else []
+    rare = (part.times_usual or 0.0) >= _RARE or diagnosis.accuracy.standing in ("watch", "fail")
+    is_much = part.share > LARGE_SHARE and is_sure(diagnosis, part)
+    if cause := part.cause:  # the one member of a group that is certain, as an effect of usual size
+        effect, remedy = cause.effect, cause.effect.remedy()
+        of_part = [Named(effect, cause.sd, cause.odds, (), math.nan, remedy, cause.um, None, "usual", u_um=cause.u_um)]
+    own = [name for name in of_part if name.stands or (is_much and (rare or name.effect.DEED in ("remaster", "enter")))]
+    cancelling = [
+        name for name in diagnosis.standing if name not in of_part and label_of(name.effect) in part.cancelled
+    ]
+    return [name for name in [*own, *cancelling] if name.shown]
+
+
+def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, done: Sequence[Effect]) -> Act:
+    """Return what a hand does about an effect of part k once other effects are `done`."""
+    part = diagnosis.budget[k]
+    is_own = part.index is not None and diagnosis.effects[part.index] is named
+    u_um, um = (part.u_um, part.um) if is_own else (named.u_um, named.worth_um)
+    figures = judged.removed([*done, named.effect], u_um / um if um > 0 else 1.0)
+    rivals = tuple(name_of(rival.effect) for rival in likely_rivals(named))
+    against = [Against("rivals", names=rivals)] if rivals else []
+    if named.doubt is not None and named.doubt != "usual":
+        against.append(Against("doubt", doubt=named.doubt))
+    if done:
+        figures = replace(figures, removes_um=judged.removed(done).remains_um - figures.remains_um)
+    return replace(
+        figures,
+        kind=named.effect.DEED,
+        why="fault" if named.stands else "sure_and_large",
+        parts=(k,),
+        effect=named.effect,
+        u=named.sd.get(size_field(named.effect)),
+        against=(*against, *_of_the_place(diagnosis, judged)),
+    )
+
+
+def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
+    """Return what speaks against every figure."""
+    against = [Against("not_judged_elsewhere")] if judged.place == "used" else []
+    if diagnosis.condition == "undecided":
+        against.append(Against("few_runs", runs=diagnosis.runs_to_decide))
+    if diagnosis.condition == "outside_library":
+        against.append(Against("unexplained"))
+    return against
+
+
+def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
+    """Return the correction for today: programs and entries by everything of the arm that the model holds, where it
+    gains for certain, and as much as is worth the work."""
+    if diagnosis.calibrated is None or verdict_of(diagnosis.calibrated) == "nothing":
+        return []
+    effects = [effect for effect in judged.stages.calibrated.effects if effect.compensation().use != "none"]
+    if not effects:
+        return []
+    figures = judged.removed(effects)
+    before_um, fails = figures.removes_um + figures.remains_um, diagnosis.accuracy.standing in ("watch", "fail")
+    if not figures.removes or (figures.remains_um >= _WORTH * before_um and not fails):
+        return []
+    parts = tuple(
+        k
+        for k, part in enumerate(diagnosis.budget)
+        if (
+            part.kind in ("constants", "gravity", "curve")
+            if part.index is None
+            else diagnosis.effects[part.index].effect.compensation().use != "none"
+        )
+    )
+    command, against = ("correct", _model(diagnosis), "-o", "CORRECTIONS"), tuple(_of_the_place(diagnosis, judged))
+    return [
+        replace(
+            figures, kind="load", why="correction", parts=parts, cost=Cost(minutes=0.0), command=command,
+            against=against,
+        )
+    ]  # fmt: skip
+
+
+def _model(diagnosis: Diagnosis) -> str:
+    return f"{FOUND}{diagnosis.rig.name}.yaml"
+
+
+def _measurements(
+    diagnosis: Diagnosis, judged: JudgedPlace, tests: Sequence[tuple[int, NamingTest, Cost]]
+) -> list[Act]:
+    """Return what is to be measured: what distinguishes rivals, names a group, decides, or judges elsewhere."""
+    acts = []
+    slow = [named for named in diagnosis.effects if named.doubt == "one_lap"]
+    if slow:
+        labels = {label_of(named.effect) for named in slow}
+        parts = tuple(k for k, part in enumerate(diagnosis.budget) if labels & {part.name, *part.cancelled})
+        largest = max(slow, key=lambda named: named.worth_um)
+        um, effect = largest.worth_um, largest.effect
+        acts.append(Act("measure", "one_lap", parts=parts, remains_um=um, effect=effect, runs=_REPEATS))
+    elif diagnosis.condition == "undecided":
+        parts = tuple(
+            k for k, part in enumerate(diagnosis.budget) if part.rank == "undecided" and part.index is not None
+        )
+        acts.append(Act("measure", "few_runs", parts=parts, runs=diagnosis.runs_to_decide))
+    planned = {k: (test, cost) for k, test, cost in reversed(tests)}
+
+    def test_of(why: Reason, k: int) -> Act:
+        test, cost = planned.get(k, (None, Cost()))
+        against = () if k in planned else (Against("no_place"),)
+        return Act("measure", why, parts=(k,), test=test, cost=cost, against=against)
+
+    fitted = {k: diagnosis.effects[part.index] for k, part in enumerate(diagnosis.budget) if part.index is not None}
+    for k, named in fitted.items():
+        if named.stands and likely_rivals(named):
+            acts.append(test_of("rivals", k))
+    for k, part in enumerate(diagnosis.budget):
+        if (part.members and not part.cause) or (k in fitted and is_open(part, fitted[k])):
+            acts.append(test_of("group", k))
+    if diagnosis.condition == "outside_library":
+        parts = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "unexplained")
+        acts.append(Act("mount", "unexplained", parts=parts, place=judged.place))
+    if judged.place == "used":
+        acts.append(Act("measure", "elsewhere", place="used"))
+    return acts
+
+
+def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
+    """Return whether a measurement comes before every act that removes something: where nothing may be corrected, where
+    too few runs decide nothing, or where rivals of the largest part leave open what is to be repaired."""
+    if measurement.why == "unexplained":
+        return not any(act.kind == "load" for act in acts)
+    if measurement.why == "one_lap":
+        return not any(act.why == "fault" and act.removes_um > measurement.remains_um for act in acts)
+    if measurement.why == "few_runs":
+        return not any(act.kind == "load" and act.place != "used" for act in acts)
+    if measurement.why == "rivals":
+        return bool(acts) and acts[0].parts == measurement.parts
+    return measurement.why == "group" and not acts
+
+
+def _reason(diagnosis: Diagnosis, part: BudgetPart) -> Reason:
+    """Return why no act serves a part above a tenth of the error."""
+    if part.kind == "scatter":
+        return "scatter"
+    if part.kind == "unexplained":
+        return "unexplained"
+    if part.kind in ("gauges", "clocks"):
+        return "gauges"
+    if part.index is not None and diagnosis.effects[part.index].effect.compensation().use == "none":
+        return "gauges" if diagnosis.effects[part.index].effect.STAGE in ("gauge", "setup", "time") else "history"
+    return "history" if part.kind in ("reversal", "warming") else "too_small"

@@ -1,0 +1,140 @@
+"""The acts that follow from a diagnosis, as values: what to do, what that removes, what then remains, and against it.
+
+Every output prints acts from this list and nowhere else; the words come from `analysis.report.act_words`. The first
+act is what a person does next. Acts are ordered by what they remove at a place that had no part in the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+from rigs.effects import Effect
+from rigs.schema.effect import label_of
+
+ActKind = Literal["repair", "remaster", "enter", "load", "approach", "measure", "mount", "wait", "convert", "none"]
+"""What a person does: repair a cause; re-master a joint; enter a constant; load corrected programs or entries;
+approach targets from one side; measure what decides; mount ball, gauges or base again; wait until the arm is warm;
+convert readings that were taken in another way; or nothing."""
+JudgedOn = Literal["unseen", "held_out", "used"]
+"""Where a figure was found: at another place, on held-out runs, or on the runs used."""
+Doubt = Literal[
+    "usual", "one_lap", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better"
+]
+"""Why the diagnosis does not stand by an effect: it is no larger than elsewhere in this arm or in healthy ones; it is
+slow, and one lap each way shows no time; a healthy arm may show it by chance; a rival is likelier; it makes held-out
+runs worse; what it does is not known to half of itself; set-ups show different shares of it; it is one of more waves
+than a joint has; or the model explains the runs no better with it."""
+Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place"]
+"""What speaks against an act: another cause may be meant (`names`); the diagnosis does not stand by the effect
+(`doubt`); no run of another place judged it; the runs are too few (`runs` of each kind decide); much remains that no
+known cause explains; or the rig file declares no further test."""
+Reason = Literal[
+    "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "one_lap", "unexplained",
+    "not_visible", "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early",
+]  # fmt: skip
+"""Why an act stands in the list: a fault; a usual error that makes much of the whole and that nothing else takes away;
+such an error, where its correction for today is not enough; that correction; rivals are to be separated; a group is to
+be named; the runs are too few; one lap each way shows nothing slow; an unknown cause; the tests do not show it; how
+accurate the arm is elsewhere is not known; joints were read too early. And why there is none: it differs from run to
+run; what a correction gains is too small; no target holds what depends on the way a joint came; it belongs to the
+gauges; nothing is wrong."""
+
+
+@dataclass(frozen=True)
+class Against:
+    """Something that speaks against an act, as a value."""
+
+    why: Objection
+    names: tuple[str, ...] = ()
+    doubt: Doubt | None = None
+    runs: int | None = None
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What an act takes: `minutes` of driving, None where it is not known (a repair); programs to drive or to load, and
+    set-ups of ball and gauges."""
+
+    minutes: float | None = None
+    programs: int = 0
+    set_ups: int = 0
+
+
+FOUND = "FOUND/"
+"""The directory in which the commands of acts have the model, until it is known where a person has it."""
+
+
+@dataclass(frozen=True)
+class NamingTest:
+    """A test that would decide: what it is in words of `rig plan`, why it may, the odds of the likeliest cause that are
+    expected after it, and the causes that it distinguishes."""
+
+    test: str
+    why: str
+    expected_sigma: float
+    odds_then: float
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Act:
+    """One act. `parts` are indices into the budget. `removes_um` is what it removes alone at the `place`, and
+    `remains_um` what is then left there, rms of the readings in µm, each with its standard uncertainty.
+
+    `with_before_um` is what is left there in µm, with its standard uncertainty, once what hands do before it in the
+    list is done too; None where there is nothing before.
+
+    `effect` is what is to be repaired or entered, with the standard uncertainty `u` of its size; `command` the words
+    after `rig` where a command does it, files in capitals; `test` what is to be driven. `runs` is how often each test
+    is driven, where more runs decide.
+    """
+
+    kind: ActKind
+    why: Reason
+    parts: tuple[int, ...] = ()
+    removes_um: float = 0.0
+    removes_u_um: float = 0.0
+    place: JudgedOn = "used"
+    remains_um: float = 0.0
+    remains_u_um: float = 0.0
+    cost: Cost = Cost()
+    with_before_um: float | None = None
+    with_before_u_um: float = 0.0
+    effect: Effect | None = None
+    u: float | None = None
+    command: tuple[str, ...] = ()
+    test: NamingTest | None = None
+    runs: int | None = None
+    against: tuple[Against, ...] = ()
+
+    @property
+    def removes(self) -> bool:
+        """Whether it takes away error for certain: by more than two standard uncertainties."""
+        return self.removes_um > 2 * self.removes_u_um and self.removes_um > 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types; the effect by its label."""
+        plain = {key: value for key, value in asdict(self).items() if key != "effect"}
+        return plain | {"effect": label_of(self.effect) if self.effect else None}
+
+
+def acts_with(acts: Sequence[Act], model: str, again: tuple[str, ...] = ()) -> tuple[Act, ...]:
+    """Return acts whose commands name the `model` where a person has it, or without one are the words `again` after
+    `rig`, by which it is written."""
+    named = [tuple(model if word.startswith(FOUND) else word for word in act.command) for act in acts]
+    return tuple(
+        replace(act, command=again if not model and words != act.command else words)
+        for act, words in zip(acts, named, strict=True)
+    )
+
+
+def is_done(kind: str, why: str, *, way: str | None, elsewhere: bool) -> bool:
+    """Return whether an act, by its kind and its reason, is done.
+
+    way: by what a robot drives corrected, `entries` or `programs`, None where it does not; where values were entered
+    zeros are among them, and who re-masters as well corrects twice. elsewhere: whether another place has judged."""
+    if (kind, why) == ("measure", "elsewhere"):
+        return elsewhere
+    return way is not None and kind in ("load", "enter", "approach", *(("remaster",) if way == "entries" else ()))

@@ -1,0 +1,422 @@
+"""The budget of the error, whose shares add up to one, and the size of a name that each set-up shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from analysis.diagnosis.evidence.observation import GRID, ORDER_OF
+from analysis.diagnosis.evidence.setups import BALL_PRIOR_MM
+from analysis.diagnosis.fit.background import Posterior
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Form
+from analysis.diagnosis.fit.responses import Linearisation, Response, basis_of, worth
+from analysis.diagnosis.fit.search import SearchResult
+from analysis.diagnosis.fit.selection_state import FAULT, combined_effect
+from analysis.diagnosis.judge.result import LARGE_SHARE, BudgetPart, Gap, Member, Named, Rank, Share
+from analysis.robot.kinematics.arm import Array, Integers
+from rigs.effects import Effect
+from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field, size_of
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The budget: every part of the gap between model and readings, so that the shares add up to one.
+#
+# With t the residual of the model as it was and e_i what part i adds to the readings, all without what set-ups
+# absorb, t = Σ e_i. The share of part i is e_i't / t't = Σ_j e_i'e_j / t't: half of what two parts have in common
+# goes to each. Every test counts by its readings, as in the gap.
+
+_CANCELS = 0.005
+"""Share below zero from which a part stands on the line of the one that it cancels; a smaller one counts as nothing."""
+_MOST_MEMBERS = 3
+"""Members of a group that are listed, chosen: what a person compares at a glance. Their odds are those among all."""
+_DOUBTED_SIGMA = 2.0
+"""Standard uncertainties up to which nothing is known of what a part does: it may as well not be there."""
+_NO_FREEDOM = 1e-14
+"""Ratio of the largest to the smallest mean square below which a combination of terms of set-ups moves nothing."""
+_BY_JOINT: tuple[PartKind, ...] = ("curve", "reversal")
+"""Kinds of parts that each joint has one of."""
+
+
+def group_of(effect: Effect) -> tuple[PartKind, int | None]:
+    """Return the part of the error that an effect belongs to where it is one of many small terms: its kind, and its
+    joint where each joint has one."""
+    return effect.part, getattr(effect, "axis", None) if effect.part in _BY_JOINT else None
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Measures whitened changes of readings (N,) in µm, root mean square over the readings of all runs, without what
+    set-ups absorb: as much as in the gap, where the readings alone do not decide how high above its circle a ball is.
+    """
+
+    linear: Linearisation
+
+    @cached_property
+    def _root(self) -> Array:
+        """The factor (N,) of each entry by which the sum of squares becomes a mean square in µm²."""
+        blocks = self.linear.blocks
+        counts = [len(block.sampling.phi if block.sampling else block.rows) * block.count for block in blocks]
+        readings = np.array(counts, dtype=float)
+        parts = []
+        for block, share in zip(blocks, readings / readings.sum(), strict=True):
+            factor = np.zeros(len(block.y_mm))
+            if block.sampling:
+                factor[: len(ORDER_OF)] = 1 / (2 * GRID)
+            else:
+                factor[:] = (3 if block.table.kind.of_places else 1) / len(factor)
+            parts.append(1e3 * block.sd_mm * np.sqrt(share * factor))
+        return self.linear.at_entries(parts)
+
+    @cached_property
+    def _absorbs(self) -> tuple[Array, Array]:
+        """What set-ups are free to do (N, s), and what takes the moves (s,) from weighted changes (N,): the balls of
+        circles and hemispheres as far as the fit of a gap lets them go, everything else as it fits best."""
+        U = self._root[:, None] * self.linear.U
+        whole = self._root * self.linear.residual(())
+        kept = whole - basis_of(U) @ (basis_of(U).T @ whole)
+        precision = np.zeros(U.shape[1])
+        for block, rows in zip(self.linear.blocks, self.linear.rows, strict=True):
+            if not block.table.kind.of_places:
+                precision[self.linear.terms[block.setup][:3]] += float(kept[rows] @ kept[rows]) / BALL_PRIOR_MM**2
+        return U, np.linalg.pinv(U.T @ U + np.diag(precision), rcond=_NO_FREEDOM, hermitian=True) @ U.T
+
+    def of(self, changes: Array) -> Array:
+        """Return whitened changes (N, …) as vectors (N, …) of which the sum of squares is the mean square in µm²."""
+        weighted = self._root[:, None] * changes if changes.ndim == 2 else self._root * changes
+        U, moves = self._absorbs
+        return weighted - U @ (moves @ weighted)
+
+    def without_set_up(self, changes: Array) -> Array:
+        """Return whitened changes (N, …) with what set-ups absorb taken off, to be drawn."""
+        _, moves = self._absorbs
+        return changes - self.linear.U @ ((moves * self._root) @ changes)
+
+    def scatter_mm(self) -> list[Array]:
+        """Return what one standard deviation of all that differs from run to run, joints, ball and stamps, adds to the
+        entries (N, c) mm of each block, with what set-ups absorb taken off."""
+        return self.linear.in_mm(self.without_set_up(np.concatenate([self.linear.Z, self.linear.stamps], axis=1)))
+
+    def um(self, changes: Array) -> float:
+        """Return the root mean square in µm of whitened changes (N,)."""
+        return float(np.linalg.norm(self.of(changes)))
+
+
+@dataclass(frozen=True)
+class EffectChange:
+    """What a fitted effect does: `change` (N,) of the whitened readings, its rms and standard uncertainty in µm, and
+    how many times as much as a healthy one does. `apart` is the share of it by which single runs differ beyond noise
+    and scatter, as a standard uncertainty of their mean."""
+
+    change: Array
+    um: float
+    u_um: float
+    times_usual: float
+    apart: float = 0.0
+
+
+def effect_changes(result: SearchResult) -> list[EffectChange]:
+    """Return what each fitted effect does to the readings (N,), with what is allowed for beside it.
+
+    Its uncertainty is that of the change and not of a parameter: a size and a shape that trade off leave the change as
+    certain as the readings show it.
+    """
+    refined, posterior, measure = result.fit, result.posterior, Measure(result.linear)
+    T, means, covariance = posterior.terms.T, posterior.term_means, posterior.term_covariance
+    allowed = len(refined.unknowns) + np.cumsum([0, *(departure.columns.shape[1] for departure in refined.departures)])
+    changes = []
+    for k, effect in enumerate(refined.effects):
+        parameters = [j for j, unknown in enumerate(refined.unknowns) if unknown.effect == k]
+        departures = list(range(int(allowed[k]), int(allowed[k + 1])))
+        change = result.contributions[k] + T[:, departures] @ means[departures]
+        columns, um = measure.of(T[:, parameters]), measure.um(change)
+        u_um = float(np.sqrt(max(np.sum(columns @ covariance[np.ix_(parameters, parameters)] * columns), 0.0)))
+        # As an arm without a fault shows it, so many times its healthy size.
+        shapes = {shape.field: shape.expected for shape in effect.free(result.linear.payload_kg)}
+        as_usual = scaled(healthy(effect), effect.usual_times(result.built), **shapes)
+        usual = measure.um(result.linear.columns([as_usual])[:, 0])
+        apart, times = runs_apart(result, k), um / usual if usual > 0 else float("inf")
+        changes.append(EffectChange(change, um, float(np.hypot(u_um, apart * um)), times, apart))
+    return changes
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A part, and what it does (N,) as a vector of `Measure.of`."""
+
+    part: BudgetPart
+    vector: Array
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The parts of a gap of readings (N,), from what a search found."""
+
+    result: SearchResult
+    gap: Gap
+
+    @cached_property
+    def measure(self) -> Measure:
+        return Measure(self.result.linear)
+
+    @cached_property
+    def whole(self) -> Array:
+        """The gap (N,), of which the sum of squares is its mean square in µm²."""
+        return self.measure.of(self.result.linear.residual(()))
+
+    @cached_property
+    def whole_um2(self) -> float:
+        """The mean square of the gap in µm²: that of the mean of repeated runs, and what single runs differ from it."""
+        return max(float(self.whole @ self.whole) + self._apart_um2, 1e-12)
+
+    @cached_property
+    def _apart_um2(self) -> float:
+        """What single runs differ from the mean of their repeats by, in µm²."""
+        blocks = self.result.linear.blocks
+        share = np.array([1 - 1 / block.count for block in blocks])
+        return float(np.mean(share)) * self.gap.noise_floor_um**2
+
+    def share(self, vector: Array) -> float:
+        """Return the share of the gap of a vector (N,) of `Measure.of`."""
+        return float(vector @ self.whole) / self.whole_um2
+
+    def parts(self, named: Sequence[Named], changes: Sequence[EffectChange]) -> list[BudgetPart]:
+        """Return the parts, the largest share first; the shares add up to 1. `named` has the fitted effects in any
+        order, and may have a vibration that no model removes."""
+        effects = self.result.effects
+        drawn = []
+        for place, name in enumerate(named):
+            if name.effect in effects:
+                change = changes[effects.index(name.effect)]
+                is_unsure = name.doubt != "usual" or change.um < _DOUBTED_SIGMA * change.u_um
+                rank: Rank = "unusual" if name.stands else "undecided" if is_unsure else "usual"
+                vector = self.measure.of(change.change)
+                part = BudgetPart(
+                    "effect", change.um, change.u_um, self.share(vector), axis=getattr(name.effect, "axis", None),
+                    name=label_of(name.effect), times_usual=change.times_usual, rank=rank, odds=name.posterior,
+                    held_out_gain=name.held_out_gain, doubt=name.doubt, index=place,
+                )  # fmt: skip
+                drawn.append(_Drawn(part, vector))
+        parts = [line.part for line in self._without_cancelling([*drawn, *self._groups()])]
+        # What remains beyond the noise, with the free forms that stand for an effect without a name.
+        result = self.result
+        remains = self.measure.of(result.beyond_noise * result.posterior.residual + result.free_share)
+        unexplained = BudgetPart("unexplained", float(np.linalg.norm(remains)), 0.0, self.share(remains))
+        scatter = BudgetPart("scatter", self._scatter_um, 0.0, 1.0 - sum(part.share for part in [*parts, unexplained]))
+        for place, named_effect in enumerate(named):
+            if named_effect.effect not in effects:  # a vibration, whose phase is new in each run
+                # One that begins with the program repeats, and was unexplained; any other was scatter.
+                whole = named_effect.worth_um**2 / self.whole_um2
+                of_scatter = min(whole, max(scatter.share, 0.0))
+                repeats = min(whole - of_scatter, max(unexplained.share, 0.0))
+                parts.append(
+                    BudgetPart(
+                        "effect", named_effect.worth_um, named_effect.u_um, of_scatter + repeats, rank="unusual",
+                        name=label_of(named_effect.effect), odds=named_effect.posterior, index=place,
+                    )
+                )  # fmt: skip
+                scatter = replace(scatter, share=scatter.share - of_scatter)
+                kept = float(np.sqrt(1 - repeats / unexplained.share)) if repeats > 0 else 1.0
+                unexplained = replace(unexplained, share=unexplained.share - repeats, um=kept * unexplained.um)
+        # A share just below zero is nothing, and what all others have too much by it is taken from them in proportion.
+        every = [replace(part, share=max(part.share, 0.0)) for part in (*parts, unexplained, scatter)]
+        whole = sum(part.share for part in every)
+        return sorted((replace(part, share=part.share / whole) for part in every), key=lambda part: -part.share)
+
+    def _without_cancelling(self, drawn: Sequence[_Drawn]) -> list[_Drawn]:
+        """Return the parts, those that cancel much of another one as one line with it: no share is below zero."""
+        kept = list(drawn)
+        while kept and (least := min(kept, key=lambda line: line.part.share)).part.share < -_CANCELS:
+            others = [line for line in kept if line is not least]
+            if not others:
+                break
+            partner = min(others, key=lambda line: float(line.vector @ least.vector))
+            vector = partner.vector + least.vector
+            both = replace(
+                partner.part, um=float(np.linalg.norm(vector)), u_um=max(partner.part.u_um, least.part.u_um),
+                share=self.share(vector),
+                together=(*(partner.part.together or (partner.part,)), *(least.part.together or (least.part,))),
+            )  # fmt: skip
+            kept = [_Drawn(both, vector) if line is partner else line for line in others]
+        return kept
+
+    def _groups(self) -> list[_Drawn]:
+        """Return what the many small terms of each kind make together."""
+        posterior, columns = self.result.posterior, self.result.columns
+        groups: dict[tuple[PartKind, int | None], list[Form]] = {}
+        for form in columns.forms:
+            groups.setdefault(group_of(form.effect), []).append(form)
+        drawn = []
+        for (kind, axis), forms in groups.items():
+            indices = np.array([column for form in forms for column in form.columns])
+            moved = self.measure.of(columns.X[:, indices])
+            vector = moved @ posterior.mean[indices]
+            u_um = self._u_um(moved, indices)
+            times = np.array([form.effect.usual_times(self.result.built) for form in forms for _ in form.columns])
+            usual_um = float(np.sqrt(np.sum(moved**2 @ (columns.healthy[indices] * times**2))))
+            um = float(np.linalg.norm(vector))
+            ratio = um / usual_um if usual_um > 0 else 0.0
+            rank: Rank = "undecided" if um < _DOUBTED_SIGMA * u_um else "unusual" if ratio > FAULT else "usual"
+            part = BudgetPart(kind, um, u_um, self.share(vector), axis=axis, times_usual=ratio, rank=rank)
+            part = replace(part, members=self._members(forms)) if part.share > LARGE_SHARE else part
+            drawn.append(_Drawn(part, vector))
+        return drawn
+
+    def _u_um(self, moved: Array, indices: Integers) -> float:
+        """Return the standard uncertainty in µm of what columns `indices` do together, which move readings (N, n)."""
+        return float(np.sqrt(max(np.sum(moved.T @ moved * self.result.posterior.covariance_among(indices)), 0.0)))
+
+    @cached_property
+    def _not_shown(self) -> set[tuple[int, ...]]:
+        """The columns of each form that is no cause by what these runs show: of a name that no size makes visible, and
+        of a wave of which a joint drove few, which a zero may be as well."""
+        hidden = self.result.selection.not_testable(self.result.state, self.result.posterior)
+        of_curves = zip(self.result.columns.forms, *self.result.selection.waves_of_curves, strict=True)
+        return {form.columns for form, wave, piece in of_curves if (wave and piece) or form.name in hidden}
+
+    def _members(self, forms: Sequence[Form]) -> tuple[Member, ...]:
+        """Return what a group may be, the likeliest first: each name in its best form, with the odds that it alone is
+        far larger than the rest, beside the odds that none is."""
+        result = self.result
+        forms = [form for form in forms if form.columns not in self._not_shown]
+        gain = result.posterior.gains(forms, result.state.level).fault
+        best: dict[str, int] = {}
+        for k in np.argsort(-gain.round(6), kind="stable").tolist():  # of equals the first, whatever the last digit
+            if np.isfinite(gain[k]):
+                best.setdefault(forms[k].name, k)
+        if not best:
+            return ()
+        evidence = np.array([0.0, *(gain[k] for k in best.values())])
+        odds = np.exp(evidence - evidence.max())
+        odds /= odds.sum()
+        kept = [forms[k] for k in best.values()]
+        members = []
+        for form, likely in zip(kept, odds[1:], strict=True):
+            indices = list(form.columns)
+            # What it does at the size that it has among the small terms.
+            moved = self.measure.of(result.columns.X[:, indices])
+            um = float(np.linalg.norm(moved @ result.posterior.mean[indices]))
+            u_um = self._u_um(moved, np.array(indices))
+            members.append(Member(combined_effect(form.effects, result.posterior.size(form)), um, float(likely), u_um))
+        return tuple(sorted(members, key=lambda member: -member.odds)[:_MOST_MEMBERS])
+
+    @cached_property
+    def _scatter_um(self) -> float:
+        """The rms in µm of what differs from run to run, with the noise."""
+        result = self.result
+        forms = result.columns.set_ups.stop
+        moved = result.columns.X[:, forms:] @ result.posterior.mean[forms:]
+        inside = self.measure.um((1 - result.beyond_noise) * result.posterior.residual + moved)
+        return float(np.sqrt(inside**2 + self._apart_um2))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The size of a name that each set-up shows: an effect of the arm acts at every place with one size.
+#
+# An error that no effect explains can look like one on a circle, and even on two, but hardly with the same size at
+# every place. So where set-ups disagree on the size of a name, the name imitates something else.
+
+_WIDE = 100.0
+"""Prior standard deviation of a share. It only bounds what the readings of a set-up hardly show. Chosen: far beyond any
+share of interest."""
+_CHANCE = 0.05
+"""Probability that set-ups that agree seem to disagree on a size. Chosen: the usual level of a test."""
+_NOTHING = 1e-300
+"""Below everything that shows, so that what shows nowhere divides by no zero."""
+
+
+@dataclass(frozen=True)
+class SizesBySetUp:
+    """The size of a name in each of n set-ups that show it, fitted together with everything else that may be present:
+    `value` (n,) as a share of the size in all runs, and `covariance` (n, n). A name that fewer than two show has
+    none."""
+
+    setups: tuple[str, ...]
+    value: Array
+    covariance: Array
+
+    def shares(self) -> tuple[Share, ...]:
+        """Return the share that each set-up shows, with its standard uncertainty."""
+        sds = np.sqrt(np.diag(self.covariance))
+        return tuple(Share(*share) for share in zip(self.setups, self.value.tolist(), sds.tolist(), strict=True))
+
+    def birge_ratio(self) -> float:
+        """Return the factor by which the uncertainties of the name are larger than the noise of the readings explains,
+        because its set-ups disagree on its size; 1 where they agree.
+
+        An error of the form, as of a play that is crossed in another way, makes another size of it on each path. The
+        ratio is that of Birge (1932), as CODATA uses it for constants, where chance explains a disagreement in one of
+        20 cases.
+        """
+        if not self.setups:
+            return 1.0
+        weight, freedom = np.linalg.inv(self.covariance), len(self.setups) - 1
+        away = self.value - (weight @ self.value).sum() / weight.sum()
+        disagreement = float(away @ weight @ away)
+        return 1.0 if _by_chance(disagreement, freedom) else float(np.sqrt(disagreement / freedom))
+
+
+def _by_chance(energy: float, freedom: int) -> bool:
+    """Return whether noise alone makes so much of a sum of squares, in its variances, in one of 20 cases."""
+    from scipy.special import chdtri  # noqa: PLC0415 - slow to import
+
+    return energy <= float(chdtri(freedom, _CHANCE))
+
+
+def sizes_by_setup(result: SearchResult, k: int, limits: Array) -> SizesBySetUp:
+    """Return the sizes of name k in the set-ups in which it changes readings by more than the limits (b,) µm."""
+    linear, change = result.linear, result.contributions[k]
+    setups = np.array([block.setup for block in linear.blocks])
+    shown = list(dict.fromkeys(setups[worth(linear, change).um > limits].tolist()))
+    if len(shown) < 2:
+        return SizesBySetUp((), np.empty(0), np.empty((0, 0)))
+    # One column for each of these set-ups and one for all others, in which the name is free as well.
+    number = np.array([shown.index(setup) if setup in shown else len(shown) for setup in setups])
+    columns = np.zeros((len(change), number.max() + 1))
+    for rows, column in zip(linear.rows, number, strict=True):
+        columns[rows, column] = change[rows]
+    precision, slope = _beside_size(result, k).cavity(columns)
+    covariance = np.asarray(np.linalg.inv(precision + np.eye(len(slope)) / _WIDE**2), dtype=float)
+    of_shown = slice(len(shown))
+    return SizesBySetUp(tuple(shown), (1 + covariance @ slope)[of_shown], covariance[of_shown, of_shown])
+
+
+def runs_apart(result: SearchResult, k: int) -> float:
+    """Return the standard uncertainty of the size of name k, as a share of it, that its single runs show beyond noise
+    and scatter; 0 where chance explains how far their sizes lie apart.
+
+    Noise is alike in all directions of a band, and scatter in all joints. That of one joint that wanders on its way is
+    neither, and lies where a lag or a gear of this joint does.
+    """
+    linear, beside, change = result.linear, _beside_size(result, k), result.contributions[k]
+    weight, scatter = beside.background.weight, np.concatenate([linear.Z, linear.stamps], axis=1)
+    pull = weight * beside.left_of(change[:, None])[:, 0]
+    # The share of the size that readings show beside its prior, which is all that is known of what shows nowhere.
+    pull /= max(float(change @ pull) + (size_of(result.effects[k]) / LARGEST_FAULT) ** 2, _NOTHING)
+    freedom, shown, expected = 0, 0.0, 0.0
+    for block, rows in zip(linear.blocks, linear.rows, strict=True):
+        if block.count > 1:
+            single = block.apart_mm @ (pull[rows] / block.sd_mm)
+            shown += float(single @ single) / (block.count * (block.count - 1))
+            expected += float(np.sum(pull[rows] ** 2 / weight[rows]) + np.sum((pull[rows] @ scatter[rows]) ** 2))
+            freedom += block.count - 1
+    by_chance = not freedom or _by_chance(freedom * shown / max(expected, _NOTHING), freedom)
+    return 0.0 if by_chance else float(np.sqrt(shown - expected))
+
+
+def _beside_size(result: SearchResult, k: int) -> Posterior:
+    """Return the posterior of everything else, in which the size of name k stays as it was fitted."""
+    refined, fitted = result.fit, result.fit.fitted_terms
+    field = size_field(refined.effects[k])
+    kept = np.ones(len(fitted.mean), dtype=bool)
+    kept[: len(refined.unknowns)] = [unknown.effect != k or unknown.field != field for unknown in refined.unknowns]
+    precision = fitted.precision[np.ix_(kept, kept)]
+    terms = replace(
+        fitted,
+        responses=(Response(fitted.T[:, kept]),),
+        precision=precision,
+        mean=fitted.mean[kept],
+        held=fitted.held[kept],
+    )
+    return Posterior(result.posterior.background, terms)

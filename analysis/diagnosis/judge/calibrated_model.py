@@ -1,0 +1,146 @@
+"""The calibrated model that a diagnosis hands over: its posterior as terms with their mean and covariance.
+
+The effects that were fitted come first, each as it was fitted. Every form of the background follows: its effect at
+the size at which its column was computed, and how many times of it the readings show on average. Single forms are
+rarely certain, and their sum is: it is what reaches a tenth of a millimetre where named effects reach half of one.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Sequence
+
+import numpy as np
+
+from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.diagnosis.fit.background import Posterior
+from analysis.diagnosis.fit.refine import Unknown
+from analysis.diagnosis.fit.search import SearchResult
+from analysis.diagnosis.fit.selection_state import background_terms
+from analysis.diagnosis.judge.misses import Widening
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.judge.validation import Stages
+from analysis.robot.kinematics.arm import Array, rail_mm
+from analysis.robot.model.predict import SetUp
+from analysis.runs.loading import Measured
+from rigs.calibration import TIMES, CalibratedModel, CalibratedRun, Judged, Parameter, PlacedSetUp, Term, packed_factor
+from rigs.distribution import version
+
+_LEAST = 1e-9
+"""Added to the correlation of each parameter with itself before its root is taken: twins are correlated by one within
+rounding."""
+
+
+def covariance_of(posterior: Posterior, unknowns: Sequence[Unknown]) -> Array:
+    """Return the covariance (P, P) of the fitted unknowns, each in the unit of its name, and then of the numbers of
+    times that forms show."""
+    columns = posterior.background.columns
+    forms, fitted = columns.set_ups.start, len(unknowns)
+    covariance = posterior.joint_covariance(forms, fitted)
+    unit = np.concatenate([np.ones(fitted), 1 / columns.sizes])
+    return np.asarray(unit[:, None] * covariance * unit, dtype=float)
+
+
+def calibrated_model(
+    diagnosis: Diagnosis,
+    result: SearchResult,
+    used: Sequence[Measured],
+    runs: Sequence[ObservedRun],
+    stages: Stages,
+    wider: Widening,
+    judged: Judged | None = None,
+) -> CalibratedModel:
+    """Return the calibrated model of a search: its posterior, with the effects marked as named that the `diagnosis`
+    writes into the rig file, the range of each joint in the `runs`, the set-ups of the last of the `stages`, what it
+    leaves of the runs used and where it had no part, and its uncertainty `wider` than its covariance."""
+    rig, train, elsewhere = diagnosis.rig, diagnosis.train, diagnosis.unseen or diagnosis.held_out
+    named = [name.effect for name in diagnosis.written]
+    effects, unknowns = result.effects, result.fit.unknowns
+    terms = [Term.model_construct(effect=effect, times=1.0, named=effect in named) for effect in effects]
+    background = background_terms(result.calibrated_posterior)
+    if not stages.has_background:
+        background = [term.model_copy(update={"times": 0.0}) for term in background]
+    parameters = [Parameter.model_construct(term=unknown.effect, field=unknown.field) for unknown in unknowns]
+    parameters += [Parameter.model_construct(term=len(terms) + k, field=TIMES) for k in range(len(background))]
+    root = wider.factor * _root(covariance_of(result.calibrated_posterior, unknowns))
+    arm, q = runs[0].model.arm, np.concatenate([run.table.q[run.rows] for run in runs])
+    angles, rail = np.degrees(q[:, : arm.axes]), rail_mm(arm, q)
+    of_poses = {run.setup for run in runs if run.table.kind.of_places}
+    calibrated = CalibratedModel.model_construct(
+        format=1,
+        rig=rig.name,
+        date=dt.datetime.now(dt.UTC).date(),
+        version=version(),
+        runs=tuple(CalibratedRun(name=run.run.manifest.name, sha256=run.run.readings_sha256) for run in used),
+        joints_deg=tuple(zip(angles.min(axis=0).tolist(), angles.max(axis=0).tolist(), strict=True)),
+        rail_mm=(float(rail.min()), float(rail.max())) if arm.rail is not None else None,
+        setups={name: _placed(setup, poses=name in of_poses) for name, setup in stages.calibrated.setups.items()},
+        before_um=train.before_um,
+        calibrated_um=train.calibrated_um,
+        held_out_um=elsewhere.calibrated_um if elsewhere else None,
+        widened=wider.factor,
+        reach_mm=wider.reach_mm,
+        judged=judged,
+        terms=(*terms, *background),
+        parameters=tuple(parameters),
+        factor=packed_factor(root),
+    )
+    return calibrated if rig.calibrated is None else _beside(rig.calibrated, calibrated)
+
+
+def _beside(before: CalibratedModel, new: CalibratedModel) -> CalibratedModel:
+    """Return a calibration that was found beside another one, with the terms of both. How many times a term shows adds
+    up, and so does its variance, as if both were independent."""
+    terms, parameters = list(before.terms), list(before.parameters)
+    times_row = {
+        terms[parameter.term].effect: row for row, parameter in enumerate(parameters) if parameter.field == TIMES
+    }
+    # The terms of the new one come after those before, and so do the rows of its parameters. Only its times of an
+    # effect that has times before go over to the row and the term of those: its own term stays, with no times, since
+    # other parameters may be of it.
+    first_new, new_rows, same_term = len(terms), list[int](), dict[int, int]()
+    for parameter in new.parameters:
+        row = times_row.get(new.terms[parameter.term].effect) if parameter.field == TIMES else None
+        if row is None:
+            row = len(parameters)
+            parameters.append(parameter.model_copy(update={"term": first_new + parameter.term}))
+        else:
+            same_term[parameter.term] = parameters[row].term
+        new_rows.append(row)
+    terms += [term.model_copy(update={"times": 0.0}) if k in same_term else term for k, term in enumerate(new.terms)]
+    for of_new, of_before in same_term.items():
+        times = terms[of_before].times + new.terms[of_new].times
+        terms[of_before] = terms[of_before].model_copy(update={"times": times})
+    covariance = np.zeros((len(parameters), len(parameters)))
+    count = len(before.parameters)
+    covariance[:count, :count] = before.root @ before.root.T
+    covariance[np.ix_(new_rows, new_rows)] += new.root @ new.root.T
+    ranges = zip(before.joints_deg, new.joints_deg, strict=True)
+    joints = [(min(low, new_low), max(high, new_high)) for (low, high), (new_low, new_high) in ranges]
+    # A copy would keep the root and the effects that are known of the one found.
+    fields = {name: getattr(new, name) for name in CalibratedModel.model_fields}
+    rails = [model.rail_mm for model in (before, new) if model.rail_mm]
+    fields |= {
+        "rail_mm": (min(low for low, _ in rails), max(high for _, high in rails)) if rails else None,
+        "runs": (*before.runs, *new.runs), "joints_deg": tuple(joints), "terms": tuple(terms),
+        "parameters": tuple(parameters), "factor": packed_factor(_root(covariance)),
+    }  # fmt: skip
+    return CalibratedModel.model_construct(**fields)
+
+
+def _root(covariance: Array) -> Array:
+    """Return a lower triangular root (P, P) of a covariance."""
+    sd = np.sqrt(np.diag(covariance))
+    unit = np.where(sd > 0, sd, 1.0)
+    correlation = covariance / unit[:, None] / unit
+    correlation[np.diag_indices_from(correlation)] += _LEAST
+    return np.asarray(unit[:, None] * np.linalg.cholesky(correlation), dtype=float)
+
+
+def _placed(setup: SetUp, *, poses: bool) -> PlacedSetUp:
+    if poses:
+        both = (setup.T_instrument_world, setup.T_tool_target)
+        placed = [tuple(tuple(row) for row in frame.tolist()) for frame in both]
+        return PlacedSetUp(T_instrument_world=placed[0], T_tool_target=placed[1])
+    x, y, z = setup.ball.tolist()
+    return PlacedSetUp(ball_mm=(x, y, z), zeros_mm=tuple(setup.zeros_mm.tolist()))

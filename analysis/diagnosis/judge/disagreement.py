@@ -1,0 +1,193 @@
+"""Where a model and readings disagree, and what is left as parts of the error are added to the model one by one.
+
+Each model is simulated, and its set-ups are fitted to the runs used as those of the gap are, so that the first and the
+last step of a diagnosis are its gap before and calibrated. Those between are judged by some hundred readings of each
+circle, which takes a thirtieth of the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import blocks_of
+from analysis.diagnosis.evidence.observation import ObservedRun, rms, thinned
+from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
+from analysis.diagnosis.fit.responses import Linearisation, linearise, noise_um
+from analysis.diagnosis.fit.search import SearchResult
+from analysis.diagnosis.fit.selection_state import background_terms
+from analysis.diagnosis.judge.budget import Measure, group_of
+from analysis.diagnosis.judge.compare_runs import Compared
+from analysis.diagnosis.judge.residuals import Curve, Map, Place, curves_of, maps_of, places
+from analysis.diagnosis.judge.result import BudgetPart, Diagnosis
+from analysis.diagnosis.judge.staircase import Left, Staircase, Step
+from analysis.diagnosis.judge.validation import FrozenModel, Stages
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.loading import Measured
+from rigs.calibration import effects_of
+from rigs.effects import Effect
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.effect import label_of
+
+_MOST_STEPS = 6
+"""Parts with a step of their own. Chosen: more than a person steps through; the budget lists all."""
+_LEAST = 0.05
+"""Share of the gap that a part makes by itself, root mean square, from which it has a step of its own. Chosen: less is
+hardly seen on a chart."""
+_ROWS = 256
+"""Readings of a circle by which a step between the first and the last is judged. Chosen: they give its root mean square
+to some percent."""
+
+
+def staircase_of(
+    diagnosis: Diagnosis, result: SearchResult, stages: Stages, *runs_at: Sequence[ObservedRun]
+) -> Staircase | None:
+    """Return the staircase of a diagnosis whose budget and gaps are known; `runs_at` are the runs used, the held-out
+    runs and those at an unseen place, of (m, k) mm. None where nothing was added to the model."""
+    rungs = list(_rungs(diagnosis, result, stages))
+    if len(rungs) < 2:
+        return None
+    gaps = (diagnosis.train, diagnosis.held_out, diagnosis.unseen)
+    residuals_um = [[gap.before_um if gap else None for gap in gaps]]
+    thin = [[thinned(run.on_lap, _ROWS) if run.table.kind.swept else run for run in runs] for runs in runs_at]
+    residuals_um += _residuals_um_of([effects for _, effects in rungs[1:-1]], thin)
+    residuals_um.append([gap.calibrated_um if gap else None for gap in gaps])
+    steps = []
+    for (parts, _), row in zip(rungs, residuals_um, strict=True):
+        # The uncertainty is that of the acts.
+        used, held_out, unseen = (
+            Left(um, gap.left_u_um) if gap is not None and um is not None else None
+            for gap, um in zip(gaps, row, strict=True)
+        )
+        assert used is not None  # noqa: S101 - a diagnosis has runs that it used
+        steps.append(Step(parts, used, held_out, unseen))
+    return Staircase(tuple(steps), *_drawn(result.linear, [effects for _, effects in rungs]))
+
+
+def _rungs(
+    diagnosis: Diagnosis, result: SearchResult, stages: Stages
+) -> Iterator[tuple[tuple[int, ...], tuple[Effect, ...]]]:
+    """Yield the models, each with the places in the budget of what it adds and with all of its effects: the one begun
+    with, with each large part, the largest first, and the calibrated one, with all others. What no model removes, as
+    scatter, has no step."""
+    effects, budget = stages.calibrated.effects, diagnosis.budget
+    # What each part adds, by its label: effects as they were fitted, or so many times of those that are of its kind and
+    # joint in the calibrated background.
+    names = {label_of(effect): effect for effect in effects if effect in result.effects}
+    terms: dict[str, list[tuple[Effect, float]]] = {}
+    for term in background_terms(result.calibrated_posterior) if stages.has_background else ():
+        kind, axis = group_of(term.effect)
+        terms.setdefault(BudgetPart(kind, 0.0, 0.0, 0.0, axis=axis).label, []).append((term.effect, term.times))
+    added = [k for k, part in enumerate(budget) if part.label in names or part.label in terms]
+    added.sort(key=lambda k: -budget[k].um)
+    least_um = _LEAST * diagnosis.train.before_um
+    large = [k for k in added if budget[k].um >= least_um][:_MOST_STEPS]
+    yield (), ()
+    fitted, shown = list[Effect](), list[tuple[Effect, float]]()
+    for k in large:
+        # What cancels a part is on its line of the budget, and comes with it.
+        for label in (budget[k].label, *budget[k].cancelled):
+            if label in names:
+                fitted.append(names[label])
+            else:
+                shown += terms.get(label, [])
+        yield (k,), (*fitted, *effects_of(shown))
+    small = tuple(k for k in added if k not in large)
+    if small:
+        yield small, effects
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """The places where the model of a rig and readings disagree, the largest sigma first, and the residuals of circles
+    and at targets without the effects of the model (before) and with them (after). `staircase` has a step for each
+    effect of the rig file, and one for its calibration, whose place is after them; None for a model without effects.
+    `floor_um` is the noise of a run."""
+
+    rig: Rig
+    where: tuple[Place, ...]
+    curves: tuple[Curve, ...]
+    maps: tuple[Map, ...]
+    staircase: Staircase | None
+    floor_um: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types, with the keys of a diagnosis."""
+        names = [*(f"effect {k}" for k in range(1, len(self.rig.effects) + 1)), "calibration"]
+        steps = self.staircase.to_dict(names) if self.staircase else None
+        return {"where": [place.to_dict() for place in self.where], "staircase": steps}
+
+
+def located(compared: Compared, rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] = ()) -> Compared:
+    """Return a comparison with where model and readings, of (m, k) mm, disagree, or with a message why that is not
+    known."""
+    try:
+        return replace(compared, disagreement=disagreement(rig, used, unseen))
+    except FileError as error:
+        message = f"where model and readings disagree is not known: {error}"
+        return replace(compared, doubts=(*compared.doubts, message))
+
+
+def disagreement(rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] = ()) -> Disagreement:
+    """Return where the model of a rig and runs, of (m, k) mm, disagree; those of an unseen place have set-ups of their
+    own. Raises FileError for runs that cannot be looked at together."""
+    parts, _ = prepare_runs(rig, used, unseen)
+    runs, elsewhere = ([replace(run, model=replace(run.model, effects=())) for run in part] for part in parts)
+    setups, _ = fit_run_setups(runs)
+    linear = linearise(blocks_of(runs, setups), setups)
+    # The effects of the rig file, those first that change the readings most, and then what its calibration holds beside
+    # them, each with its place.
+    measure = Measure(linear)
+    um = [measure.um(linear.columns([effect])[:, 0]) for effect in rig.effects]
+    groups: list[tuple[int, tuple[Effect, ...]]]
+    groups = [(k, (rig.effects[k],)) for k in sorted(range(len(um)), key=lambda k: -um[k])]
+    if rig.calibrated and rig.calibrated.effects:
+        groups.append((len(um), tuple(rig.calibrated.effects)))
+    models = [tuple(effect for _, group in groups[:k] for effect in group) for k in range(len(groups) + 1)]
+    curves, maps = _drawn(linear, models)
+    ends = [linear.residual(effects) for effects in (models[0], models[-1])]
+    before, after = (linear.in_mm(measure.without_set_up(end)) for end in ends)
+    floor_um = float(np.sqrt(np.mean(noise_um(linear) ** 2)))
+    u_um = [floor_um / np.sqrt(max(len(runs_there), 1)) for runs_there in (runs, elsewhere)]
+    steps = []
+    for k, residuals_um in enumerate(_residuals_um_of(models, (runs, elsewhere)) if groups else ()):
+        then, later = (Left(um, float(u)) if um is not None else None for um, u in zip(residuals_um, u_um, strict=True))
+        assert then is not None  # noqa: S101 - runs were prepared
+        steps.append(Step((groups[k - 1][0],) if k else (), then, unseen=later))
+    staircase = Staircase(tuple(steps), curves, maps) if groups else None
+    return Disagreement(
+        rig,
+        places(linear.blocks, after, measure.scatter_mm()),
+        curves_of(linear.blocks, before, after),
+        maps_of(linear.blocks, before, after),
+        staircase,
+        floor_um,
+    )
+
+
+def _residuals_um_of(
+    models: Sequence[tuple[Effect, ...]], runs_at: Sequence[Sequence[ObservedRun]]
+) -> Iterator[list[float | None]]:
+    """Yield what models with these effects leave in µm of the runs of each place, of (m, k) mm, with the set-ups fitted
+    to those of the first; None where a place has no runs."""
+    setups = None
+    for effects in models:
+        setups, _ = fit_run_setups(with_effects(runs_at[0], effects), setups)
+        model = FrozenModel(effects, setups)
+        yield [1e3 * rms(model.residuals(runs)) if runs else None for runs in runs_at]
+
+
+def _drawn(linear: Linearisation, models: Sequence[tuple[Effect, ...]]) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Return what models with these effects leave of each circle (steps, n, 2) and at targets (steps, n) in µm, with
+    the set-ups as free as in the gap."""
+    measure, curves, maps = Measure(linear), [], []
+    for effects in models:
+        residual = linear.in_mm(measure.without_set_up(linear.residual(effects)))
+        curves.append([curve.after_um for curve in curves_of(linear.blocks, residual, residual)])
+        maps.append([place.after_um for place in maps_of(linear.blocks, residual, residual)])
+    return tuple(map(np.array, zip(*curves, strict=True))), tuple(map(np.array, zip(*maps, strict=True)))

@@ -1,0 +1,350 @@
+"""What the calibrated model misses at places that had no part in it: how much wider u is for it, and what it goes with.
+
+Each neighbourhood of poses is left out in its turn, and what the model of all others misses there is what stays. It is
+held against all that a place may go with and no name has: posture, the side from which joints came, the order of time,
+temperature. Each as an error of every joint, fitted to what stays in all neighbourhoods but one and held against that
+one, so that the share that it explains is of places that had no part in the fit: what explains nothing there was not
+found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Self
+
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import Block, blocks_of
+from analysis.diagnosis.evidence.observation import ObservedRun, residual_of, without_socket
+from analysis.diagnosis.evidence.placements import reach_mm
+from analysis.diagnosis.evidence.setups import neighbourhoods, with_effects
+from analysis.diagnosis.fit.refine import slopes_of
+from analysis.diagnosis.fit.responses import basis_of, linearise
+from analysis.diagnosis.fit.search import SearchResult
+from analysis.diagnosis.judge.result import Looked, Remains, Subject
+from analysis.diagnosis.judge.validation import Stages, noise_shown
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.model.predict import SetUp
+from analysis.runs.table_format import SAME_RAD
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Places that had no part in a model: those of other runs, and those used, left out.
+
+
+@dataclass(frozen=True)
+class Misses:
+    """Entries (n,) of places that had no part in a model: their neighbourhood, what the model misses them by, squared
+    in mm², how much of it is noise, and what is stated. Wild readings count as little as in the fit, `robust`."""
+
+    group: Integers
+    missed_mm2: Array
+    noise_mm2: Array
+    stated_mm2: Array
+    robust: Array
+
+    @classmethod
+    def together(cls, parts: Sequence[Self]) -> Self:
+        """Return parts as one."""
+        names = [field.name for field in fields(cls)]
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+@dataclass(frozen=True)
+class LeftOut(Misses):
+    """Places used, each neighbourhood or placement left out in its turn and predicted by the model of all others: the
+    whitened rows (n,) of the readings too, and what they are missed by, in standard deviations of the noise."""
+
+    rows: Integers
+    missed_sigma: Array
+
+
+def places_left_out(result: SearchResult) -> LeftOut | None:
+    """Return each neighbourhood of the poses used as all others predict it; None where there are no poses."""
+    linear, parts, first = result.linear, list[LeftOut](), 0
+    for block, of_block in zip(linear.blocks, linear.rows, strict=True):
+        if block.table.kind.of_places:
+            group = _neighbourhoods(block)
+            for number in np.unique(group).tolist():
+                rows = of_block.start + np.flatnonzero(group == number)
+                parts.append(_left_out(result, rows, np.full(len(rows), first + number)))
+            first += int(group.max()) + 1
+    return LeftOut.together(parts) if parts else None
+
+
+def _left_out(result: SearchResult, rows: Integers, group: Integers, placed: Array | None = None) -> LeftOut:
+    """Return whitened rows (n,), left out together: without what `placed`, orthonormal columns (n, s) of a set-up,
+    takes up."""
+    posterior = result.calibrated_posterior
+    noise = np.minimum(result.strength[rows], 1.0)
+    variance_mm2 = np.concatenate([block.sd_mm for block in result.linear.blocks])[rows] ** 2
+    missed, covariance = posterior.left_out(rows)
+    if placed is not None:
+        missed, covariance = missed - placed @ (placed.T @ missed), covariance - placed @ (placed.T @ covariance)
+        covariance -= (covariance @ placed) @ placed.T
+    stated = np.maximum(np.diag(covariance), 0.0) * variance_mm2
+    robust = result.state.robust[rows]
+    return LeftOut(
+        group=group, missed_mm2=missed**2 * variance_mm2, noise_mm2=noise * variance_mm2, stated_mm2=stated,
+        robust=robust, rows=rows, missed_sigma=missed,
+    )  # fmt: skip
+
+
+def _neighbourhoods(run: ObservedRun) -> Integers:
+    """Return the neighbourhood of each entry (n,) of places."""
+    return np.repeat(neighbourhoods(run.table.q[run.rows], np.random.default_rng(0)), 3)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Widening: by how much more than it states the model misses places.
+
+_FAR, _ROUNDS = 4.0, 8
+"""Mean square over that expected from which a neighbourhood counts less: of three normal coordinates less than one in a
+hundred is so far. And rounds until that has settled."""
+_FREEDOM = 3.0
+"""Degrees of freedom of what a neighbourhood is missed by: one vector, which its poses share."""
+_LONGEST = 1500
+"""Readings of a placement from which it is not left out: their covariance is inverted, in a second."""
+
+
+@dataclass(frozen=True)
+class Widening:
+    """How far places that had no part in a model are missed beyond what it states: the `factor` by which its
+    uncertainty grows, at least 1, and what is as much everywhere, unexplained_mm of one coordinate; None where no
+    places judge it. It holds up to reach_mm from the sockets touched, None unless all runs are of touches."""
+
+    factor: float = 1.0
+    unexplained_mm: float | None = None
+    reach_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class _Neighbourhoods:
+    """What neighbourhoods of places (g,) were missed by, a coordinate's mean square in mm²; of it the noise of their
+    readings, and the variance that the model states there; and how many entries count in each."""
+
+    missed_mm2: Array
+    noise_mm2: Array
+    stated_mm2: Array
+    weight: Array
+
+    @classmethod
+    def of(cls, misses: Misses) -> _Neighbourhoods:
+        """Return the means over the entries of each neighbourhood."""
+        group, ones = misses.group, np.ones(len(misses.group))
+        entries = misses.robust * np.stack([misses.missed_mm2, misses.noise_mm2, misses.stated_mm2, ones])
+        sums = np.array([entries[:, group == number].sum(axis=1) for number in np.unique(group).tolist()])
+        weight = sums[:, 3]
+        missed, noise, stated = sums[:, :3].T / weight
+        return cls(missed, noise, stated, weight)
+
+    @cached_property
+    def _ratio_and_weight(self) -> tuple[float, Array]:
+        """The excess over the noise as a multiple of the variance stated, and how much each neighbourhood counts (g,).
+        Those that are missed by twice what all others are, as one placement of nine, count less: u is what most places
+        need."""
+        weight, count = self.weight, len(self.weight)
+        ratio = error = 0.0
+        for _ in range(_ROUNDS):
+            excess, stated = weight * (self.missed_mm2 - self.noise_mm2), weight * self.stated_mm2
+            ratio = float(excess.sum() / stated.sum())
+            error = float(np.sqrt(count / max(count - 1, 1)) * np.linalg.norm(excess - ratio * stated) / stated.sum())
+            expected = max(ratio, 1.0) * self.stated_mm2 + self.noise_mm2
+            weight = self.weight * np.minimum(1.0, _FAR * expected / np.maximum(self.missed_mm2, 1e-12))
+        # Of few neighbourhoods the ratio is known badly, which how much they differ says: with one standard error more
+        # it is the upper end of what they show.
+        return ratio + error, weight
+
+    @property
+    def ratio(self) -> float:
+        """The factor by which the variance stated is too small."""
+        return self._ratio_and_weight[0]
+
+    def parted(self) -> Widening:
+        """Return what makes the variance stated as much larger on the mean as the ratio says: a factor, something that
+        is as much everywhere, or both, each as likely as its share makes the neighbourhoods.
+
+        A factor grows where little was measured, as what a model does not know does; what no form of it can be, a cable
+        or a play, does not.
+        """
+        ratio, weight = max(self.ratio, 1.0), self._ratio_and_weight[1]
+        mean = float(weight @ self.stated_mm2 / weight.sum())
+        even = np.linspace(0.0, 1.0, 21)[:, None] * (ratio - 1) * mean
+        expected = (ratio - even / mean) * self.stated_mm2 + even + self.noise_mm2
+        fits = -0.5 * _FREEDOM * (np.log(expected) + self.missed_mm2 / expected) @ (weight / self.weight)
+        odds = np.exp(fits - fits.max())
+        likely = float(odds @ even[:, 0] / odds.sum())
+        return Widening(float(np.sqrt(max(ratio - likely / mean, 1.0))), float(np.sqrt(likely)))
+
+
+def widening_of(
+    left_out: LeftOut | None,
+    judges: Sequence[ObservedRun],
+    elsewhere: Sequence[ObservedRun],
+    stages: Stages,
+    result: SearchResult,
+) -> Widening:
+    """Return how far places are missed beyond what the calibrated model states: by the largest of the ratios of places
+    used, each neighbourhood (`left_out`), and each placement, left out in its turn; of those that were held out; of
+    runs elsewhere.
+
+    A model that is smooth where an arm is not, or the same in postures, on days, or about placements where it is not,
+    misses places by more than its covariance allows for. Residuals are (m, k) mm.
+    """
+    sets: list[Misses | None] = [left_out, _placements_left_out(result)]
+    setups = dict(stages.calibrated.setups)
+    for runs in (judges, elsewhere):
+        places = [run for run in runs if run.table.kind.of_places]
+        setups |= stages.calibrated.setups_with(with_effects(places, stages.calibrated.effects))
+        sets.append(_misses_of(places, setups, stages, result) if places else None)
+    judging = [_Neighbourhoods.of(misses) for misses in sets if misses is not None]
+    judging = [neighbourhoods for neighbourhoods in judging if neighbourhoods.stated_mm2.any()]
+    wider = max(judging, key=lambda places: places.ratio).parted() if judging else Widening()
+    of_sockets = all(run.table.kind.frame_terms == 3 for run in (*result.linear.blocks, *judges, *elsewhere))
+    return replace(wider, reach_mm=reach_mm(setups, stages.calibrated.setups) if of_sockets else None)
+
+
+def _placements_left_out(result: SearchResult) -> LeftOut | None:
+    """Return each placement of the poses used as the model of all others predicts it, its set-up fitted to it; None
+    where there are not two. Long series are not left out, only the others predicted by them."""
+    linear, parts, first = result.linear, list[LeftOut](), 0
+    blocks = [k for k, block in enumerate(linear.blocks) if block.table.kind.of_places]
+    placement = {k: without_socket(linear.blocks[k].setup) for k in blocks}
+    names = sorted(set(placement.values()))
+    for name in names if len(names) > 1 else ():
+        placed = [k for k in blocks if placement[k] == name]
+        rows = np.concatenate([np.arange(linear.rows[k].start, linear.rows[k].stop) for k in placed])
+        group = np.concatenate([_neighbourhoods(linear.blocks[k]) for k in placed])
+        terms = sorted({term for k in placed for term in linear.terms[linear.blocks[k].setup]})
+        if len(terms) < len(rows) < _LONGEST:
+            parts.append(_left_out(result, rows, first + group, basis_of(linear.U[rows][:, terms])))
+            first += int(group.max()) + 1
+    return LeftOut.together(parts) if parts else None
+
+
+def _misses_of(
+    runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], stages: Stages, result: SearchResult
+) -> Misses:
+    """Return by how much the calibrated model misses runs of places that had no part in it, in the set-ups of the runs
+    used, or in their own."""
+    parts, first, shown = list[Misses](), 0, noise_shown(result)
+    for run, calibrated in zip(runs, with_effects(runs, stages.calibrated.effects), strict=True):
+        residual = residual_of(calibrated, setups)
+        noise, variance = _stated_variances(run, setups, result)
+        alike = [block.table.test == run.table.test for block in result.linear.blocks]
+        noise = noise * (shown[alike].mean() if any(alike) else 1.0)
+        group = first + _neighbourhoods(run)
+        parts.append(Misses(group, run.entries(residual) ** 2, noise, variance, np.ones_like(noise)))
+        first = int(group.max()) + 1
+    return Misses.together(parts)
+
+
+def _stated_variances(run: ObservedRun, setups: Mapping[str, SetUp], result: SearchResult) -> tuple[Array, Array]:
+    """Return the variances (N,) mm² of the noise of a run of poses, and of what the calibrated model predicts for its
+    entries: in the set-up of the runs used, or in one of its own, which takes up what it can."""
+    effects, columns, unknowns = result.effects, result.columns, result.fit.unknowns
+    of_run = linearise(blocks_of([run], setups, effects), setups, effects)
+    of_effect = [[unknown for unknown in unknowns if unknown.effect == k] for k in range(len(effects))]
+    slopes = [slopes_of(of_run, *both) for both in zip(effects, of_effect, strict=True)]
+    change = np.concatenate([*slopes, columns.forms_in(of_run)], axis=1)
+    count = columns.set_ups.start
+    if run.setup in result.linear.terms:
+        placed = np.zeros((len(of_run.y), columns.set_ups.stop - columns.set_ups.start))
+        placed[:, result.linear.terms[run.setup]] = of_run.U[:, of_run.terms[run.setup]]
+        change, count = np.concatenate([change, placed], axis=1), columns.set_ups.stop
+    else:
+        basis = basis_of(of_run.U)
+        change -= basis @ (basis.T @ change)
+    covariance = result.calibrated_posterior.joint_covariance(count, len(unknowns))
+    variance = np.einsum("np,np->n", change @ covariance, change)
+    noise: Array = of_run.blocks[0].sd_mm ** 2
+    return noise, np.maximum(variance, 0.0) * noise
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# What stays of the poses used, and what it goes with.
+
+_UNIT_RAD = np.radians(1e-3)
+"""Unit of an error of a joint. It has no effect on the result, because the strength is scaled."""
+_STRENGTHS = 4.0 ** np.arange(-8, 7)
+"""Squares of a form's strength in this unit; the one that leaves least is taken. From a 256th of a unit to 64."""
+_SLOW = 4
+"""Half waves over the duration of a run, or one beside it. Chosen: warming, a shift of an instrument, a day's cycle."""
+_FEWEST_GROUPS = 4
+"""Neighbourhoods below which nothing is said: one left out of three leaves too little to fit."""
+_Functions = Callable[[Block], Array]
+
+
+def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Array | None) -> Remains | None:
+    """Return what stays of places that were `left_out`, None where there are none; temperature (n,) in °C of the rows
+    of the one table of all, None where it is unknown."""
+    linear = result.linear
+    if left_out is None or len(np.unique(left_out.group)) < _FEWEST_GROUPS:
+        return None
+    half_waves = np.pi * np.arange(1, _SLOW + 1)
+    warmth: Array | None = None
+    one_table = len({id(block.table) for block in linear.blocks if block.table.kind.of_places}) == 1
+    if temperature is not None and one_table and np.ptp(temperature) > 0:
+        warmth = ((temperature - temperature.mean()) / np.ptp(temperature))[:, None]
+    # What places may go with, each as functions (n, c) rad at a block's samples, None where the runs do not have it.
+    subjects: dict[Subject, _Functions | None] = {
+        "posture": _of_places(lambda block: np.concatenate([f(block.table.q) for f in (np.cos, np.sin)], axis=1)),
+        "approach": _of_places(_sides),
+        "time": _of_places(lambda block: np.cos(half_waves * np.linspace(0.0, 1.0, len(block.table.q))[:, None])),
+        "temperature": None if warmth is None else _of_places(lambda _: warmth),
+        "speed": None,  # a robot that stands has none
+    }
+    off = np.sqrt(left_out.robust) * left_out.missed_sigma
+    looked = []
+    for subject, functions in subjects.items():
+        share = None
+        if functions is not None:
+            axes = [linear.by_joint(axis, functions)[left_out.rows] for axis in range(1, linear.axes + 1)]
+            share = _share_left_out(np.sqrt(left_out.robust)[:, None] * np.concatenate(axes, axis=1), off, left_out)
+        looked.append(Looked(subject, share))
+    mean_squares = [np.average(square, weights=left_out.robust) for square in (left_out.missed_mm2, left_out.noise_mm2)]
+    whole, noise = (1e3 * float(np.sqrt(3 * square)) for square in mean_squares)
+    return Remains(whole, noise, tuple(looked))
+
+
+def _of_places(of_rows: Callable[[Block], Array]) -> _Functions:
+    """Return functions at the samples of a block's path, of which each row of its table has as many, from those of the
+    rows (n, c); zero for circles."""
+
+    def functions(block: Block) -> Array:
+        samples = len(block.path.q)
+        if not block.table.kind.of_places:
+            return np.zeros((samples, of_rows(block).shape[1]))
+        values = _UNIT_RAD * of_rows(block)
+        return np.repeat(values, samples // len(values), axis=0)
+
+    return functions
+
+
+def _sides(block: Block) -> Array:
+    """Return the way (n, axes) in which each joint came: as the rows say, or else from the row before."""
+    table = block.table
+    sides = table.kind.sides(table)
+    if sides is not None:
+        return sides.astype(float)
+    way = np.diff(table.q, axis=0, prepend=table.q[:1])
+    return np.where(np.abs(way) > SAME_RAD, np.sign(way), 0.0)
+
+
+def _share_left_out(columns: Array, off: Array, left_out: LeftOut) -> float:
+    """Return the share of the square of what stays (n,) that columns (n, c) explain at neighbourhoods left out, at the
+    strength that explains most: 0 where none explains anything."""
+    order = np.argsort(left_out.group, kind="stable")
+    ends = [0, *(np.flatnonzero(np.diff(left_out.group[order])) + 1).tolist(), len(order)]
+    groups = [order[begin:end] for begin, end in pairwise(ends)]
+    normal, right = columns.T @ columns, columns.T @ off
+    squares = np.zeros(len(_STRENGTHS))
+    for rows in groups:
+        of_group = columns[rows]
+        power, turn = np.linalg.eigh(normal - of_group.T @ of_group)
+        seen = turn.T @ (right - of_group.T @ off[rows])
+        fitted = seen / (np.maximum(power, 0.0) + 1 / _STRENGTHS[:, None])
+        squares += ((off[rows] - fitted @ (of_group @ turn).T) ** 2).sum(axis=1)
+    return max(1 - float(squares.min() / (off @ off)), 0.0)

@@ -1,0 +1,432 @@
+"""The verdicts: standing against limits, the condition of the arm, its accuracy, and which effects stand."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.evidence.link_swing import FoundVibration
+from analysis.diagnosis.evidence.setups import FittedRuns
+from analysis.diagnosis.fit.background import best_free_form, free_forms_of
+from analysis.diagnosis.fit.candidates import order_of
+from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, Worth, plain_worth, worth
+from analysis.diagnosis.fit.search import SearchResult
+from analysis.diagnosis.fit.selection_state import DRIVEN_WAVES, FAULT, series_among
+from analysis.diagnosis.judge.acts import Doubt, JudgedOn
+from analysis.diagnosis.judge.budget import EffectChange, sizes_by_setup
+from analysis.diagnosis.judge.residuals import bands_above_noise
+from analysis.diagnosis.judge.result import (
+    CERTAIN_ODDS,
+    CERTAIN_SIGMA,
+    ODDS,
+    Accuracy,
+    Condition,
+    Diagnosis,
+    Gap,
+    Named,
+    Remainder,
+    Rival,
+)
+from analysis.procedures.pooled import FigureColumn, figure_columns
+from analysis.procedures.pose.evaluate import SAME_RAD, groups
+from analysis.procedures.results import Result, borrowers, by_test, evaluated_again, result_of
+from analysis.procedures.shared.quantity import Quantity
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.loading import Measured
+from analysis.runs.table_format import kind_named
+from rigs.calibration import Judged
+from rigs.errors import RigError
+from rigs.rig import Rig
+from rigs.schema.effect import is_wave, label_of, name_of, size_field, size_of
+from rigs.schema.limits import Limit, Limits, Standing
+from rigs.schema.vocabulary import TestName
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The standing of runs against limits: every figure that has one, judged with its uncertainty, and the worst of them.
+#
+# A diagnosis and the page of a report judge by this and nothing else, so that they cannot differ.
+
+_WORST: tuple[Standing, ...] = ("fail", "watch", "pass")
+
+
+@dataclass(frozen=True)
+class JudgedFigure:
+    """A figure of a column of a test against its limit. `straddled` states whether its uncertainty reaches over a bound
+    of the limit, and `of_data_sheet` whether the limit is that of the data sheet."""
+
+    test: TestName
+    column: FigureColumn
+    name: str
+    figure: Quantity
+    limit: Limit
+    of_data_sheet: bool
+
+    @property
+    def standing(self) -> Standing:
+        """Where the figure stands."""
+        return self.limit.standing(self.figure.value, self.figure.u)
+
+    @property
+    def straddled(self) -> bool:
+        """Whether another measurement may decide otherwise."""
+        return self.limit.straddled(self.figure.value, self.figure.u)
+
+    @property
+    def excess(self) -> float:
+        """Size of the figure in units of its last bound, by which the worst comes first."""
+        bound = self.limit.fail if self.limit.fail is not None else self.limit.watch
+        return abs(self.figure.value) / (bound or 1.0)
+
+
+def judged_figures(results: Sequence[Result], limits: Limits) -> tuple[JudgedFigure, ...]:
+    """Return every figure of results that has a limit, the worst first."""
+    judged = []
+    for group in by_test(results):
+        test = group[0].measured.run.manifest.test
+        for column in figure_columns(group):
+            for name, figure in column.figures.items():
+                if (limit := limits.of(test, name)) is not None:
+                    sheet = limits.from_data_sheet(test, name)
+                    judged.append(JudgedFigure(test, column, name, figure, limit, sheet))
+    return tuple(sorted(judged, key=lambda figure: (_WORST.index(figure.standing), -figure.excess)))
+
+
+def standing_of(rig: Rig, runs: Sequence[Measured]) -> tuple[Standing | None, Literal["rig_file", "data_sheet"] | None]:
+    """Return the worst standing of the figures of runs that have a limit, and where that comes from; None and None
+    where none of them has one. Runs that cannot be evaluated have no figures, and limits are of the arm as it drives,
+    not of what a calibrated model leaves of it."""
+    results = []
+    for run in runs:
+        if rig.limits.judge(run.run.manifest.test):
+            try:
+                results.append(result_of(run))
+            except RigError:
+                continue
+    for borrower in borrowers(results):  # a single lap has the noise of another run of its test
+        place, result = evaluated_again(borrower)
+        results[place] = result
+    judged = judged_figures(results, rig.limits)
+    if not judged:
+        return None, None
+    return judged[0].standing, "data_sheet" if judged[0].of_data_sheet else "rig_file"
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The verdicts: which fitted effects the diagnosis stands by and why not by others, what remains, the condition of the
+# arm and its accuracy.
+
+_CRUMBS = 0.05
+"""Share of the gap's energy up to which a remainder is crumbs: false verdicts of generated cells had 0.03 to 0.5 %, and
+a UR10 that the calibrated model predicts within a tenth of its error 1 to 5 %."""
+_SURE_ODDS = 0.999
+"""Odds from which a name stands that alone makes the gap no smaller. A gear of 97 % stood for a twist of 96 %."""
+_SAME_SIGMA = 0.5
+"""Change of the readings in standard deviations of the noise up to which an effect and its rival are twins. Chosen: at
+one, both would be confused in a third of all repeats."""
+_NEGLIGIBLE = 1e-4
+"""Odds of rivals that are not listed."""
+_NO_WORSE = 0.97
+"""Ratio below which a gap is smaller than another: 3 % of an rms is more than a set-up fitted again gains by chance."""
+_FAR, _WORSE, _LEAST_GAIN = 1.5, 1.1, 0.3
+"""At another place: times the noise floor from which a gap is one, the factor by which the calibrated model must be
+worse than the names alone, and the least share of the energy that a right model gains. Source: a rule that was tried on
+the answers of generated cells, foreign ones found 4 of 5, false ones 5 to 2."""
+_MOST_RUNS = 20
+"""Largest number of runs that is advised; what needs more is not found in this way."""
+_ENOUGH = 3
+"""Smallest number of readings per set-up term with which anything can be tested. Chosen: with fewer the set-up absorbs
+a third of the readings."""
+_HEALTHY = 0.05
+"""Odds that a healthy arm shows the same, above which an effect is not reported as a fault: one case in twenty."""
+_LIKELY = 0.2
+"""Odds among rivals below which a name does not stand: three names with the same response have a third each, so each
+of them stays above it."""
+_SIGMA = 2.0
+"""Uncertainties of what it does up to which a name does not stand. With gauges that were exchanged in all runs a length
+of -23 ± 23 mm had odds above 99.9 %."""
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """The gap on the runs used, on held-out runs and at an unseen place."""
+
+    train: Gap
+    held_out: Gap | None
+    unseen: Gap | None
+
+    @property
+    def judged(self) -> Gap:
+        """The gap by which a model is judged: where it had no part, if there are such runs."""
+        return self.unseen or self.held_out or self.train
+
+    @property
+    def names_do_better(self) -> bool:
+        """Whether the names alone leave less than the whole model where it had no part, by more than the noise of a
+        gap."""
+        return self.judged is not self.train and self.judged.after_um < _NO_WORSE * self.judged.calibrated_um
+
+    @property
+    def gains_elsewhere(self) -> bool:
+        """Whether the calibrated model was shown to remove much of the gap where it had no part in it."""
+        judged = self.judged
+        if judged is self.train or judged.before_um <= _FAR * judged.noise_floor_um:
+            return False
+        return (judged.calibrated_um / judged.before_um) ** 2 < 1 - _LEAST_GAIN
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether another place contradicts the model: with everything that was found it is no better there than with
+        the names alone, or hardly better than without them, where the runs used were explained."""
+        unseen = self.unseen
+        if unseen is None or unseen.before_um <= _FAR * unseen.noise_floor_um:
+            return False
+        floor = unseen.noise_floor_um**2
+        gained = 1 - max(unseen.calibrated_um**2 - floor, 0.0) / max(unseen.before_um**2 - floor, 1e-12)
+        explained = 1 - (self.train.calibrated_um / max(self.train.before_um, 1e-12)) ** 2
+        least_um = max(_WORSE * unseen.after_um, _FAR * unseen.noise_floor_um)
+        return unseen.calibrated_um > least_um or (gained < _LEAST_GAIN and explained > 1 - _LEAST_GAIN)
+
+
+def ambiguous_names(named: Sequence[Named]) -> list[Named]:
+    """Return the names that stand and whose rivals cannot be dismissed."""
+    return [name for name in named if name.stands and name.posterior < CERTAIN_ODDS]
+
+
+def named_effects(
+    result: SearchResult, fitted: FittedRuns, gains: Sequence[float | None], changes: Sequence[EffectChange]
+) -> list[Named]:
+    """Return the fitted effects of a search result, each with what it does to the readings (N,) and why the diagnosis
+    does not stand by it, if it does not. `gains` has the gain of each on held-out runs."""
+    effects = result.effects
+    named = [
+        _named(result, k, gain, change, fitted.residual_um([*effects[:k], *effects[k + 1 :]]))
+        for k, (gain, change) in enumerate(zip(gains, changes, strict=True))
+    ]
+    series = series_among(effects)
+    return [replace(name, doubt="series") if name_of(name.effect) in series else name for name in named]
+
+
+def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
+    """Return names, none of which stands where the calibrated model explains the runs used no better than without
+    them: they are something that is no effect, such as exchanged gauges. Where the names alone explain no more than
+    nothing, only those stand that are all but certain: others cancel each other, or what is usual."""
+    if train.calibrated_um >= train.before_um:
+        return [replace(name, doubt="no_better") if name.stands else name for name in named]
+    if train.after_um < train.before_um:
+        return list(named)
+    return [replace(name, doubt="unsure") if name.stands and name.posterior < _SURE_ODDS else name for name in named]
+
+
+def _named(result: SearchResult, k: int, gain: float | None, change: EffectChange, gap_without_um: float) -> Named:
+    """Return one effect with what it does, and why the diagnosis does not stand by it, if it does not."""
+    effect, own_odds = result.effects[k], result.rival_odds[k]
+    axis = int(getattr(effect, "axis", 1))
+    # A wave of which the joint did not drive two is no gear, and its cause was not shown.
+    turned = max(float(np.ptp(block.table.q[:, axis - 1])) for block in result.linear.blocks) / (2 * np.pi)
+    shown = not is_wave(effect) or effect.STAGE != "joint" or order_of(effect) * turned >= DRIVEN_WAVES
+    model = f"use the calibrated model, which holds the angle error of axis {axis} over its angle"
+    sizes = sizes_by_setup(result, k, result.scatter_limits_um)
+    ratio = sizes.birge_ratio()
+    sd = {field: ratio * sigma for field, sigma in result.fit.sd(k).items()}
+    size = size_field(effect)
+    sd[size] = float(np.hypot(sd.get(size, 0.0), change.apart * getattr(effect, size)))
+    twins: list[Rival] = []  # what changes the readings in the same way
+    rivals: list[Rival] = []
+    for tried, likely in own_odds.rivals:
+        if likely > _NEGLIGIBLE:
+            rival = Rival(tried.effects[-1], tried.refined.sd(len(tried.effects) - 1), likely)
+            apart = result.linear.without_set_up(tried.refined.residual - result.fit.residual)
+            (twins if np.linalg.norm(apart) < _SAME_SIGMA else rivals).append(rival)
+    odds = own_odds.odds + sum(twin.posterior for twin in twins)
+    doubt = _doubt(result, k, change, odds, gain)
+    # Effects that depend on more than the posture may differ from run to run, or from day to day.
+    by_posture = effect.compensation().use != "none"
+    named = Named(
+        effect, sd, odds, tuple(rivals), gap_without_um, effect.remedy() if shown else model, change.um, gain, doubt,
+        sizes.shares() if doubt is None and by_posture else (), change.u_um, change.times_usual,
+        twins=tuple(twin.effect for twin in twins), shown=shown,
+    )  # fmt: skip
+    return replace(named, doubt="contradicted") if named.contradicted else named
+
+
+def _doubt(result: SearchResult, k: int, change: EffectChange, odds: float, gain: float | None) -> Doubt | None:
+    """Return why the diagnosis does not stand by an effect, whatever its set-ups show, or None if it does.
+
+    What is certain and larger than arms of its build show is never too small to say.
+    """
+    state, healthy_odds = result.state, result.rival_odds[k].healthy_odds
+    effect = state.effects[k]
+    reasons: tuple[tuple[bool, Doubt], ...] = (
+        (abs(size_of(effect)) <= FAULT * effect.usual_times(result.built), "usual"),
+        (effect.NEEDS_REPEATS and not shows_time(result.linear.blocks), "one_lap"),
+        (gain is not None and gain <= 0, "held_out"),
+        (healthy_odds >= _HEALTHY, "healthy_shows_it"),
+        (odds <= _LIKELY, "rival"),
+        (change.um <= _SIGMA * change.u_um, "unsure"),
+    )
+    return next((doubt for holds, doubt in reasons if holds), None)
+
+
+def shows_time(blocks: Sequence[Block]) -> bool:
+    """Return whether runs show what changes with time: repeats of a run, laps of a circle, visits of a target."""
+    laps = any(block.sampling is not None and len(block.sampling.trend) > 0 for block in blocks)
+    return laps or any(block.count > 1 or (block.sampling is None and block.measured) for block in blocks)
+
+
+def named_vibration(swing: FoundVibration, limits: Array, gap_um: float) -> list[Named]:
+    """Return a vibration of the link as a name, if its worth exceeds a limit (b,) µm and the odds of any vibration are
+    at least 20 to 1. Its phase is new in each run, so that no model removes it from the readings."""
+    if swing.gain < np.log(ODDS):
+        return []
+    moves = Worth(np.full(len(limits), 1e3 * swing.amplitude_mm / np.sqrt(2)))
+    if not moves.is_material(limits):
+        return []
+    odds = 1 / (1 + float(np.exp(-min(swing.gain, 50.0))))
+    return [Named(swing.effect, swing.sd, odds, (), gap_um, swing.effect.remedy(), moves.whole_um, None)]
+
+
+def doubts_of_phases(vibrations: Sequence[Named], left: FoundVibration) -> tuple[str, ...]:
+    """Return a doubt about each vibration that was fitted with one phase and frequency in all runs, where what is
+    `left` of the runs once it is taken off swings by more than the fit is unsure of."""
+    size = size_field(left.effect)
+    return tuple(
+        f"once the fitted vibration is taken off, the runs still show a {left.effect.plain('')} of "
+        f"{left.amplitude_mm:.4f} ± {left.sd[size]:.4f} mm: a fit with one phase and one frequency for all runs does "
+        "not see what differs from run to run"
+        for name in vibrations
+        if left.gain >= np.log(ODDS) and left.amplitude_mm > CERTAIN_SIGMA * name.sd[size]
+    )
+
+
+def remainder_of(result: SearchResult, named: Sequence[Named], limits: Array, train: Gap) -> tuple[Remainder, bool]:
+    """Return what remains beyond the noise, at most the gap of the runs used, and whether it exceeds the limits (b,)
+    µm. What an effect explains that a set-up contradicts remains too, and what the calibrated model leaves of the runs
+    beyond the noise: an error that goes with nothing that repeats looks like scatter beside the mean of the runs.
+    """
+    imitating = [name for name in named if name.contradicted]
+    effects = result.effects
+    imitated = sum(
+        (result.contributions[effects.index(name.effect)] for name in imitating), np.zeros_like(result.linear.y)
+    )
+    linear, posterior = result.linear, result.posterior
+    beyond = result.beyond_noise * posterior.residual + result.free_share
+    remainder = plain_worth(linear, beyond + linear.without_set_up(imitated))
+    gap_um = worth(linear, result.initial_residual).whole_um
+    share = min(1.0, (remainder.whole_um / gap_um) ** 2) if gap_um else 0.0
+    healthy = worth(linear, posterior.healthy_share)
+    is_material = remainder.is_material(np.maximum(limits, LEAST_MATERIAL_UM))
+    um, single_um = min(remainder.whole_um, train.before_um), 0.0
+    if train.calibrated_um > _FAR * train.noise_floor_um:  # the scatter between runs is known roughly
+        single_um = float(np.sqrt(min(train.calibrated_um, train.before_um) ** 2 - train.noise_floor_um**2))
+    if single_um > max(um, LEAST_MATERIAL_UM):
+        um, share, is_material = single_um, (single_um / train.before_um) ** 2, True
+    words = (
+        _in_words(result, imitating) if is_material else "no more than the noise, the scatter and a healthy arm explain"
+    )
+    return Remainder(um, share, words, healthy.whole_um), is_material
+
+
+def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
+    first = bands_above_noise(result.linear.blocks, result.posterior.residual)[:1]
+    where = [f"{band.test}{f' {band.direction}' * bool(band.direction)}, {band.part}: {band.words}" for band in first]
+    forms = [*result.state.free_forms, best_free_form(tuple(free_forms_of(result.linear)), result.posterior)]
+    seen = [f"it looks like {form.words}" for form in forms if form.gain > 0]
+    alike = []
+    for named in imitating:
+        if not named.is_term:
+            shown = " and ".join(f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in named.shares)
+            alike.append(f"{label_of(named.effect)} resembles it, but the readings show {shown}")
+    series = Counter(name_of(named.effect) for named in imitating if named.is_term)
+    alike += [f"{count} waves of {name} together resemble it, as they do any error" for name, count in series.items()]
+    return "; ".join([*where, seen[0] if seen else "it has no simple form", *alike])
+
+
+def condition_of(
+    result: SearchResult, named: Sequence[Named], remainder: Remainder, gaps: Gaps, *, is_material: bool, early: bool
+) -> Condition:
+    """Return the condition of the arm. `is_material` states whether what remains exceeds the scatter of one run, and
+    `early` whether poses were read before the joints came to rest."""
+    if not _is_testable(result, early=early):
+        return "not_testable_here"
+    outside = gaps.is_foreign
+    if is_material:  # more than crumbs of an arm's error, to which what an earlier calibration explains belongs
+        calibrated = result.linear.blocks[0].model.rig.calibrated
+        whole_um = max(gaps.train.before_um, calibrated.before_um if calibrated else 0.0, 1e-12)
+        outside |= remainder.share * (gaps.train.before_um / whole_um) ** 2 > _CRUMBS
+    if outside:
+        return "outside_library"
+    if any(name.stands for name in named):
+        open_ones = ambiguous_names(named)
+        sure = [name for name in named if name.stands and name not in open_ones]
+        # The condition is that of most of what stands: a small name with a rival labels no others.
+        sure_um2, open_um2 = (sum(name.worth_um**2 for name in names) for names in (sure, open_ones))
+        return "named" if sure_um2 > open_um2 else "ambiguous"
+    if is_undecided(named):
+        return "undecided"
+    return "uncalibrated" if gaps.gains_elsewhere else "nothing_unusual"
+
+
+def _is_testable(result: SearchResult, *, early: bool) -> bool:
+    """Return whether the runs can show effects at all: they have readings enough, and joints that had come to rest. A
+    posture of poses counts three, also where it was visited again: the cube of ISO 9283 has 450 numbers, of which 15
+    differ."""
+    readings = sum(
+        3 * int(groups(block.table.q, SAME_RAD).max() + 1) if block.table.kind.of_places else len(block.y_mm)
+        for block in result.linear.blocks
+    )
+    if readings < _ENOUGH * result.linear.U.shape[1] or not result.columns.forms:
+        return False
+    poses_alone = all(block.table.kind.of_places for block in result.linear.blocks)
+    shows = worth(result.linear, result.initial_residual).is_material(result.scatter_limits_um)
+    return not (early and poses_alone and shows)
+
+
+def is_undecided(named: Sequence[Named]) -> bool:
+    """Return whether more runs may find a fault: one of its size is not certain yet."""
+    return any(name.doubt in ("one_lap", "healthy_shows_it", "rival", "unsure") for name in named)
+
+
+def runs_to_decide(result: SearchResult, named: Sequence[Named]) -> int:
+    """Return how many runs of each kind would decide an undecided condition: at least two, which show the noise, and so
+    many that the change of the most doubtful effect is certain."""
+    most = max((block.count for block in result.linear.blocks), default=1)
+    sigmas = [name.worth_um / name.u_um for name in named if not name.stands and name.u_um > 0 and name.worth_um > 0]
+    factor = max((CERTAIN_SIGMA / min(max(sigmas), CERTAIN_SIGMA)) ** 2, 1.0) if sigmas else 1.0
+    return int(min(max(2, most + 1, np.ceil(most * factor)), _MOST_RUNS))
+
+
+def judged_of(diagnosis: Diagnosis, whole: Gaps, gaps: Gaps, unexplained_mm: float | None) -> Judged:
+    """Return what a diagnosis says of its model, for the file that is handed over: of the whole one, and of what is
+    handed over; unexplained_mm of a coordinate, or what is left where it was judged if no places say it."""
+    judged = gaps.judged
+    excess_um2 = max(judged.calibrated_um**2 - judged.noise_floor_um**2, 0.0)
+    if unexplained_mm is None or any(not kind_named(tested.test).of_places for tested in judged.tests):
+        unexplained_mm = 1e-3 * float(np.sqrt(excess_um2))
+    return Judged(
+        condition=diagnosis.condition, place=diagnosis.accuracy.place,
+        before_um=judged.before_um, names_um=judged.after_um,
+        whole_um=whole.judged.calibrated_um, handed_um=judged.calibrated_um, noise_um=judged.noise_floor_um,
+        unexplained_um=1e3 * unexplained_mm,
+    )  # fmt: skip
+
+
+def standing_within(tolerance_um: float, used: FittedRuns) -> tuple[Standing, Literal["tolerance"]]:
+    """Return how the arm as it drives, without the model of its rig file, stands against a tolerance of the residuals
+    (m, k), rms."""
+    bare = [replace(run, model=replace(run.model, effects=())) for run in used.runs]
+    return "pass" if FittedRuns(bare).residual_um(()) <= tolerance_um else "fail", "tolerance"
+
+
+def accuracy_of(
+    gaps: Gaps, standing: Standing | None, limit: Literal["tolerance", "rig_file", "data_sheet"] | None
+) -> Accuracy:
+    """Return the error now and after the calibration, where it had no part if runs of such a place were given."""
+    place: JudgedOn = "unseen" if gaps.unseen else "held_out" if gaps.held_out else "used"
+    judged = gaps.unseen or gaps.held_out or gaps.train
+    largest = max((tested.before_largest_um for tested in gaps.train.tests), default=gaps.train.before_um)
+    return Accuracy(standing, limit, gaps.train.before_um, largest, judged.calibrated_um, judged.before_um, place)

@@ -1,0 +1,508 @@
+"""The plan: which effects tests can detect and distinguish before anything is measured, and what helps further."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby, permutations
+from operator import attrgetter, itemgetter
+from typing import Any
+
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import Block, SharedBlock
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Candidate
+from analysis.diagnosis.fit.responses import beside
+from analysis.diagnosis.plan.expected import (
+    DETECTABLE,
+    SEPARABLE,
+    ExpectedPosterior,
+    expected_posterior,
+    is_detectable,
+    is_separable,
+    planned_blocks,
+    without_bands,
+)
+from analysis.robot.kinematics.arm import Array, transform
+from analysis.robot.model.predict import SetUp
+from analysis.runs.table_format import kinds
+from rigs.effects import Effect, turned
+from rigs.errors import FileError, UseError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle, SocketDistance
+from rigs.schema.effect import healthy, healthy_size, label_of, name_of, phases, scaled
+from rigs.schema.vocabulary import CIRCLES, TestName
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Further tests: those that could be run in addition, namely the other tests of the rig file and circles with another
+# set-up.
+
+_RADII_MM = (140.0, 50.0)
+"""Radii of further circles. Chosen: twice the 70 mm of the paper's circle, and a smaller one that most arms can drive.
+"""
+_NEAR = 0.2
+"""Difference of the logarithms of two radii below which they count as one. Chosen."""
+_ASIDE_MM = 100.0
+"""Displacement of the centre of a further circle. Chosen: enough to change the posture by several degrees on an arm of
+one metre."""
+FASTER = 4
+"""Factor on the speed of a further circle. Chosen: time effects grow by the same factor."""
+OFF_AXIS_MM = 40.0
+"""Offset of the ball from axis 6 in a further circle. Chosen: a bracket of that length is easily made."""
+
+
+_APART_MM = 100.0
+"""Distance of two sockets that is measured in a further test. Chosen: what a caliper measures."""
+
+
+@dataclass(frozen=True)
+class FurtherTest:
+    """A further test. `choices` lists rigs that are set up for it, each with a description; the first one that the arm
+    can drive is used."""
+
+    tests: tuple[TestName, ...]
+    why: str
+    choices: tuple[tuple[str, Rig], ...]
+
+
+def further_tests(rig: Rig, tests: Sequence[TestName]) -> list[FurtherTest]:
+    """Return the tests that are not among `tests`, including set-ups that the rig file does not contain."""
+    missing: tuple[TestName, ...] = tuple(test for test in CIRCLES if test not in tests)
+    further = []
+    if missing and rig.tests.circle:
+        words = f"{' and '.join(missing)} on the circle"
+        further.append(FurtherTest(missing, "the tool's other tilt", ((words, rig),)))
+    for kind in kinds():
+        if kind.further and getattr(rig.tests, kind.part, None) and kind.test not in tests:
+            words, why = kind.further
+            further.append(FurtherTest((kind.test,), why, ((words, rig),)))
+    if "touch" in tests and (touch := rig.tests.touch) and len(touch.sockets) > 1 and not touch.distances:
+        between = touch.sockets[:2]
+        apart = touch.model_copy(update={"distances": (SocketDistance(between=between, distance_mm=_APART_MM),)})
+        measured = rig.model_copy(update={"tests": rig.tests.model_copy(update={"touch": apart})})
+        words = f"touch, with tests.touch.distances of {' and '.join(between)} measured"
+        further.append(FurtherTest(("touch",), "touches alone do not show how large the arm is", ((words, measured),)))
+    # Of tests that add equally much the first is reported, so tests of the rig file precede new set-ups.
+    return further + (_other_circles(rig, rig.tests.circle, tests) if rig.tests.circle else [])
+
+
+def _other_circles(rig: Rig, circle: Circle, tests: Sequence[TestName]) -> list[FurtherTest]:
+    circles: tuple[TestName, ...] = tuple(test for test in CIRCLES if test in tests) or CIRCLES
+    nearby = places(rig, circle)
+    further = []
+    for radius in other_radii(circle):
+        words = f"circle of radius {radius:g} mm"
+        choices = [(words, with_circle(rig, circle, radius_mm=radius))]
+        choices += [(f"{words}, {w}", with_circle(rig, circle, radius_mm=radius, centre_mm=at)) for w, at in nearby]
+        further.append(
+            FurtherTest(
+                circles, "the effect of an angle grows with the radius, that of a length does not", tuple(choices)
+            )
+        )
+    elsewhere = tuple((f"circle {words}", with_circle(rig, circle, centre_mm=at)) for words, at in nearby)
+    further.append(FurtherTest(circles, "another posture changes the effect of each joint and link", elsewhere))
+    speed = FASTER * circle.speed_mm_s
+    faster = ((f"circle at {speed:g} mm/s", with_circle(rig, circle, speed_mm_s=speed)),)
+    further.append(
+        FurtherTest(circles, "the effect of a delay grows with the speed, that of a play or a length does not", faster)
+    )
+    off_axis = ball_off_axis(rig)
+    if off_axis:
+        words = f"circle with the ball {OFF_AXIS_MM:g} mm off axis 6"
+        further.append(FurtherTest(circles, "the ball moves when axis 6 turns", ((words, off_axis),)))
+    return further
+
+
+def other_radii(circle: Circle) -> tuple[float, ...]:
+    """Return the radii in mm of further circles that differ from a circle's."""
+    return tuple(radius for radius in _RADII_MM if abs(np.log(radius / circle.radius_mm)) > _NEAR)
+
+
+def ball_off_axis(rig: Rig) -> Rig | None:
+    """Return a rig with the ball OFF_AXIS_MM beside axis 6, or None where it is beside it already."""
+    x, y, z = rig.robot.tool.xyz_mm
+    if np.hypot(x, y) >= OFF_AXIS_MM / 2:
+        return None
+    tool = rig.robot.tool.model_copy(update={"xyz_mm": (x + OFF_AXIS_MM, y, z)})
+    return rig.model_copy(update={"robot": rig.robot.model_copy(update={"tool": tool})})
+
+
+def with_circle(rig: Rig, circle: Circle, **changed: Any) -> Rig:
+    """Return a rig with its circle changed."""
+    tests = rig.tests.model_copy(update={"circle": circle.model_copy(update=changed)})
+    return rig.model_copy(update={"tests": tests})
+
+
+def places(rig: Rig, circle: Circle) -> list[tuple[str, tuple[float, ...]]]:
+    """Return centres displaced from the circle's, each with a description: towards axis 1 and away from it, along it
+    down and up."""
+    T, centre = transform(rig.robot.base), np.array(circle.centre_mm)
+    up, out = T[:3, 2], centre - T[:3, 3]
+    out = out - (out @ up) * up
+    out /= max(float(np.linalg.norm(out)), 1e-9)
+    ways = {"nearer to axis 1": -out, "lower": -up, "further from axis 1": out, "higher": up}
+    return [(f"{_ASIDE_MM:g} mm {words}", tuple((centre + _ASIDE_MM * way).tolist())) for words, way in ways.items()]
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Further tests that separate names which the existing tests cannot distinguish; each is tried with the set-ups that
+# the arm can drive.
+
+_ELSEWHERE = " further"
+"""Suffix of the set-ups of a further test, which differ from those of the existing runs."""
+
+
+@dataclass(frozen=True)
+class SeparatingTest:
+    """A further test, the sigmas by which it separates the two closest of some rivals together with the existing tests,
+    and the reason."""
+
+    test: str
+    sigma: float
+    why: str
+
+
+@dataclass(frozen=True)
+class PossibleTest:
+    """A further test, the reason why it may help, the expected posterior of it together with the existing runs, and
+    what it takes: minutes of driving, programs, and set-ups of ball and gauges."""
+
+    test: str
+    why: str
+    expected: ExpectedPosterior
+    minutes: float
+    programs: int
+    set_ups: int
+
+
+FurtherTests = Callable[[], tuple[list[PossibleTest], list[tuple[str, str]]]]
+"""Makes the further tests that an arm can drive, and those that it cannot drive with the reason: simulated when they
+are asked for."""
+
+
+def sigma_between(effect: Effect, rival: Effect) -> Callable[[PossibleTest], float]:
+    """Return the sigmas by which a possible test separates two effects at their sizes, whichever of them is there."""
+
+    def sigma(test: PossibleTest) -> float:
+        return min(test.expected.separation_sigma([a], phases(b)) for a, b in permutations((effect, rival)))
+
+    return sigma
+
+
+def shortest(
+    possible: Sequence[PossibleTest], sigma: Callable[[PossibleTest], float], enough: Callable[[float], bool]
+) -> tuple[PossibleTest, float] | None:
+    """Return the possible test of the fewest minutes whose sigmas are enough, with these; None where none has enough.
+    A test is simulated whole for its sigmas, some seconds for a circle, so longer ones than it are not simulated."""
+    by_minutes = attrgetter("minutes")
+    for _, group in groupby(sorted(possible, key=by_minutes), key=by_minutes):
+        best, sigmas = max(((test, sigma(test)) for test in group), key=itemgetter(1))
+        if enough(sigmas):
+            return best, sigmas
+    return None
+
+
+def possible_tests(
+    rig: Rig,
+    tests: Sequence[TestName],
+    blocks: Sequence[Block],
+    setups: Mapping[str, SetUp],
+    level: float = 1.0,
+    runs: int = 3,
+) -> tuple[list[PossibleTest], list[tuple[str, str]]]:
+    """Return each further test that the arm can drive, beside the existing blocks, and those that it cannot drive, with
+    the reason."""
+    possible, impossible = [], []
+    shared = [SharedBlock(block, (), setups[block.setup]) for block in without_bands(blocks)]
+    for further in further_tests(rig, tests):
+        refused = ""
+        for words, moved in further.choices:
+            try:
+                added, places = planned_blocks(moved, further.tests, runs, _ELSEWHERE)
+            except FileError as error:
+                refused = refused or error.what
+                continue
+            expected = ExpectedPosterior(beside(shared, without_bands(added), places), level)
+            set_ups = len({block.setup for block in added})
+            minutes = sum(block.count * float(np.ptp(block.path.t_s)) for block in added) / 60
+            possible.append(PossibleTest(words, further.why, expected, minutes, len(added), set_ups))
+            break
+        else:
+            impossible.append((further.choices[0][0], refused))
+    return possible, impossible
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The detectability of one name in planned runs: the expected uncertainty of its size, or the reason why it cannot be
+# detected.
+
+_ON_AXIS = 0.02
+"""Share of the largest response of a joint's zero below which the axis is reported to pass through the ball. Chosen: a
+ball within 2 % of the reach."""
+_NUDGE_DEG = 0.02
+"""Angle by which joints are turned to compare their responses; only the ratios matter."""
+_OWN_SHARE = 0.02
+"""Share of an effect's response that no set-up can absorb, below which the set-up is reported as the reason. Smaller
+shares are within the linearisation error of curved responses."""
+_NOTHING = 1e-3
+"""Sigmas below which a response counts as zero: far below any detection, and above rounding errors."""
+
+
+@dataclass(frozen=True)
+class Detectability:
+    """The detectability of one name. `effect` has a healthy size; `sd` is the standard uncertainty of a fault's size in
+    the effect's own unit; `hidden` is the reason why it cannot be detected, or empty; `further` lists tests by the
+    sigmas of a healthy size."""
+
+    name: str
+    effect: Effect
+    sd: float
+    hidden: str
+    further: tuple[SeparatingTest, ...] = ()
+
+    @property
+    def limit(self) -> float:
+        """The size that is detected at 7 sigma, in the effect's own unit."""
+        return DETECTABLE * self.sd
+
+
+def detectabilities_of(expected: ExpectedPosterior) -> tuple[list[Candidate], list[Detectability]]:
+    """Return the candidates that represent each name, a gear by its orders and in the middle one of its forms, and
+    their detectabilities."""
+    forms: dict[str, list[Candidate]] = {}
+    for candidate in expected.candidates:
+        forms.setdefault(label_of(candidate.effect), []).append(candidate)
+    linear, chosen, detectabilities = expected.linear, [], []
+    nudges = [turned(axis, _NUDGE_DEG) for axis in range(1, linear.axes + 1)]
+    # The sigmas of each joint's zero, were the set-up known.
+    zeros: Array = np.linalg.norm(linear.columns(nudges), axis=0)
+    for label, candidates in forms.items():
+        candidate = sorted(candidates, key=lambda form: form.size)[len(candidates) // 2]
+        effect, sd, hidden = healthy(candidate.effect), expected.sd(candidate), ""
+        if not is_detectable(sd):
+            column, axis = linear.columns([effect])[:, 0], getattr(effect, "axis", None)
+            whole, remaining = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
+            if whole > _NOTHING and remaining < _OWN_SHARE * whole:
+                terms = sorted({block.table.kind.setup_words for block in linear.blocks})
+                hidden = f"the set-up absorbs it: {'; '.join(terms)}, which are always fitted"
+            elif axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
+                hidden = f"the ball lies on axis {axis}"
+            elif LARGEST_FAULT * whole < _NOTHING:
+                hidden = effect.idle
+            elif LARGEST_FAULT * remaining < DETECTABLE:
+                hidden = f"too small: even {LARGEST_FAULT:g} times its healthy size stays below {DETECTABLE:g} sigma"
+            else:
+                hidden = "the other effects of a healthy arm hide it"
+        chosen.append(candidate)
+        detectabilities.append(Detectability(label, effect, sd * healthy_size(effect), hidden))
+    return chosen, detectabilities
+
+
+@dataclass(frozen=True)
+class Detected:
+    """The detectability of each name, gears by order."""
+
+    detectabilities: tuple[Detectability, ...]
+
+    @property
+    def names(self) -> dict[str, tuple[Detectability, ...]]:
+        """Each name with its detectabilities: one, or one for each order of a gear."""
+        named: dict[str, tuple[Detectability, ...]] = {}
+        for detectability in self.detectabilities:
+            name = name_of(detectability.effect)
+            named[name] = (*named.get(name, ()), detectability)
+        return named
+
+    @property
+    def undetectable(self) -> tuple[str, ...]:
+        """Names of which nothing is detected, at any order of a gear."""
+        return tuple(name for name, forms in self.names.items() if all(form.hidden for form in forms))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The judgement of planned runs: from which size on each name is detected, and which names look alike.
+#
+# Two names look alike if one of them, at a detectable fault size, is so close to the other at some size that the odds
+# between them dismiss neither.
+
+
+@dataclass(frozen=True)
+class ClosePair:
+    """The closest forms of two names at a detectable fault size, given in healthy sizes, their separation in sigmas,
+    and the number of other forms of these names that are close too."""
+
+    candidates: tuple[Candidate, Candidate]
+    sizes: tuple[float, float]
+    sigma: float
+    others: int = 0
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """The two names."""
+        first, second = self.candidates
+        return first.name, second.name
+
+    @property
+    def first(self) -> tuple[Effect, ...]:
+        """The effects of the first name at its size."""
+        return _at_size(self.candidates[0], self.sizes[0])
+
+    @property
+    def second(self) -> tuple[Effect, ...]:
+        """The effects of the second name at its size."""
+        return _at_size(self.candidates[1], self.sizes[1])
+
+
+@dataclass(frozen=True)
+class Judgement(Detected):
+    """What runs can show: the detectability of each name, and the pairs that look alike, the closest first."""
+
+    pairs: tuple[ClosePair, ...]
+
+
+def judged(expected: ExpectedPosterior) -> Judgement:
+    """Return the judgement of an expected posterior."""
+    chosen, detectabilities = detectabilities_of(expected)
+    seen = [k for k, detectability in enumerate(detectabilities) if not detectability.hidden]
+    sizes = [max(expected.least, detectabilities[k].limit / healthy_size(detectabilities[k].effect)) for k in seen]
+    closest: dict[tuple[str, str], ClosePair] = {}
+    for i, j in expected.close_pairs([chosen[k] for k in seen], np.array(sizes)):
+        bare = ClosePair((chosen[seen[i]], chosen[seen[j]]), (sizes[i], sizes[j]), 0.0)
+        pair = replace(bare, sigma=separation_sigma(expected, bare))
+        if pair.sigma < SEPARABLE:
+            earlier = closest.get(pair.names)
+            nearer = pair if earlier is None or pair.sigma < earlier.sigma else earlier
+            closest[pair.names] = replace(nearer, others=earlier.others + 1 if earlier else 0)
+    return Judgement(tuple(detectabilities), tuple(sorted(closest.values(), key=lambda pair: pair.sigma)))
+
+
+def separation_sigma(expected: ExpectedPosterior, pair: ClosePair) -> float:
+    """Return the sigmas by which the two names of a pair are separated, whichever of them is present."""
+    first, second = pair.first, pair.second
+    return min(expected.separation_sigma(first, second), expected.separation_sigma(second, first))
+
+
+def _at_size(candidate: Candidate, size: float) -> tuple[Effect, ...]:
+    return tuple(scaled(healthy(effect), size) for effect in candidate.effects)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The plan: which effects a set of tests can detect and distinguish before anything is measured, and which further
+# test separates names that look alike.
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two names that look alike, for a gear with the order at which they are closest. `sigma` is the separation of one,
+    as a detectable fault, from the other at any size; `others` counts the other orders that look alike too."""
+
+    names: tuple[str, str]
+    sigma: float
+    others: int
+    further: tuple[SeparatingTest, ...]
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What a further test adds: the number of pairs that it separates, and the number of undetectable names that it
+    makes detectable."""
+
+    test: str
+    why: str
+    parts: int
+    shows: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(Detected):
+    """What a set of tests can and cannot distinguish. `gains` lists further tests, the one that adds most first;
+    `impossible` lists tests that this arm cannot drive, each with the reason. `level` is that of everything else that
+    may be wrong with the arm, 1 where it is as large as usual."""
+
+    tests: tuple[TestName, ...]
+    runs: int
+    groups: tuple[tuple[str, ...], ...]
+    pairs: tuple[Pair, ...]
+    gains: tuple[Gain, ...]
+    impossible: tuple[tuple[str, str], ...]
+    level: float = 1.0
+
+    @property
+    def hidden(self) -> tuple[Detectability, ...]:
+        """What these tests cannot detect, with a separate entry for each order of a gear."""
+        return tuple(detectability for detectability in self.detectabilities if detectability.hidden)
+
+
+def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0) -> Plan:
+    """Return what tests of a rig, each driven `runs` times in each direction, can and cannot distinguish.
+
+    The prediction uses the model of a diagnosis: the noise of real cells and the same healthy background, at a `level`
+    that a diagnosis of the arm has found (`Diagnosis.level`), or 1 before anything is measured. The ball is
+    off centre, by the rig file's eccentricity_mm where given. Raises FileError where the arm cannot drive a test.
+    """
+    blocks, setups = planned_blocks(rig, tests, runs)
+    judgement = judged(expected_posterior(blocks, setups, level))
+    possible, impossible = possible_tests(rig, tests, blocks, setups, level, runs=runs)
+    further, gains = _further_tests(possible, judgement)
+    # Groups of names that are connected by pairs.
+    groups: list[list[str]] = []
+    for pair in [pair.names for pair in judgement.pairs]:
+        joined = [group for group in groups if set(group) & set(pair)]
+        groups = [group for group in groups if group not in joined]
+        groups.append(list(dict.fromkeys([name for group in joined for name in group] + list(pair))))
+    return Plan(
+        detectabilities=tuple(
+            replace(detectability, further=further.get(name_of(detectability.effect), ()))
+            for detectability in judgement.detectabilities
+        ),
+        tests=tuple(tests),
+        runs=runs,
+        groups=tuple(tuple(group) for group in groups),
+        pairs=tuple(
+            Pair((label_of(pair.first[0]), label_of(pair.second[0])), pair.sigma, pair.others, further[pair.names])
+            for pair in judgement.pairs
+        ),
+        gains=gains,
+        impossible=tuple(impossible),
+        level=level,
+    )
+
+
+def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
+    """Return the tests of a comma-separated list, or, for None, those that the rig is set up for. Raises UseError for
+    an unknown name."""
+    if names is None:
+        circle: tuple[TestName, ...] = CIRCLES if rig.tests.circle else ()
+        if rig.tests.touch and not circle and not rig.tests.hemisphere:
+            return ("touch",)
+        at_targets = next(kind.test for kind in kinds() if kind.part == "hemisphere")
+        return (*circle, at_targets) if rig.tests.hemisphere else circle or CIRCLES
+    every: tuple[TestName, ...] = (*CIRCLES, *(kind.test for kind in kinds() if kind.further))
+    asked = [name.strip() for name in names.split(",")]
+    for name in asked:
+        if name not in every:
+            raise UseError("--tests", f"{name!r} is not a test", f"give one or more of {','.join(every)}")
+    return tuple(name for name in every if name in asked)
+
+
+def _further_tests(
+    possible: Sequence[PossibleTest], judgement: Judgement
+) -> tuple[dict[str | tuple[str, str], tuple[SeparatingTest, ...]], tuple[Gain, ...]]:
+    """Return the further tests for each pair of names and for each undetectable name, the best first, and what each
+    test gains, the most first."""
+    hidden, near = judgement.undetectable, judgement.pairs
+    asked: list[str | tuple[str, str]] = [*hidden, *(pair.names for pair in near)]
+    further: dict[str | tuple[str, str], list[SeparatingTest]] = {key: [] for key in asked}
+    gains = []
+    for test in possible:
+        sigma: dict[str | tuple[str, str], float] = {pair.names: separation_sigma(test.expected, pair) for pair in near}
+        parted = sum(map(is_separable, sigma.values()))
+        sds = {name: test.expected.sd_of_name(name) for name in hidden}
+        gains.append(Gain(test.test, test.why, parted, sum(map(is_detectable, sds.values()))))
+        sigma |= {name: 1 / sd for name, sd in sds.items()}
+        for key, value in sigma.items():
+            further[key].append(SeparatingTest(test.test, value, test.why))
+    return (
+        {key: tuple(sorted(tests, key=lambda test: -test.sigma)) for key, tests in further.items()},
+        tuple(sorted(gains, key=lambda gain: -(gain.parts + gain.shows))),
+    )

@@ -1,0 +1,334 @@
+"""Expectations of runs that have not been measured: planned runs, what they hold of forms, and the posterior."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import Block, blocks_of
+from analysis.diagnosis.evidence.noise import DRIFTING_SHARE
+from analysis.diagnosis.evidence.observation import by_socket, observe_run
+from analysis.diagnosis.evidence.setups import fit_setups
+from analysis.diagnosis.fit.background import Background, background_of
+from analysis.diagnosis.fit.candidates import (
+    LARGEST_FAULT,
+    Candidate,
+    Columns,
+    Form,
+    candidates_for,
+    column_shares_beside,
+    columns_for,
+    fault_sizes,
+    forms_of,
+    healthy_shares,
+    in_each_shape,
+    shares_beside,
+)
+from analysis.diagnosis.fit.refine import refine
+from analysis.diagnosis.fit.responses import Linearisation, linearise
+from analysis.diagnosis.judge.result import ODDS
+from analysis.procedures.simulate import simulate
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.model.predict import SetUp, model_of, nominal_setup
+from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
+from analysis.runs.tables import CircleTable
+from rigs.effects import Effect
+from rigs.rig import Rig
+from rigs.schema.effect import healthy, healthy_size, is_play, is_wave, one_sided, scaled, size_field, size_of
+from rigs.schema.vocabulary import CIRCLES, WITHOUT_GAUGES, TestName
+
+# ----------------------------------------------------------------------------------------------------------------------
+# What is known of each form of each name before anything is measured: the posterior covariance of the forms' sizes in
+# a healthy arm, from which the uncertainty of a name and the separation of two names follow.
+
+DETECTABLE = 7.0
+"""Size in sigmas at and above which an effect counts as detected. Chosen: 7 sigma are a log evidence of 24.5, well
+above the price of a choice among some hundred forms."""
+SEPARABLE = float(np.sqrt(2 * np.log(ODDS)))
+"""Separation in sigmas below which the odds between two names stay within ODDS, at which a diagnosis dismisses a rival:
+odds of o need a log evidence of ln o = sigma² / 2."""
+
+
+def is_separable(sigma: float) -> bool:
+    """Return whether two names separated by this many sigmas can be distinguished."""
+    return sigma >= SEPARABLE
+
+
+def is_detectable(sd: float) -> bool:
+    """Return whether the largest fault of a name is detected when its size is known to `sd` healthy sizes."""
+    return DETECTABLE * sd <= LARGEST_FAULT
+
+
+@dataclass(frozen=True)
+class FormPosterior:
+    """The posterior covariance A (p, p) of the coefficients of `forms` beside everything else, with their prior
+    variances (p,), all in healthy sizes."""
+
+    forms: tuple[Form, ...]
+    A: Array
+    variance: Array
+
+    @cached_property
+    def _number(self) -> dict[tuple[Effect, ...], int]:
+        """The index of each form by its effects."""
+        return {form.effects: k for k, form in enumerate(self.forms)}
+
+    def sd(self, candidate: Candidate) -> float:
+        """Return the standard uncertainty of a candidate's size, in healthy sizes, as if its shape were known, averaged
+        over the phases where one is free."""
+        k = self._number.get(candidate.effects)
+        if k is None:
+            return float("inf")
+        shares = shares_beside(self.forms, candidate.effect)
+        taken = [column for j in np.flatnonzero(shares < 1).tolist() for column in self.forms[j].columns]
+        columns = list(self.forms[k].columns)
+        # What the readings say of them beside everything except what is taken.
+        cavity = np.linalg.inv(self.A[np.ix_(taken, taken)]) - np.diag(1 / self.variance[taken])
+        places = [taken.index(column) for column in columns]
+        precision = np.linalg.eigvalsh(cavity[np.ix_(places, places)])
+        return float(np.sqrt(np.mean(1 / np.maximum(precision, 1e-12) + shares[k] * self.variance[columns])))
+
+    def sigmas_apart(self, chosen: Sequence[Candidate], sizes: Array, pairs: Integers) -> Array:
+        """Return the sigmas (m,) by which the candidates of pairs (m, 2), at sizes (n,) in healthy sizes, are apart
+        while all other forms of either name are present as well."""
+        p = len(self.A)
+        # A dummy column without information completes forms that have only one.
+        A, variance = np.eye(p + 2), np.append(self.variance, [1.0, 1.0])
+        A[:p, :p] = self.A
+        own_columns = [self.forms[self._number[candidate.effects]].columns for candidate in chosen]
+        first, second = pairs.T
+        columns = np.concatenate(
+            [[(*indices, dummy)[:2] for indices in own_columns] for dummy in (p, p + 1)], axis=1
+        ).reshape(len(chosen), 2, 2)
+        pair = np.concatenate([columns[first, 0], columns[second, 1]], axis=1)
+        precisions = np.linalg.inv(A[pair[:, :, None], pair[:, None, :]])
+        precisions[:, np.arange(4), np.arange(4)] -= 1 / variance[pair]
+        width = np.array([len(indices) for indices in own_columns])
+        this, that, across = precisions[:, :2, :2], precisions[:, 2:, 2:], precisions[:, :2, 2:]
+        values: Array = np.minimum(
+            sizes[first] * _sigmas_beside(this, across, that, width[first]),
+            sizes[second] * _sigmas_beside(that, across.transpose(0, 2, 1), this, width[second]),
+        )
+        return values
+
+
+def _sigmas_beside(precision: Array, across: Array, other_precision: Array, width: Array) -> Array:
+    """Return the sigmas (n,) of a coefficient, root mean square over its width (n,), that remain beside another
+    coefficient of any size, given the precisions (n, 2, 2)."""
+    free = other_precision + np.eye(2) / LARGEST_FAULT**2
+    remaining = precision - across @ np.linalg.solve(free, across.transpose(0, 2, 1))
+    return np.asarray(np.sqrt(np.maximum(np.trace(remaining, axis1=1, axis2=2) / width, 0.0)), dtype=float)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The information that runs hold about the forms of all names: one matrix for each set of runs, and they add up.
+
+
+def without_bands(blocks: Sequence[Block]) -> list[Block]:
+    """Return blocks with all entries in one band: without readings there is no residual, so no band of orders has its
+    own strength."""
+    return [replace(block, band=np.zeros_like(block.band)) for block in blocks]
+
+
+@dataclass(frozen=True)
+class FormInformation:
+    """The forms of `candidates`, p columns in all, and what runs say about them."""
+
+    candidates: tuple[Candidate, ...]
+
+    @cached_property
+    def forms(self) -> tuple[Form, ...]:
+        """Every form of the candidates."""
+        return forms_of(in_each_shape(self.candidates))
+
+    @cached_property
+    def _variance(self) -> Array:
+        return healthy_shares(self.forms)
+
+    def of(self, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Array:
+        """Return the information (p, p) that runs hold about the coefficients in healthy sizes, with their set-ups and
+        scatter eliminated. Forms that they do not show have none."""
+        columns = columns_for(linearise(without_bands(blocks), setups), self.candidates)
+        is_nuisance = columns.fixed > 0
+        of_forms, nuisance = np.flatnonzero(~is_nuisance), np.flatnonzero(is_nuisance)
+        across = columns.gram[np.ix_(of_forms, nuisance)]
+        nuisance_precision = columns.gram[np.ix_(nuisance, nuisance)] + np.diag(1 / columns.fixed[nuisance])
+        of_form = {form.effects: form.columns for form in self.forms}
+        place = [k for form in columns.forms for k in of_form[form.effects]]
+        whole = np.zeros((len(self._variance), len(self._variance)))
+        whole[np.ix_(place, place)] = columns.gram[np.ix_(of_forms, of_forms)] - across @ np.linalg.solve(
+            nuisance_precision, across.T
+        )
+        return whole
+
+    def posterior(self, information: Array) -> FormPosterior:
+        """Return what is known of all forms, in healthy sizes, from runs with an information (p, p)."""
+        A = np.asarray(np.linalg.inv(information + np.diag(1 / self._variance)), dtype=float)
+        return FormPosterior(self.forms, A, self._variance)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Planned runs as a diagnosis would use them: simulated, with the noise of real cells.
+
+_SET_BY_HAND_MM = (0.6, -0.4, 0.1)
+"""Displacement of the ball from the circle's centre where the rig file does not define one. Chosen: a ball set by hand
+is off by about 0.7 mm, and effects that scale the readings are visible only if these vary."""
+_ASSUMED_UM = {
+    "gauges, white": 1e3 * WHITE_MM.rms,
+    "along a lap, slow": 1e3 * SLOW_MM.rms,
+    "the ball, from run to run": 1e3 * BALL_MM.rms,
+    "a target, from stop to stop": 1e3 * TARGET_MM.rms,
+}
+"""The noise that planned runs are assumed to have, rms in µm of one run, from the ranges of real cells
+(`analysis.runs.noise.cell_noise`)."""
+ASSUMED_JOINT_DEG = JOINT_DEG.rms
+"""The scatter of each joint between runs that is assumed for planned runs, from the range of real cells."""
+
+
+def assumed_um(tests: Sequence[TestName]) -> dict[str, float]:
+    """Return the noise that planned runs of tests are assumed to have, rms in µm of one run; a ball that is seated by
+    hand scatters as much as a robot that stops at a target."""
+    if set(tests) <= set(WITHOUT_GAUGES):
+        return {"a touch, each coordinate": 1e3 * TARGET_MM.rms}
+    return _ASSUMED_UM
+
+
+def planned_blocks(
+    rig: Rig, tests: Sequence[TestName], runs: int, place: str = ""
+) -> tuple[list[Block], dict[str, SetUp]]:
+    """Return the blocks, with entries (N,), of some tests driven `runs` times in each direction, and their set-ups;
+    `place` distinguishes these set-ups from those of other runs. Raises FileError where the arm cannot drive a test."""
+    model = model_of(rig)
+    # Of a simulated table the path alone is used. Yaw and roll share one motion, and a cw program drives the joint
+    # angles of the acw program in reverse.
+    tables = [simulate(rig, test, None, None) for test in tests if test not in CIRCLES]
+    if circles := [test for test in CIRCLES if test in tests]:
+        acw = simulate(rig, circles[0], "acw", None)
+        assert isinstance(acw, CircleTable)  # noqa: S101 - what simulate makes of a circle
+        cw = replace(acw, direction="cw", t_s=acw.t_s[-1] - acw.t_s[::-1], q=acw.q[::-1])
+        tables += [replace(lap, test=test) for test in circles for lap in (acw, cw)]
+    driven = [observe_run(model, table, rig.name) for table in tables]
+    seen = [part for run in driven for part in by_socket(replace(run, setup=run.setup + place))]
+    setups = {run.setup: nominal_setup(rig, run.table) for run in seen}
+    off_mm = np.array(_SET_BY_HAND_MM)
+    if rig.tests.circle and any(rig.tests.circle.eccentricity_mm):
+        off_mm = np.array(rig.tests.circle.eccentricity_mm)
+    for run in seen:
+        if run.sampling and rig.tests.circle:
+            setups[run.setup] = replace(nominal := nominal_setup(rig, run.table), ball=nominal.ball + off_mm)
+    setups |= fit_setups([run for run in seen if run.table.kind.of_places])
+    blocks, few = [], 1 / np.sqrt(runs)
+    for block in blocks_of(seen, setups):
+        # The noise is assumed, because visits simulated without noise do not determine it.
+        drifting = np.sqrt(DRIFTING_SHARE) * np.linalg.norm(block.scatter_mm, axis=1)
+        sd = block.sd_mm if block.sampling else np.hypot(TARGET_MM.rms, drifting)
+        scatter, stamps = few * block.scatter_mm, few * block.stamps_mm
+        blocks.append(replace(block, sd_mm=few * sd, scatter_mm=scatter, stamps_mm=stamps, count=runs, measured=False))
+    return blocks, setups
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The expected posterior: what a diagnosis will know about each name from runs that have not been measured.
+#
+# It uses the same columns in the same healthy background as a diagnosis. The uncertainty of a size does not depend on
+# the readings, so it is known before they exist.
+
+
+@dataclass(frozen=True)
+class ExpectedPosterior:
+    """The posterior that runs of a linearisation will give about their set-ups, at a level of the healthy background,
+    while their readings are unknown."""
+
+    linear: Linearisation
+    level: float = 1.0
+
+    @cached_property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """The effects of the vocabulary that the runs could show."""
+        return tuple(candidates_for(self.linear))
+
+    @cached_property
+    def least(self) -> float:
+        """The smallest fault, in healthy sizes."""
+        return float(fault_sizes(self.level)[0])
+
+    @cached_property
+    def _columns(self) -> Columns:
+        return columns_for(self.linear, self.candidates)
+
+    @cached_property
+    def _variance(self) -> Array:
+        return self._columns.variance(self.level)
+
+    @cached_property
+    def _form_posterior(self) -> FormPosterior:
+        A = background_of(self._columns, np.ones(len(self.linear.y)), self._variance).covariance
+        return FormPosterior(self._columns.forms, A, self._variance)
+
+    def sd(self, candidate: Candidate, size: float | None = None) -> float:
+        """Return the standard uncertainty of a candidate's size, in healthy sizes, averaged over the phases where one
+        is free.
+
+        `size` is that of the fault in healthy sizes, which matters for a play, for example; None stands for the
+        smallest fault that is detected.
+        """
+        sd, effect = self._form_posterior.sd(candidate), candidate.effect
+        # A shape is fitted with the size and makes it less certain; the order of a wave does not.
+        shaped = bool(effect.FREE or effect.STRETCHED) and not is_wave(effect)
+        if not shaped or not is_detectable(sd):
+            return sd
+        size = size or float(np.clip(DETECTABLE * sd, self.least, LARGEST_FAULT))
+        shapes = {free.field: free.expected for free in effect.free(self.linear.payload_kg)}
+        fault = scaled(healthy(effect), size, **shapes)
+        refined = refine(self.linear.simulated_with((fault,)), self._background_beside((fault,)), [fault])
+        return refined.sd(0)[size_field(effect)] / healthy_size(effect)
+
+    def sd_of_name(self, name: str) -> float:
+        """Return the standard uncertainty of the size of a name, in healthy sizes, in the form that is
+        detected best."""
+        forms = [candidate for candidate in self.candidates if candidate.name == name]
+        return self.sd(min(forms, key=self._form_posterior.sd)) if forms else float("inf")
+
+    def separation_sigma(self, ones: Sequence[Effect], others: Sequence[Effect]) -> float:
+        """Return the sigmas by which a name at its size is separated from another name of any size; each is given as
+        one effect, or as two where the phase is free."""
+        # Extrapolated from a small size; a play is not proportional to its width and stays as it is.
+        effects = [*ones, *others]
+        small = [
+            effect if is_play(effect) else scaled(healthy(effect), min(1.0, effect.STRAIGHT)) for effect in effects
+        ]
+        times = [size_of(effect) / size_of(scaled_down) for effect, scaled_down in zip(effects, small, strict=True)]
+        T = self.linear.columns(small) * np.array(times)
+        marginal = self._background_beside((ones[0], others[0])).marginal(T)
+        H = marginal.products(marginal)
+        q = len(ones)
+        free = H[q:, q:] + np.diag([(size_of(effect) / LARGEST_FAULT) ** 2 for effect in others])
+        stands_in = H[:q, q:] @ np.linalg.solve(free, H[q:, :q])
+        if len(H) == 2 and one_sided(ones[0]) and one_sided(others[0]) and H[0, 1] < 0:
+            stands_in = np.zeros((1, 1))
+        return float(np.sqrt(max(np.trace(H[:q, :q] - stands_in) / q, 0.0)))
+
+    def close_pairs(self, chosen: Sequence[Candidate], sizes: Array) -> list[tuple[int, int]]:
+        """Return the pairs (i, j) of candidates that are close while all other forms of either name are present as
+        well, with sizes (n,) in healthy sizes. They include all pairs for which `separation_sigma` is below SEPARABLE.
+        """
+        pairs = np.stack(np.triu_indices(len(chosen), 1), axis=1).astype(np.int64)
+        sigma = self._form_posterior.sigmas_apart(chosen, sizes, pairs)
+        close = np.flatnonzero(sigma < SEPARABLE)
+        nearest_first = pairs[close[np.argsort(sigma[close])]].tolist()
+        return [(i, j) for i, j in nearest_first if chosen[i].name != chosen[j].name]
+
+    def _background_beside(self, effects: Sequence[Effect]) -> Background:
+        """Return the background beside named effects."""
+        variance = self._variance
+        for effect in effects:
+            variance = variance * column_shares_beside(self._columns.forms, effect, len(variance))
+        return background_of(self._columns, np.ones(len(self.linear.y)), variance)
+
+
+def expected_posterior(blocks: Sequence[Block], setups: Mapping[str, SetUp], level: float = 1.0) -> ExpectedPosterior:
+    """Return the posterior that blocks of runs, with N entries each, will give."""
+    return ExpectedPosterior(linearise(without_bands(blocks), setups), level)

@@ -1,0 +1,180 @@
+"""Which poses to measure: those after which the arm is known best over all of its workspace.
+
+A calibration knows each reading beforehand as a normal distribution: effects of an arm, set-up and noise, in the same
+columns as a diagnosis. What a pose would show of every other one follows from it before anything is measured, so
+poses are chosen one after the other, each the one that leaves least variance of the tool's place over the pool (I- or
+V-optimal design; Atkinson, Donev and Tobias, Optimum Experimental Designs, 2007, ch. 10). D-optimal poses would know
+the constants best, and of a thousand terms none is asked for. Play is left out: it depends on the order of poses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import blocks_of
+from analysis.diagnosis.evidence.observation import observe_run
+from analysis.diagnosis.fit.candidates import candidates_for, columns_for
+from analysis.diagnosis.fit.responses import linearise
+from analysis.diagnosis.plan.expected import without_bands
+from analysis.robot.geometry.pose_pool import Sight, axes_in_turn, drawn_poses, in_order_of_ways
+from analysis.robot.kinematics.arm import Array, Integers, arm_of, forward
+from analysis.robot.model.predict import model_of, nominal_setup
+from analysis.runs.table_layout import came_from_columns, joint_columns
+from analysis.runs.tables import PoseTable
+from rigs.errors import FileError, RigPlace
+from rigs.rig import Rig
+from rigs.schema.effect import is_play
+
+_POOL = 400
+"""Poses to choose from; more would be chosen no better."""
+_SEED, _SHUFFLES = 0, 5
+"""The seed of the draw, so that the same command plans the same, and how many random choices are compared. Chosen."""
+_LEVEL = 5.0
+"""Level of the background, in healthy sizes: the angle errors of a real UR10 are five to eight times the usual
+(docs/trials.md)."""
+_SET_UP_SIGMA = 30.0
+"""How little instrument and target are known beforehand: what they may do to a reading, in standard deviations of the
+noise. As good as not at all; more would only round the covariance of all places."""
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Poses of an arm and what is expected of them before anything is measured: joints q (n, 6) rad; covariance
+    (3 n, 3 n) of their places in standard deviations of the noise, which is sd_mm (3 n,)."""
+
+    q: Array
+    covariance: Array
+    sd_mm: Array
+
+    def choose(self, count: int) -> Integers:
+        """The numbers (count,) of the poses to measure, the one that shows most first."""
+        covariance, chosen = self.covariance.copy(), list[int]()
+        for _ in range(min(count, len(self.q))):
+            # What each pose (n,) would take from the variance of all places, mm².
+            rows = covariance.reshape(-1, 3, len(covariance))
+            seen = (rows * self.sd_mm**2) @ rows.transpose(0, 2, 1)
+            of_poses = np.stack([covariance[k : k + 3, k : k + 3] for k in range(0, len(covariance), 3)]) + np.eye(3)
+            gain = np.trace(np.linalg.solve(of_poses, seen), axis1=1, axis2=2)
+            gain[chosen] = -np.inf
+            chosen.append(int(np.argmax(gain)))
+            pose = slice(3 * chosen[-1], 3 * chosen[-1] + 3)
+            across = covariance[:, pose]
+            covariance -= across @ np.linalg.solve(across[pose] + np.eye(3), across.T)
+        return np.array(chosen, dtype=np.int64)
+
+    def u_mm(self, chosen: Integers) -> float:
+        """The uncertainty of the tool's place over the pool, rms in mm, once the poses chosen (k,) are measured."""
+        rows = (3 * chosen[:, None] + np.arange(3)).ravel()
+        across = self.covariance[rows]
+        explained = (across * np.linalg.solve(across[:, rows] + np.eye(len(rows)), across)).sum(axis=0)
+        return float(np.sqrt(3 * np.mean((np.diagonal(self.covariance) - explained) * self.sd_mm**2)))
+
+
+@dataclass(frozen=True)
+class PlannedPoses:
+    """Poses to measure, in the order to drive them, each from the one before, and what is expected of them: joints q
+    (n, 6) rad, places of the nominal tool xyz_mm (n, 3) in the world; u_mm of the tool's place over the workspace after
+    them, after as many random ones; as_good: how many random poses leave no more, None where none of those tried do,
+    or poses are one axis at a time; one_axis: whether each axis goes down, up and back while the others stand."""
+
+    q: Array
+    xyz_mm: Array
+    u_mm: float
+    random_u_mm: float
+    as_good: int | None
+    asked: int
+    one_axis: bool = False
+
+    def lines(self) -> list[str]:
+        """What is planned, in sentences."""
+        lines = [
+            f"{len(self.q)} poses: the place of the tool is then known to {1e3 * self.u_mm:.0f} µm over the workspace "
+            "(expected rms, for an arm with the errors of a real one, frame and tool fitted)"
+        ]
+        as_good = f"{self.as_good} random ones are as good" if self.as_good else "no number tried is as good"
+        compared = f"as many random poses leave {1e3 * self.random_u_mm:.0f} µm"
+        if self.one_axis:
+            lines.append(
+                "each axis goes down, up and back while the others stand: rig analyse shows its curve by direction and "
+                f"its play; {compared}: measure some as well to calibrate the arm"
+            )
+        else:
+            lines.append(f"{compared}; {as_good}")
+        if left_out := self.asked - len(self.q):
+            lines.append(
+                f"{left_out} of {self.asked} have no way from another, clear and within limits; they are left out"
+            )
+        return [*lines, "covers, cables and the cell are not known: watch the first run, hand on the stop"]
+
+    def csv(self) -> str:
+        """Return the poses as a table, a row each: joint angles, from where each joint comes, and the nominal
+        place. From where it comes to the first pose is not known: it is taken to stand there."""
+        axes = self.q.shape[1]
+        header = ["pose", *joint_columns(axes), *came_from_columns(axes), "nominal_x_mm", "nominal_y_mm"]
+        came_from = np.vstack([self.q[:1], self.q[:-1]])
+        rows = np.column_stack([np.degrees(self.q), np.degrees(came_from), self.xyz_mm])
+        lines = [f"{k}," + ",".join(f"{angle:.6f}" for angle in row) for k, row in enumerate(rows.tolist(), start=1)]
+        return "\n".join([",".join([*header, "nominal_z_mm"]), *lines]) + "\n"
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types, angles in degrees, lengths in mm."""
+        return {
+            "poses": [
+                {"q_deg": q, "xyz_mm": p}
+                for q, p in zip(np.degrees(self.q).tolist(), self.xyz_mm.tolist(), strict=True)
+            ],
+            "u_mm": self.u_mm,
+            "random_u_mm": self.random_u_mm,
+            "as_good": self.as_good,
+        }
+
+
+def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis: bool = False) -> PlannedPoses:
+    """Plan so many poses of the arm of a rig, reachable, clear, and seen by a tracker: spread over the workspace, or
+    one_axis at a time down, up and back. Raises FileError."""
+    if rig.robot.rail:
+        problem = "stands on a rail, and poses are planned of an arm that stands"
+        raise FileError(
+            RigPlace.of(rig.name), problem, "leave out robot.rail, and add e1_mm, spread over the rail, by hand"
+        )
+    arm, rng = arm_of(rig.robot), np.random.default_rng(_SEED)
+    q = drawn_poses(arm, max(_POOL, 3 * count), sight, rng)
+    if len(q) < 2 * count:
+        problem = f"only {len(q)} poses were found that the arm takes clear of floor and column, and that are seen"
+        raise FileError(
+            RigPlace.of(rig.name), problem, "put the tracker elsewhere, turn its target, or plan fewer poses"
+        )
+    driven = axes_in_turn(arm, count, sight, rng) if one_axis else None
+    pool = pool_of(rig, q if driven is None else np.vstack([q, driven]))
+    chosen = pool.choose(count) if driven is None else np.arange(len(q), len(pool.q))
+    u_mm = pool.u_mm(chosen)
+    shuffled = [rng.permutation(len(q)) for _ in range(_SHUFFLES)]
+
+    def random(number: int) -> float:
+        return float(np.median([pool.u_mm(order[:number]) for order in shuffled]))
+
+    further = (number for number in range(len(chosen), len(q), max(1, count // 15)))
+    as_good = None if one_axis else next((number for number in further if random(number) <= u_mm), None)
+    if driven is None:
+        driven = in_order_of_ways(arm, q[chosen])
+    places = forward(arm, driven)[:, :3, 3]
+    asked = len(driven) if one_axis else count
+    return PlannedPoses(driven, places, u_mm, random(len(chosen)), as_good, asked, one_axis)
+
+
+def pool_of(rig: Rig, q: Array) -> Pool:
+    """What is expected of poses q (n, 6) rad of the arm of a rig, seen by a tracker. Raises FileError."""
+    table = PoseTable(q, forward(arm_of(rig.robot), q)[:, :3, 3], None)
+    run = observe_run(model_of(rig), table, rig.name)
+    setups = {run.setup: nominal_setup(rig, table)}
+    (block,) = blocks = without_bands(blocks_of([run], setups))
+    linear = linearise(blocks, setups)
+    columns = columns_for(linear, [candidate for candidate in candidates_for(linear) if not is_play(candidate.effect)])
+    variance = columns.variance(_LEVEL)
+    of_set_ups = columns.X[:, columns.set_ups]
+    variance[columns.set_ups] = _SET_UP_SIGMA**2 / np.mean(of_set_ups**2, axis=0)
+    root = columns.X * np.sqrt(variance)
+    return Pool(q, root @ root.T, block.sd_mm)

@@ -1,0 +1,278 @@
+"""The proposal: circles to drive in addition, so that effects become testable which planned tests cannot show."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT
+from analysis.diagnosis.plan.detectability import (
+    FASTER,
+    OFF_AXIS_MM,
+    Judgement,
+    ball_off_axis,
+    judged,
+    other_radii,
+    places,
+    with_circle,
+)
+from analysis.diagnosis.plan.expected import DETECTABLE, SEPARABLE, FormInformation, expected_posterior, planned_blocks
+from analysis.robot.geometry.circle import frame_of
+from analysis.robot.geometry.driven_programs import circle_program, hold_six
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.predict import SetUp
+from rigs.errors import FileError, PathError, RigPlace, Undrivable, UseError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle
+from rigs.schema.vocabulary import CIRCLES, TestName
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Circles that could be driven in addition: the rig's own circle at other places, tilts, radii and speeds, and with
+# the ball beside axis 6, as far as the arm can drive them.
+
+_TILT_DEG = 30.0
+"""Tilt of a further circle's plane. Chosen: enough to change the posture of the wrist, and driven by most arms."""
+SET_UP_MIN = 10.0
+"""Minutes to move the ball, set the link and load the program for another circle. Chosen: somebody who has done it
+before."""
+
+_REASONS: dict[Undrivable, str] = {
+    "limits": "beyond the limits of a joint",
+    "speed": "too fast for a joint",
+    "singularity": "at a singularity",
+    "reach": "out of reach",
+}
+
+
+@dataclass(frozen=True)
+class CircleCandidate:
+    """A rig with a further circle, what it differs in, and the minutes of its set-up and runs."""
+
+    rig: Rig
+    words: str
+    minutes: float
+
+
+@dataclass(frozen=True)
+class CircleCandidates:
+    """The further circles that the arm can drive, and the number of those that it cannot by reason."""
+
+    found: tuple[CircleCandidate, ...]
+    refused: Counter[str]
+
+
+def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleCandidates:
+    """Return the further circles of a rig with their minutes for `runs` runs of each of `tests` in each direction.
+    Raises FileError for a rig without a circle to begin from."""
+    if rig.tests.circle is None:
+        raise FileError(RigPlace.of(rig.name), "has no tests.circle to begin from", "add one: centre, posture, radius")
+    circles, refused = [], Counter[str]()
+    for words, other_rig in _circles(rig, rig.tests.circle):
+        try:
+            program = circle_program(other_rig, "acw")
+        except PathError as error:
+            refused[_REASONS[error.reason]] += 1
+            continue
+        assert other_rig.tests.circle is not None  # noqa: S101 - each has one
+        start_deg = np.degrees(program.q[0]).round(2).tolist()
+        ready = with_circle(other_rig, other_rig.tests.circle, posture_deg=tuple(start_deg))
+        driven_min = len(tests) * 2 * runs * float(program.t_s[-1]) / 60
+        circles.append(CircleCandidate(ready, words, driven_min + SET_UP_MIN))
+    return CircleCandidates(tuple(circles), refused)
+
+
+def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:
+    """Yield every further circle in words and as a rig: each radius at each place; and the rig's own circle tilted,
+    faster, and with the ball beside axis 6."""
+    aside = [(words, tuple(np.round(centre, 3).tolist())) for words, centre in places(rig, circle)]
+    for where, centre in [("", circle.centre_mm), *aside]:
+        for radius in (circle.radius_mm, *other_radii(circle)):
+            changes = [where, "" if radius == circle.radius_mm else f"radius {radius:g} mm"]
+            if any(changes):
+                yield ", ".join(filter(None, changes)), with_circle(rig, circle, centre_mm=centre, radius_mm=radius)
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    frame, tilt = frame_of(circle), np.radians(_TILT_DEG)
+    for about, axis in (("its zero direction", frame.u), ("the direction at 90°", frame.v)):
+        normal = Rotation.from_rotvec(tilt * axis).apply(frame.n).round(6)
+        yield f"tilted by {_TILT_DEG:g}° about {about}", with_circle(rig, circle, normal=tuple(normal.tolist()))
+    yield f"{FASTER} times as fast", with_circle(rig, circle, speed_mm_s=FASTER * circle.speed_mm_s)
+    off_axis = ball_off_axis(rig)
+    if off_axis:
+        yield f"ball {OFF_AXIS_MM:g} mm off axis 6", off_axis
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The aims of a proposal: names that nothing shows yet and pairs that look alike, and how near runs come to them.
+
+_FAINT = 0.1
+"""Share of the goal below which more information does not count: a name that nothing shows must not outweigh all
+others. Chosen."""
+
+
+@dataclass(frozen=True)
+class Reached:
+    """How near some runs come to each aim: `share` (n,) of the sigmas that make it testable, for `names` first and then
+    for `pairs`."""
+
+    names: tuple[str, ...]
+    pairs: tuple[tuple[str, str], ...]
+    share: Array
+
+    def gain_over(self, before: Reached) -> float:
+        """Return the information in nats that is gained about all aims, up to where they are testable."""
+        then, now = (np.clip(reached.share, _FAINT, 1.0) for reached in (self, before))
+        return float(np.log(then / now).sum())
+
+    def newly(self, before: Reached) -> tuple[int, ...]:
+        """Return the indices of the aims that are testable now and were not before."""
+        return tuple(np.flatnonzero((self.share >= 1) & (before.share < 1)).tolist())
+
+    def split(self, aims: tuple[int, ...]) -> tuple[tuple[str, ...], tuple[tuple[str, str], ...]]:
+        """Return the names and the pairs of some aims."""
+        count = len(self.names)
+        return (
+            tuple(self.names[k] for k in aims if k < count),
+            tuple(self.pairs[k - count] for k in aims if k >= count),
+        )
+
+
+class Aims:
+    """What a judgement found not to be testable."""
+
+    def __init__(self, forms: FormInformation, judgement: Judgement) -> None:
+        self._forms = forms
+        self._names = judgement.undetectable
+        self._pairs = judgement.pairs
+        self._of_name = {
+            name: [candidate for candidate in forms.candidates if candidate.name == name] for name in self._names
+        }
+        self._ones = [candidate for pair in self._pairs for candidate in pair.candidates]
+        self._sizes = np.array([size for pair in self._pairs for size in pair.sizes])
+
+    def reached(self, information: Array) -> Reached:
+        """Return how near runs with an information (p, p) come to the aims. The shapes of effects count as known; the
+        final judgement fits them."""
+        posterior = self._forms.posterior(information)
+        sds = np.array([min(map(posterior.sd, self._of_name[name])) for name in self._names])
+        named = LARGEST_FAULT / (DETECTABLE * sds)
+        apart = np.empty(0)
+        if self._pairs:
+            pairs = np.arange(len(self._ones), dtype=np.int64).reshape(-1, 2)
+            apart = posterior.sigmas_apart(self._ones, self._sizes, pairs) / SEPARABLE
+        return Reached(self._names, tuple(pair.names for pair in self._pairs), np.concatenate([named, apart]))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The proposal: circles to drive in addition, so that effects become testable which the planned tests cannot show, or
+# cannot distinguish.
+#
+# The information of independent runs adds up: what a circle says about the sizes of all forms, its set-up and scatter
+# eliminated, is one matrix G, and the posterior covariance beside a choice of circles is (V⁻¹ + Σ G)⁻¹. So every
+# circle is simulated once. The choice is greedy: of the circles that make something testable, the one that gains most
+# information per minute about what is not testable yet, until the time is used or none is left. The judgement with
+# the chosen circles is then computed in full.
+
+
+@dataclass(frozen=True)
+class ProposedCircle:
+    """A circle to drive, the names that it makes testable and the pairs that it separates, beside those before it."""
+
+    candidate: CircleCandidate
+    testable: tuple[str, ...]
+    separated: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Circles to drive in addition to `tests`, the best first, with the judgements without and with them.
+
+    `runs` is the number of runs of each test in each direction and `minutes` the time allowed; `feasible` counts the
+    circles that the arm can drive and `refused` those that it cannot, by reason.
+    """
+
+    rig: Rig
+    tests: tuple[TestName, ...]
+    runs: int
+    minutes: float
+    circles: tuple[ProposedCircle, ...]
+    before: Judgement
+    after: Judgement
+    feasible: int
+    refused: Mapping[str, int]
+
+    @property
+    def used_min(self) -> float:
+        """The minutes that the proposed circles take."""
+        return sum(circle.candidate.minutes for circle in self.circles)
+
+
+@dataclass(frozen=True)
+class _Simulated:
+    """A circle with the blocks of its planned runs, their set-ups, and its information (p, p)."""
+
+    candidate: CircleCandidate
+    blocks: list[Block]
+    setups: dict[str, SetUp]
+    information: Array
+
+
+def propose(
+    rig: Rig, tests: Sequence[TestName], runs: int, minutes: float, progress: Callable[[str], None] = lambda _: None
+) -> Proposal:
+    """Return circles that make testable what `tests`, driven `runs` times in each direction, cannot show.
+
+    Raises UseError for tests without a circle, and FileError for a rig without one and where the arm cannot drive a
+    test.
+    """
+    hold_six(rig)
+    circle_tests = [test for test in tests if test in CIRCLES]
+    if not circle_tests:
+        raise UseError("--tests", "has no test on a circle", "give yaw or roll: circles are proposed beside them")
+    candidates = circle_candidates(rig, circle_tests, runs)
+    progress("simulating the tests")
+    blocks, setups = planned_blocks(rig, tests, runs)
+    expected = expected_posterior(blocks, setups)
+    before = judged(expected)
+    forms = FormInformation(expected.candidates)
+    affordable = [candidate for candidate in candidates.found if candidate.minutes <= minutes]
+    simulated = []
+    for k, candidate in enumerate(affordable, start=1):
+        progress(f"simulating circle {k} of {len(affordable)}")
+        driven, places = planned_blocks(candidate.rig, circle_tests, runs, f" circle {k}")
+        simulated.append(_Simulated(candidate, driven, places, forms.of(driven, places)))
+    circles = []
+    for chosen, testable, separated in _chosen(Aims(forms, before), forms.of(blocks, setups), simulated, minutes):
+        blocks, setups = [*blocks, *chosen.blocks], {**setups, **chosen.setups}
+        circles.append(ProposedCircle(chosen.candidate, testable, separated))
+    progress("judging the tests with the proposed circles")
+    after = judged(expected_posterior(blocks, setups)) if circles else before
+    return Proposal(
+        rig, tuple(tests), runs, minutes, tuple(circles), before, after, len(candidates.found), candidates.refused
+    )
+
+
+def _chosen(
+    aims: Aims, information: Array, simulated: Sequence[_Simulated], minutes: float
+) -> list[tuple[_Simulated, tuple[str, ...], tuple[tuple[str, str], ...]]]:
+    """Return the circles to drive beside tests with an information (p, p), the best first, each with the names that it
+    makes testable and the pairs that it separates."""
+    chosen = []
+    remaining, now = list(simulated), aims.reached(information)
+    while remaining := [circle for circle in remaining if circle.candidate.minutes <= minutes]:
+        reached = [aims.reached(information + circle.information) for circle in remaining]
+        values = [
+            then.gain_over(now) / circle.candidate.minutes if then.newly(now) else 0.0
+            for circle, then in zip(remaining, reached, strict=True)
+        ]
+        best = int(np.argmax(values))
+        if not values[best]:
+            break
+        circle, then = remaining.pop(best), reached[best]
+        chosen.append((circle, *then.split(then.newly(now))))
+        information, now, minutes = information + circle.information, then, minutes - circle.candidate.minutes
+    return chosen

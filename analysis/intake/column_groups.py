@@ -1,0 +1,381 @@
+"""What the columns of a table may be, by their names alone: joints, places, turns, and whether measured or commanded.
+
+Nothing is decided here: what names leave open, the arm's own kinematics show (`analysis.intake.map_proposal`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+from typing import Literal
+
+from analysis.intake.raw_table import RawTable
+
+Role = Literal["measured", "commanded", "residual", "other", "unsaid"]
+_ROLE_WORDS: dict[Role, str] = {
+    "other": "std stdev sd sigma u unc uncertainty cov var rms speed speeds vel velocity velocities qd qdd "
+    "acc acceleration accelerations current currents torque "
+    "torques effort force forces moment moments temp temperature tau",
+    "residual": "dif diff difference err error errors dev deviation residual res delta",
+    "commanded": "goal target targets desired des cmd command commanded nominal nom ref reference soll planned 名义",
+    "measured": "measured measurement meas actual act tracker leica laser faro ist observed mocap camera 测量",
+}
+_INSTRUMENTS = "measured measurement meas tracker leica laser faro observed mocap camera smr tmac 测量"
+_INSTRUMENT = frozenset(_INSTRUMENTS.split())
+_OF_ROBOTS = "tcp tool ee eef flange robot cartesian controller fk wrist hand gripper link effector broadcaster"
+_CONTROLLER = frozenset(_OF_ROBOTS.split())
+"""Words of a pose that the robot says of itself, unless an instrument is named beside them: of columns, of topics, and
+of the children of transforms."""
+_ROLES: dict[Role, frozenset[str]] = {role: frozenset(words.split()) for role, words in _ROLE_WORDS.items()}
+_UNITS = {
+    "mm": "mm", "millimeter": "mm", "millimetre": "mm", "m": "m", "meter": "m", "metre": "m", "cm": "cm", "um": "um",
+    "µm": "um", "in": "in", "inch": "in", "deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad",
+    "radian": "rad", "radians": "rad",
+}  # fmt: skip
+_JOINTS = "q j joint joints axis a theta th rax ax jt jnt position pos angle angles achse gelenk axe 축 관절 轴 关节"
+_JOINT_WORDS = frozenset(_JOINTS.split())
+_TURNS = "r rot rotation orientation euler angle angles rotvec rvec rv e o ori quat quaternion q rpy"
+_TURN_WORDS = frozenset(_TURNS.split())
+_SETS = {"rpy": ("roll", "pitch", "yaw"), "abc": ("a", "b", "c"), "wpr": ("w", "p", "r"), "oat": ("o", "a", "t")}
+"""Names of three angles: of everybody, KUKA, FANUC and Kawasaki."""
+_UR_NAMES = (
+    ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
+    ("shoulderpan", "shoulderlift", "elbow", "wrist1", "wrist2", "wrist3"),
+)
+_A_CALL = 3
+"""Letters of the shortest name of an axis that is found inside a column's: others stand in any word."""
+_NAMELESS = re.compile(r"column \d+( \(.*\))?")
+"""A column of a file without a header (`analysis.intake.raw_table`): its number says where it stands, and no more."""
+_ORDERS = tuple("".join(order) for order in permutations("xyz"))
+_ZYZ = ("zyz", "zxz")
+
+
+@dataclass(frozen=True)
+class TurnReading:
+    """One way to read columns as a turn, columns in the order of the form (`analysis.intake.table_map.Turn`)."""
+
+    columns: tuple[str, ...]
+    form: str
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns that belong together. unit: as the file states it, "" where it does not; of_controller: whether the robot
+    may have computed them."""
+
+    columns: tuple[str, ...]
+    role: Role
+    unit: str = ""
+    of_controller: bool = False
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A place and the ways to read the turn beside it, none where there are no columns of one; turn_unit: stated."""
+
+    place: Group
+    turns: tuple[TurnReading, ...] = ()
+    turn_unit: str = ""
+
+
+@dataclass(frozen=True)
+class Groups:
+    """What a table may hold. near: columns of joints of another number of axes, for a message."""
+
+    joints: tuple[Group, ...]
+    seen: tuple[Seen, ...]
+    residuals: tuple[Group, ...]
+    near: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Name:
+    """A column's name in words, without its unit."""
+
+    column: str
+    words: tuple[str, ...]
+    unit: str
+
+    @property
+    def role(self) -> Role:
+        """What the words say of it."""
+        return next((role for role, role_words in _ROLES.items() if role_words & set(self.words)), "unsaid")
+
+
+def is_of_controller(name: str) -> bool:
+    """Return whether a name, as of a topic or the child of a transform, sounds like what a robot says of itself."""
+    words = set(_name(name, "").words)
+    return bool(words & _CONTROLLER) and not words & _INSTRUMENT
+
+
+def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:
+    """Return what the columns of a table may be for an arm with these names of axes."""
+    numeric = set(raw.numeric)
+    names = [_name(name, unit) for name, unit in zip(raw.names, raw.units, strict=True) if name in numeric]
+    names = [name for name in names if name.role != "other"]
+    named = [name for name in names if not _NAMELESS.fullmatch(name.column)]
+    axes = len(axis_names)
+    numbered = [_as_named(raw, group, axis_names) for group in _numbered(named, axes)]
+    joints = list({group.columns: group for group in (*numbered, *_called(named, axis_names))}.values())
+    near = tuple(name for count in (5, 7, 8) for group in _numbered(named, count) for name in group.columns)
+    if not joints and not near:
+        by_role: dict[Role, list[_Name]] = defaultdict(list)
+        for name in named:
+            if {"joint", "axis"} & set(name.words):
+                by_role[name.role].append(name)
+        joints = [_group(of_role) for of_role in by_role.values() if len(of_role) == axes]
+        joints = joints or _numbered(named, axes, frozenset())
+    taken = {column for group in joints for column in group.columns}
+    unused = [name for name in named if name.column not in taken]
+    places, turns = _lettered(unused)
+    seen = []
+    for place in (place for place in places if place.role != "residual"):
+        alike = [turn for turn in turns if turn[0].role == place.role]
+        units = {group.unit for group, _ in alike}
+        readings = tuple(reading for _, ways in alike for reading in ways)
+        seen.append(Seen(place, readings, units.pop() if len(units) == 1 else ""))
+    seen += _vectors(unused)
+    residuals = tuple(place for place in places if place.role == "residual")
+    used = (
+        taken | {column for pose in seen for column in pose.place.columns} | {c for g in residuals for c in g.columns}
+    )
+    used |= {column for turn in turns for reading in turn[1] for column in reading.columns}
+    if not joints or not seen:
+        unexplained = [name.column for name in names if name.column not in used]
+        more_joints, more_seen = _by_position(raw, unexplained, axes, not joints, not seen)
+        joints, seen = [*joints, *more_joints], [*seen, *more_seen]
+    return Groups(tuple(joints), tuple(seen), residuals, near)
+
+
+def _as_named(raw: RawTable, group: Group, axis_names: Sequence[str]) -> Group:
+    """Joints that are numbered through, in the order of the axes where columns of names beside them say which is which:
+    field.name0 … beside field.position0 …, as `rostopic echo -p` writes a JointState in the order of its sender."""
+    for word in ("position", "pos"):
+        name_columns = [re.sub(rf"{word}(?=\W*\d+$)", "name", column) for column in group.columns]
+        if all(name in raw.names and name != column for name, column in zip(name_columns, group.columns, strict=True)):
+            axis_calls = [str(raw.cells[column][0].as_py()) for column in name_columns]
+            order = dict(zip(axis_calls, group.columns, strict=True))
+            called = [_name(name, "") for name in order]
+            for ordered in (*_called(called, axis_names), *_numbered(called, len(axis_names))):
+                return replace(group, columns=tuple(order[name] for name in ordered.columns))
+    return group
+
+
+def _name(column: str, unit_line: str) -> _Name:
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", column)
+    bracket = re.search(r"[\[(]\s*([^\])]*?)\s*[\])]", text)
+    unit = ""
+    if bracket and bracket[1].lower() in _UNITS:
+        unit = _UNITS[bracket[1].lower()]
+        text = text.replace(bracket[0], " ")
+    words = re.findall(r"[^\W\d_]+|°|\d+", text.lower())
+    if not unit and len(words) > 1 and words[-1] in _UNITS:
+        unit = _UNITS[words.pop()]
+    stated = unit_line.strip("[]() ").lower()
+    return _Name(column, tuple(words), unit or _UNITS.get(stated, ""))
+
+
+def _group(names: Sequence[_Name]) -> Group:
+    units = {name.unit for name in names}
+    words = {word for name in names for word in name.words}
+    of_controller = bool(words & _CONTROLLER) and not words & _INSTRUMENT
+    unit = units.pop() if len(units) == 1 else ""
+    return Group(tuple(name.column for name in names), names[0].role, unit, of_controller)
+
+
+def _templates(names: Sequence[_Name]) -> dict[tuple[str, ...], dict[int, _Name]]:
+    """Numbered columns by what is the same in their names, the last number left out."""
+    templates: dict[tuple[str, ...], dict[int, _Name]] = defaultdict(dict)
+    for name in names:
+        digits = [k for k, word in enumerate(name.words) if word.isdigit() and len(word) < 3]
+        if digits:
+            k = digits[-1]
+            templates[(*name.words[:k], "*", *name.words[k + 1 :])].setdefault(int(name.words[k]), name)
+    return templates
+
+
+def _in_order(numbered: dict[int, _Name], count: int) -> list[_Name] | None:
+    for first in (0, 1):
+        if sorted(numbered) == list(range(first, first + count)):
+            return [numbered[k] for k in sorted(numbered)]
+    return None
+
+
+def _numbered(names: Sequence[_Name], count: int, words_of_joints: frozenset[str] = _JOINT_WORDS) -> list[Group]:
+    """Columns that are numbered through from 0 or 1; words_of_joints: of which their name has one, any where empty."""
+    groups = []
+    for template, numbered in _templates(names).items():
+        words = {word for word in template if word != "*"}
+        order = _in_order(numbered, count)
+        if order and (words & words_of_joints or not words_of_joints) and not words & {"pose", "tcp"}:
+            groups.append(_group(order))
+    return groups
+
+
+def _called(names: Sequence[_Name], axis_names: Sequence[str]) -> list[Group]:
+    """Columns that are called as the axes of the arm are, or as those of a Universal Robots arm, whatever stands before
+    and behind: the names settle the order, which in a message is often that of the alphabet."""
+    groups = []
+    call_sets = [tuple(re.sub(r"[^a-z0-9]", "", name.lower()) for name in axis_names)]
+    call_sets += [calls for calls in _UR_NAMES if len(calls) == len(axis_names)]
+    for calls in dict.fromkeys(call_sets):
+        if len(set(calls)) < len(calls) or min(map(len, calls)) < _A_CALL:
+            continue
+        alike: dict[tuple[Role, str], dict[str, _Name]] = defaultdict(dict)
+        for name in names:
+            whole = "".join(name.words)
+            for call in sorted(calls, key=len, reverse=True):
+                if call in whole:
+                    alike[(name.role, whole.replace(call, "*", 1))].setdefault(call, name)
+                    break
+        groups += [
+            _group([by_call[call] for call in calls]) for by_call in alike.values() if len(by_call) == len(calls)
+        ]
+    return list({group.columns: group for group in groups}.values())
+
+
+_Turns = list[tuple[Group, tuple[TurnReading, ...]]]
+"""Columns of a turn, and the ways to read them."""
+
+
+def _lettered(names: Sequence[_Name]) -> tuple[list[Group], _Turns]:
+    """Places and turns whose columns differ by a letter or word: x, y, z; qx … qw; roll, pitch, yaw; A, B, C."""
+    turns = _in_sets(names)
+    taken = {column for group, _ in turns for column in group.columns}
+    places = []
+    # Columns x, y, z, and w where there is one, by what is the same in their names.
+    parts: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
+    for name in names:
+        for k, word in enumerate(name.words):
+            if word[-1] in "xyzw" and (len(word) < 3 or word[:-1] in {*_TURN_WORDS, "pos", "trans", "tcp"}):
+                parts[(*name.words[:k], f"{word[:-1]}*", *name.words[k + 1 :])].setdefault(word[-1], name)
+    for template, by_letter in parts.items():
+        if not set("xyz") <= by_letter.keys():
+            continue
+        group, w = _group([by_letter[letter] for letter in "xyz"]), by_letter.get("w")
+        if w and w.column not in taken:
+            turns.append((group, (TurnReading((*group.columns, w.column), "quaternion"),)))
+        elif {word.rstrip("*") for word in template} & _TURN_WORDS:
+            turns.append((group, _angle_readings(group.columns)))
+        else:
+            places.append(group)
+    # Turns by q1 … q4, of which the first or the last is the real part.
+    for template, numbered in _templates(names).items():
+        order = _in_order(numbered, 4)
+        if order and {"q", "quat", "quaternion"} & set(template):
+            first, *later = (name.column for name in order)
+            ways = (TurnReading(columns, "quaternion") for columns in ((*later, first), (first, *later)))
+            turns.append((_group(order), tuple(ways)))
+    return places, [*turns, *_matrices(names)]
+
+
+def _in_sets(names: Sequence[_Name]) -> _Turns:
+    """Turns by three words: roll, pitch, yaw; A, B, C; W, P, R; O, A, T, about x, y, z but for KUKA and Kawasaki."""
+    sets: dict[tuple[str, ...], dict[str, _Name]] = defaultdict(dict)
+    for name in names:
+        for k, word in enumerate(name.words):
+            for call, members in _SETS.items():
+                if word in members:
+                    sets[(call, *name.words[:k], "*", *name.words[k + 1 :])].setdefault(word, name)
+    whole = {key: [by_word[word] for word in _SETS[key[0]]] for key, by_word in sets.items() if len(by_word) == 3}
+    turns: _Turns = []
+    for (call, *_), names_of_set in whole.items():
+        columns = tuple(name.column for name in names_of_set)
+        readings: tuple[TurnReading, ...] = (TurnReading(columns, "moving zyz"),)  # Kawasaki's
+        if call != "oat":
+            readings = _angle_readings(columns)
+        if call == "abc":  # KUKA's A, B, C turn about z, y, x
+            readings = (*_angle_readings(columns[::-1]), *readings)
+        turns.append((_group(names_of_set), readings))
+    return turns
+
+
+def _angle_readings(columns: Sequence[str]) -> tuple[TurnReading, ...]:
+    """Three angles about x, y and z, in every order of moving axes, and as a rotation vector."""
+    by_axis = dict(zip("xyz", columns, strict=True))
+    readings = []
+    for order in _ORDERS:
+        if order == "zyx":  # in the words of everybody: roll, pitch, yaw about fixed axes
+            readings.append(TurnReading(tuple(columns), "fixed xyz"))
+        else:
+            readings.append(TurnReading(tuple(by_axis[axis] for axis in order), f"moving {order}"))
+    return (*readings, TurnReading(tuple(columns), "rotation vector"))
+
+
+def _matrices(names: Sequence[_Name]) -> _Turns:
+    """The nine columns of a rotation, r11 … r33 or r_0_0 … r_2_2, row by row."""
+    by_place = {}
+    for name in names:
+        digits = "".join(word for word in name.words if word.isdigit())
+        if len(digits) == 2 and {"r", "rot", "m", "t", "matrix", "rotation"} & set(name.words):
+            by_place[digits] = name
+    for first in (0, 1):
+        places = [f"{row}{column}" for row in range(first, first + 3) for column in range(first, first + 3)]
+        if set(places) <= by_place.keys():
+            group = _group([by_place[place] for place in places])
+            return [(group, (TurnReading(group.columns, "matrix"),))]
+    return []
+
+
+def _vectors(names: Sequence[_Name]) -> Iterator[Seen]:
+    """Poses numbered through: of 6 (place and angles), 7 (place and quaternion), 12 or 16 numbers (a matrix)."""
+    for numbered in _templates(names).values():
+        for count in (6, 7, 12, 16):
+            if order := _in_order(numbered, count):
+                whole = _group(order)
+                for seen in _poses([name.column for name in order]):
+                    yield replace(seen, place=replace(whole, columns=seen.place.columns, unit=""))
+    matrix: dict[str, _Name] = {}
+    for name in names:
+        digits = "".join(word for word in name.words if word.isdigit())
+        if len(digits) == 2:
+            matrix[digits] = name
+    for first in (0, 1):
+        rows = [[f"{r}{c}" for c in range(first, first + 4)] for r in range(first, first + 3)]
+        if all(place in matrix for row in rows for place in row):
+            turn = tuple(matrix[row[k]].column for row in rows for k in range(3))
+            yield Seen(_group([matrix[row[3]] for row in rows]), (TurnReading(turn, "matrix"),))
+
+
+def _poses(columns: Sequence[str]) -> Iterator[Seen]:
+    """The ways to read so many columns in a row as a pose."""
+    c = list(columns)
+    match len(c):
+        case 3:
+            yield Seen(Group(tuple(c), "unsaid"))
+        case 6:
+            # Of these three angles no name says the axes.
+            turned = (TurnReading(tuple(c[3:]), f"moving {order}") for order in (*_ORDERS, *_ZYZ))
+            yield Seen(Group(tuple(c[:3]), "unsaid"), tuple(dict.fromkeys((*_angle_readings(c[3:]), *turned))))
+        case 7:
+            x, y, z, w = c[3:]
+            turns = (TurnReading((x, y, z, w), "quaternion"), TurnReading((y, z, w, x), "quaternion"))
+            yield Seen(Group(tuple(c[:3]), "unsaid"), turns)
+        case 12 | 16:
+            rows = [0, 1, 2, 4, 5, 6, 8, 9, 10]
+            yield Seen(Group((c[3], c[7], c[11]), "unsaid"), (TurnReading(tuple(c[k] for k in rows), "matrix"),))
+            if len(c) == 16:
+                down = [0, 4, 8, 1, 5, 9, 2, 6, 10]
+                yield Seen(Group(tuple(c[12:15]), "unsaid"), (TurnReading(tuple(c[k] for k in down), "matrix"),))
+            else:
+                yield Seen(Group(tuple(c[9:]), "unsaid"), (TurnReading(tuple(c[:9]), "matrix"),))
+
+
+def _by_position(
+    raw: RawTable, columns: list[str], axes: int, joints: bool, seen: bool
+) -> tuple[list[Group], list[Seen]]:
+    """Columns that no name explains, by how many there are: joints before the pose, or behind it."""
+    if columns and columns[0] == raw.names[0] and len(columns) - int(joints) * axes in (4, 7, 8, 13, 17):
+        columns = columns[1:]  # a count, or a time
+    pose = len(columns) - axes if joints else len(columns)
+    if not joints:
+        return [], list(_poses(columns))
+    if not seen or pose == 0:
+        return [Group(tuple(columns), "unsaid")] if pose == 0 else [], []
+    if pose not in (3, 6, 7, 12, 16):
+        return [], []
+    groups = [Group(tuple(columns[:axes]), "unsaid"), Group(tuple(columns[pose:]), "unsaid")]
+    return groups, [*_poses(columns[axes:]), *_poses(columns[:pose])]

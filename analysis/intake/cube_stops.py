@@ -1,0 +1,91 @@
+"""The stops of the ISO 9283 cube in a table of places alone: which row is which of P1 … P5, and so its joints.
+
+A tracker that is triggered at each stop writes places, and sometimes misses one. Its rows lie in five heaps. Of the
+ways to name these that fit the cube, four of a rectangle with its centre, one is driven in the order of the standard.
+"""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pyarrow as pa
+
+from analysis.intake.cells import TableFileError, TableProblem
+from analysis.intake.raw_table import RawTable
+from analysis.intake.table_map import TO_MM, Lengths
+from analysis.robot.geometry.iso_cube import ORDER, Cube
+from analysis.robot.geometry.pose_setup import best_rigid, in_frame
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.runs.table_layout import joint_columns
+from rigs.errors import FileError
+
+_HEAP = 0.05
+"""Radius of a heap in sides of the cube: no arm stops so badly, and poses lie sixteen times as far apart."""
+_FITS = 0.01
+"""Share of the side within which heaps are those of the cube."""
+_IN_ORDER = 0.6
+"""Share of steps from row to row that are those of a cycle: each stop that was missed breaks two."""
+_MOST_HEAPS = 50
+
+
+def with_joints(raw: RawTable, place: Lengths, cube: Cube) -> RawTable:
+    """Return the table with the joints of the cube's poses as columns, and the pose of each row. Raises FileError where
+    the rows are not the stops of the cube, TableFileError for rows that are at none of its poses."""
+    xyz_mm = raw.numbers(place.columns) * TO_MM[place.unit]
+    pose = poses_of_stops(xyz_mm, cube)
+    if pose is None:
+        problem = "has no columns of joints, and its places are no stops of the cube, P5 P4 P3 P2 P1 in turn"
+        remedy = "check tests.iso9283 of the rig file and the unit; of other poses add the joint angles (--join)"
+        raise FileError(raw.where, problem, remedy)
+    if (pose == 0).any():
+        problem = "this place is none of the cube's poses"
+        lines = raw.lines[pose == 0].tolist()
+        raise TableFileError(raw.where, [TableProblem(line, place.columns[0], problem) for line in lines[:20]])
+    columns = dict(zip(joint_columns(cube.q.shape[1]), np.degrees(cube.q[pose - 1]).T, strict=True))
+    cells = raw.cells
+    for name, values in columns.items():
+        cells = cells.append_column(name, pa.array([repr(value) for value in values.tolist()]))
+    names = (*raw.names, *columns)
+    if "pose" not in names:
+        cells, names = cells.append_column("pose", pa.array([f"P{number}" for number in pose])), (*names, "pose")
+    units = (*raw.units, *[""] * (len(names) - len(raw.units))) if raw.units else raw.units
+    return RawTable(raw.where, names, units, cells, raw.lines, decimal_comma=raw.decimal_comma)
+
+
+def poses_of_stops(xyz_mm: Array, cube: Cube) -> Integers | None:
+    """The pose 1 … 5 of each place (n, 3) mm, in order of time, 0 for a row elsewhere; None where they are no stops of
+    the cube in its order."""
+    first: list[Array] = []
+    heap = np.zeros(len(xyz_mm), dtype=np.int64)
+    for row, place in enumerate(xyz_mm):
+        away = np.linalg.norm(np.array(first) - place, axis=1) if first else np.empty(0)
+        if len(away) and away.min() < _HEAP * cube.side_mm:
+            heap[row] = int(away.argmin())
+        elif len(first) <= _MOST_HEAPS:
+            heap[row] = len(first)
+            first.append(place)
+    middles = np.array([xyz_mm[heap == number].mean(axis=0) for number in range(len(first))])
+    largest = np.argsort(-np.bincount(heap), kind="stable")[: len(ORDER)]
+    if len(largest) < len(ORDER) or len(middles) > _MOST_HEAPS:
+        return None
+    best, most = None, _IN_ORDER
+    for names in permutations(range(1, len(ORDER) + 1)):
+        goal = cube.places_mm[np.array(names) - 1]
+        T = best_rigid(middles[largest], goal)
+        off = in_frame(T, middles[largest]) - goal
+        if np.linalg.norm(off, axis=1).max() > _FITS * cube.side_mm:
+            continue
+        named = np.zeros(len(middles), dtype=np.int64)
+        named[largest] = names
+        pose = named[heap]
+        # The share of steps that lead to the next pose of a cycle
+        visited = pose[pose > 0]
+        follows = {pose_number: ORDER[(place + 1) % len(ORDER)] for place, pose_number in enumerate(ORDER)}
+        steps = [
+            follows[before] == after for before, after in zip(visited[:-1].tolist(), visited[1:].tolist(), strict=True)
+        ]
+        share = float(np.mean(steps)) if steps else 0.0
+        if share > most:
+            best, most = pose, share
+    return best

@@ -1,0 +1,209 @@
+"""From a table file to a run: read, and held against the rig."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from analysis.apps.interchange.bags import is_bag
+from analysis.apps.interchange.pose_bag import stands_of_bag
+from analysis.intake.cells import Problems, TableFileError
+from analysis.intake.cube_stops import with_joints
+from analysis.intake.map_proposal import Proposal, propose
+from analysis.intake.mapped import MappedPoses, poses_of, table_by
+from analysis.intake.raw_table import RawTable, is_workbook, joined, layout_of, read_files, read_raw, sheets_of, text_of
+from analysis.intake.read import check_sequence, read_file, read_whole
+from analysis.intake.table_map import MAPPED, TableMap, map_text
+from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
+from analysis.procedures.shared.evaluate import hold_alive
+from analysis.robot.geometry.iso_cube import cube_of
+from analysis.runs.loading import Measured, measured_of
+from analysis.runs.table_format import kind_named
+from analysis.runs.table_layout import PLACE, JointSource
+from daq.store import Run, table_run
+from rigs.errors import FileError, UseError
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction, TestName
+
+
+def read_table(
+    source: Path,
+    *,
+    rig_file: str | Path,
+    test: TestName,
+    direction: Direction | None,
+    operator: str,
+    placement: str = "",
+    joints: JointSource = "measured",
+) -> Measured:
+    """The run of a table file, not written; among its doubts is what an evaluation will refuse.
+
+    Raises FileError for mistakes in either file.
+    """
+    rig, rig_text = load(rig_file)
+    read = read_file(source, test, rig, direction, joints)
+    run = table_run(
+        source,
+        read.table,
+        test=test,
+        direction=read.direction,
+        rig_name=rig.name,
+        rig_text=rig_text,
+        operator=operator,
+        source=source.name,
+        source_sha256=read.sha256,
+        placement=placement,
+    )
+    return _held(run, rig, str(source), read.doubts)
+
+
+def is_plain(path: Path, test: TestName) -> bool:
+    """Whether a file begins with the columns of docs/tables.md, or is a bag of a circle: it is read without a map."""
+    data = read_whole(path)
+    if is_bag(data):
+        return test != MAPPED
+    names = {
+        name.strip().strip('"') for name in data[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace").split(",")
+    }
+    ours = names & set(kind_named(test).layout().required)
+    return len(ours) > 1 and (test != MAPPED or bool(ours - set(PLACE)))
+
+
+def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", topic: str = "") -> Proposal:
+    """Propose the map of the files of one measurement of poses, held against the arm of a rig file. topic: of the poses
+    in a bag; the only one where none is given.
+
+    Raises FileError where the files are no such table, or nothing in them fits the arm.
+    """
+    return _proposed(files, load(rig_file)[0], join, topic)[0]
+
+
+def poses_of_controller(files: Sequence[Path], rig: Rig) -> MappedPoses:
+    """Return the poses of files that a controller computed, by the map that they propose for the arm of a rig. Raises
+    FileError."""
+    proposal, raw = _proposed(files, rig, "", "")
+    computed = [question for question in proposal.questions if question.key == "place"]
+    for question in computed:
+        proposal = proposal.answered(question, question.readings[-1])
+    if proposal.questions:
+        asks = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
+        raise FileError(str(files[0]), f"leaves open what its columns mean ({asks})", "name their units in its header")
+    return poses_of(raw, proposal.table_map)
+
+
+def _proposed(files: Sequence[Path], rig: Rig, join: str, topic: str) -> tuple[Proposal, RawTable]:
+    """The map of files, and the table that they are together."""
+    _hold_standing(rig, str(files[0]))
+    tables, layouts = [], []
+    for path in files:
+        data, chosen, _ = _stands_in(read_whole(path), str(path), rig, topic)
+        sheet = ""
+        if is_workbook(data):
+            sheets = sheets_of(data, str(path))
+            if len(sheets) != 1:
+                fact = f"has {len(sheets)} sheets with rows ({', '.join(map(repr, sheets))}), and one is a measurement"
+                raise FileError(str(path), fact, "save that sheet as CSV, or name it in a map: files: [{sheet: NAME}]")
+            sheet, data = next(iter(sheets.items()))
+        lines, text_layout = text_of(data, str(path))
+        layout = layout_of(lines, text_layout.encoding, str(path)).model_copy(update={"sheet": sheet, "topic": chosen})
+        layouts.append(layout)
+        tables.append(read_raw(lines, layout, str(path)))
+    raw, _ = joined(tables, join)
+    return propose(raw, layouts, join, rig), raw
+
+
+def _stands_in(data: bytes, where: str, rig: Rig, topic: str) -> tuple[bytes, str, tuple[str, ...]]:
+    """The table of the stands in a bag, its topic and doubts; any other file as it is."""
+    if is_bag(data):
+        stands = stands_of_bag(data, where, rig, topic)
+        return stands.text, stands.topic, stands.doubts
+    if topic:
+        raise UseError("--topic", f"is of a bag, and {where} is none", "leave it out")
+    return data, "", ()
+
+
+def _hold_standing(rig: Rig, where: str) -> None:
+    """Raise FileError for an arm on a rail: a map does not say where that stands."""
+    if rig.robot.rail:
+        problem = "has other columns than those of docs/tables.md, and a map does not say where the rail stands"
+        raise FileError(where, problem, "name its columns q1_deg …, e1_mm, x_mm, y_mm, z_mm")
+
+
+def read_mapped(  # noqa: PLR0913 - what a run is labelled with
+    files: Sequence[Path],
+    table_map: TableMap,
+    *,
+    rig_file: str | Path,
+    test: TestName,
+    direction: Direction | None,
+    operator: str,
+    placement: str = "",
+    joints: JointSource = "measured",
+) -> Measured:
+    """The run of the files of one measurement by their map, not written; see `read_table`.
+
+    Raises FileError for mistakes in a file, in the map and in the rig file.
+    """
+    rig, rig_text = load(rig_file)
+    where = str(files[0])
+    if len(files) != len(table_map.files):
+        fact = f"describes {len(table_map.files)} files, and {len(files)} are given"
+        raise FileError("the map", fact, "give the files of one measurement, in its order; several are joined (--join)")
+    if joints == "commanded":
+        if table_map.commanded is None:
+            raise FileError("the map", "names no commanded joints, which --joints commanded reads", "add `commanded`")
+        table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})
+    data = [read_whole(path) for path in files]
+    _hold_standing(rig, where)
+    stands = [
+        _stands_in(content, str(path), rig, layout.topic)
+        for path, content, layout in zip(files, data, table_map.files, strict=True)
+    ]
+    raw, left_out = read_files(
+        [(path, text) for path, (text, *_) in zip(files, stands, strict=True)], table_map.files, table_map.join
+    )
+    if table_map.stops and table_map.place:
+        raw = with_joints(raw, table_map.place, cube_of(rig))
+    table = table_by(raw, table_map, test, len(rig.robot.axes), direction)
+    problems = Problems()
+    problems.add(
+        check_sequence(dict(zip(table.column_names, table.columns, strict=True)), raw.lines, test, rig, direction)
+    )
+    if problems.count:
+        raise TableFileError(where, problems.first, count=problems.count)
+    digests = [hashlib.sha256(content).hexdigest() for content in data]
+    run = table_run(
+        files[0],
+        table,
+        test=test,
+        direction=table["direction"][0].as_py() if "direction" in kind_named(test).layout().required else None,
+        rig_name=rig.name,
+        rig_text=rig_text,
+        operator=operator,
+        source=" + ".join(path.name for path in files),
+        source_sha256=digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest(),
+        placement=placement,
+        table_map=map_text(table_map),
+        assumed=table_map.assumed,
+    )
+    doubts = [doubt for *_, of_file in stands for doubt in of_file]
+    doubts += [f"{left_out} rows stand in one of the files only, and are left out"] if left_out else []
+    return _held(run, rig, where, doubts)
+
+
+def _held(run: Run, rig: Rig, where: str, doubts: Iterable[str]) -> Measured:
+    """A run held against the rig, with what an evaluation will refuse among its doubts."""
+    measured = measured_of(run, rig)
+    refuse_impossible(measured, where)
+    refused, table = [], measured.table
+    try:
+        table.kind.hold_evaluable(table, rig, where)
+        columns = zip(table.kind.gauges, table.kind.readings(table).T, strict=False)
+        hold_alive(where, **{f"{gauge}_mm": column for gauge, column in columns})
+    except FileError as error:  # it is better reported now
+        refused = [str(error)]
+    reasons = (*doubts, *refused, *measured.doubts)
+    return replace(measured, doubts=doubts_of(replace(measured, doubts=reasons)))

@@ -1,0 +1,504 @@
+"""A map proposed from the header and the data of a table, and checked by the arm.
+
+The nominal arm's flanges are fitted to the places, base and target free. A wrong unit leaves metres or decimetres, the
+right one the errors of an arm by its nominal constants, some mm. The turns are then held against the arm's, the tool's
+turn free. A reading is taken where it fits, and the second best clearly does not; anything else is a question.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from analysis.intake.cells import TableFileError
+from analysis.intake.column_groups import Group, Groups, Seen, groups_of, is_of_controller
+from analysis.intake.cube_stops import with_joints
+from analysis.intake.mapped import MappedPoses, fits_in_parts, meant, poses_of, spread_of
+from analysis.intake.raw_table import RawTable
+from analysis.intake.table_map import TO_MM, Angles, Layout, Lengths, Residual, TableMap, Turn
+from analysis.procedures.checks.meanings import AS_WELL, CLEARLY, FEWEST, RIGHT_MM, RIGHT_SHARE, fit_nearest, left_mm
+from analysis.procedures.checks.place import NO_INSTRUMENT_MM, OF_CONTROLLER, SPARE
+from analysis.robot.geometry.iso_cube import cube_of
+from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error
+from analysis.robot.kinematics.arm import Arm, arm_of, forward, without_setup
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+_JUDGED = 200
+"""Rows that judge a reading, evenly chosen; more would show no more."""
+_SCREEN_STEPS, _STEPS = 12, 100
+_KEPT = 0.8
+_FARTHEST_MM = 1e6
+_RIGHT_DEG = 2.0
+"""The tool of an arm by its nominal constants turns as it should within some tenths of a degree."""
+_COMPUTED_MM, _SHARE_OF_CONSTANTS = 0.1, 0.8
+"""Few arms stand by their nominal constants so near, and of these their constants leave a smaller share: of places that
+the controller computed, or a simulation with noise, no constants leave less. Of 25 poses F is 3 there (p 0.001)."""
+_FEW_POSTURES = 20
+"""So few postures, as those of a cube, leave hardly more than a fit of instrument and target takes."""
+_FLOOR_MM, _FLOOR_DEG = 0.05, 0.01
+"""Below this a fit is as good as it can be: digits and noise."""
+_SHOWN, _NAMED = 6, 30
+_SMALL_MM = 100.0
+"""Places that lie no further apart (rms) show little of joints: what is meant otherwise may fit within 10 mm, too."""
+_FAULTY_SHARE = 0.05
+"""Up to here an arm may be faulty and not another one: a zero wrong by 2.5° moves places by 0.044 of their lever."""
+_ANGLES = ("deg", "rad")
+_LENGTHS = ("mm", "m", "in", "cm")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read a part of the table, and what it leaves: rms of the nearest four fifths, in mm or degrees; of
+    places also as a share of how far they lie apart, by which readings in other units are compared."""
+
+    value: Any
+    left: float
+    unit: str
+    words: str
+    share: float = 0.0
+
+    def line(self, next_best: Reading | None = None) -> str:
+        """The reading and what it leaves, for a person, and the next best beside it."""
+        text = f"{self.words}{self._leaves()}"
+        return f"{text}; the next best, {next_best.words}{next_best._leaves()}" if next_best else text
+
+    def _leaves(self) -> str:
+        if np.isnan(self.left):
+            return ""
+        of = f" of {_plain(self.left / self.share)}" if self.share else ""
+        return f": leaves {_plain(self.left)}{of} {self.unit}"
+
+    @property
+    def fits(self) -> bool:
+        """Whether places read so are those of the arm."""
+        return self.left <= RIGHT_MM and self.share <= RIGHT_SHARE
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the data do not show: a key of the map, and its possible values, the likeliest first."""
+
+    key: str
+    asks: str
+    readings: tuple[Reading, ...]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A map, what is open in it, and what was held against the arm, in lines. Where a question is open the map has its
+    likeliest answer."""
+
+    table_map: TableMap
+    questions: tuple[Question, ...]
+    checked: tuple[str, ...]
+    rows: int
+
+    def answered(self, question: Question, reading: Reading) -> Proposal:
+        """The proposal with an answer to a question."""
+        table_map = self.table_map.model_copy(update={question.key: reading.value})
+        return replace(self, table_map=table_map, questions=tuple(q for q in self.questions if q is not question))
+
+    def assumed(self) -> Proposal:
+        """The proposal with the likeliest answer to every question, each named in the map and so in every analysis."""
+        words = [
+            f"{question.key}: {question.readings[0].words} was assumed and is not confirmed"
+            for question in self.questions
+        ]
+        assumed = (*self.table_map.assumed, *words)
+        return replace(self, table_map=self.table_map.model_copy(update={"assumed": assumed}), questions=())
+
+
+@dataclass
+class _Judge:
+    """The rows and the bare arm by which readings are judged."""
+
+    raw: RawTable
+    bare: Arm
+    layouts: tuple[Layout, ...]
+    join: str
+    checked: list[str] = field(default_factory=list)
+    questions: list[Question] = field(default_factory=list)
+    assumed: list[str] = field(default_factory=list)
+
+    def map_of(self, joints: Angles, place: Lengths, residual: Residual | None = None, **keys: Any) -> TableMap:
+        return TableMap(files=self.layouts, join=self.join, joints=joints, place=place, residual=residual, **keys)
+
+    def reading(self, table_map: TableMap, words: str, steps: int = _SCREEN_STEPS) -> Reading:
+        """A reading of joints and place as it fits the arm."""
+        nothing = Reading(table_map, np.inf, "mm", words, np.inf)
+        try:
+            poses = poses_of(self.raw, table_map)
+        except TableFileError:
+            return nothing
+        sound = (poses.xyz_mm != 0).any(axis=1)
+        q, xyz_mm = poses.q[sound], poses.xyz_mm[sound]
+        if len(q) < FEWEST or np.abs(xyz_mm).max() > _FARTHEST_MM:
+            return nothing
+        apart = spread_of(xyz_mm)
+        rms_mm = left_mm(self.bare, q, xyz_mm, steps)
+        return Reading(table_map, rms_mm, "mm", words, rms_mm / apart if apart else np.inf)
+
+
+def _plain(number: float) -> str:
+    """A number with three digits, and no power of ten."""
+    return f"{number:.0f}" if number >= 100 else f"{number:.3g}"
+
+
+def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Proposal:
+    """Propose the map of a table of poses for the arm of a rig.
+
+    Raises FileError where there are no columns of joints or places, or no reading of them fits the arm.
+    """
+    names = [axis.name for axis in rig.robot.axes]
+    groups = groups_of(raw, names)
+    stops = _stops_of_cube(raw, groups, rig)
+    if stops is not None:
+        proposal = propose(stops, layouts, join, rig)
+        finding = "no joints: its rows are stops of the ISO 9283 cube of the rig file, each known by its place"
+        table_map = proposal.table_map.model_copy(update={"stops": "of the cube"})
+        return replace(proposal, table_map=table_map, checked=(finding, *proposal.checked))
+    _refuse_missing(raw, groups, len(names))
+    bare = without_setup(arm_of(rig.robot))
+    judge = _Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
+    if len(raw.lines) < FEWEST:
+        problem = f"has {len(raw.lines)} poses, too few for the arm to show what its columns mean ({FEWEST} are needed)"
+        raise FileError(raw.where, problem, "write the map by hand, and give it with --map")
+    measured, unsaid, commanded = (
+        [group for group in groups.joints if group.role == role] for role in ("measured", "unsaid", "commanded")
+    )
+    # Joints to read, and those that were commanded beside them.
+    joints, commanded = (measured or unsaid, commanded) if measured or unsaid else (commanded, [])
+    seen, residual = _places(groups)
+    table_map, chosen = _placed(judge, joints, seen, residual)
+    if commanded and table_map.joints and len(commanded) == 1:
+        unit: Any = commanded[0].unit or table_map.joints.unit
+        table_map = table_map.model_copy(update={"commanded": Angles(columns=commanded[0].columns, unit=unit)})
+    if chosen.turns and table_map.turn is None:
+        table_map = _turned(judge, table_map, chosen)
+    if residual and table_map.residual:
+        # Both signs of a residual fit an arm equally: its errors would only be mirrored.
+        meanings = ("target - measured", "measured - target")
+        values = [table_map.residual.model_copy(update={"meaning": meaning}) for meaning in meanings]
+        words = [f"{_short(table_map.residual.columns)} is {meaning}" for meaning in meanings]
+        readings = tuple(Reading(value, np.nan, "mm", text) for value, text in zip(values, words, strict=True))
+        asks = "the file does not say what its residual is, and both fit the arm"
+        judge.questions.append(Question("residual", asks, readings))
+    if judge.assumed:
+        table_map = table_map.model_copy(update={"assumed": tuple(judge.assumed)})
+    return Proposal(table_map, tuple(judge.questions), tuple(judge.checked), len(raw.lines))
+
+
+def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
+    """The table with the joints of the cube that a rig file declares, where it has places and no joints; None where it
+    has joints, or there is no such cube. Raises FileError where its places are not those of the cube."""
+    if groups.joints or groups.near or rig.tests.iso9283 is None:
+        return None
+    seen = [pose.place for pose in groups.seen if pose.place.role != "commanded"]
+    cube, failed = cube_of(rig) if seen else None, None
+    for place, unit in ((group, unit) for group in seen for unit in _units(group.unit, _LENGTHS)):
+        try:
+            return with_joints(raw, Lengths(columns=place.columns, unit=unit), cube) if cube else None
+        except TableFileError:
+            raise
+        except FileError as error:
+            failed = failed or error
+    if failed is not None:
+        raise failed
+    return None
+
+
+def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:
+    further = f" and {len(raw.numeric) - _NAMED} more" if len(raw.numeric) > _NAMED else ""
+    has = f"its columns of numbers are {', '.join(raw.numeric[:_NAMED])}{further}"
+    if not groups.joints:
+        if groups.near:
+            nears = f"{len(groups.near)} columns of joints ({groups.near[0]} … {groups.near[-1]})"
+            problem = f"has {nears}, the arm of the rig file {axes} axes"
+            raise FileError(raw.where, problem, "give the rig file of the arm that was measured")
+        problem = f"has no {axes} columns that may be joints; {has}"
+        remedy = (
+            "add the joint angles of each pose (several files: --join), or name them in a map (--map); stops of the "
+            "ISO 9283 cube need none, where the rig file has tests.iso9283"
+        )
+        raise FileError(raw.where, problem, remedy)
+    if not any(pose.place.role != "commanded" for pose in groups.seen) and not (groups.seen and groups.residuals):
+        nears = "only places that were commanded" if groups.seen else "no columns x, y, z of a place"
+        problem = f"has {nears}, so nothing that was measured; {has}"
+        raise FileError(raw.where, problem, "name the measured ones in a map (--map)")
+
+
+def _places(groups: Groups) -> tuple[list[Seen], Group | None]:
+    """Places to read, and the residual beside them where no column holds what was measured."""
+    apart = [pose for pose in groups.seen if not pose.place.of_controller and pose.place.role != "commanded"]
+    seen = apart or groups.seen  # what the robot says of itself, only where nothing else was measured
+    measured = [pose for pose in seen if pose.place.role == "measured"]
+    unsaid = [pose for pose in seen if pose.place.role == "unsaid"]
+    commanded = [pose for pose in groups.seen if pose.place.role == "commanded"]
+    if measured:
+        return measured, None
+    if len(groups.residuals) == 1 and len(commanded or unsaid) == 1:
+        return commanded or unsaid, groups.residuals[0]
+    return unsaid, None
+
+
+def _placed(
+    judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], residual: Group | None
+) -> tuple[TableMap, Seen]:
+    """The map of joints and place, and the place that it is of; what remains open is a question of the judge."""
+    candidates = _readings(judge, joints, seen, residual, stated=True)
+    overruled = None
+    if not candidates[0][0].fits:
+        unstated = _readings(judge, joints, seen, residual, stated=False)
+        if unstated[0][0].fits:
+            overruled, candidates = candidates[0], unstated
+        else:
+            candidates = sorted(
+                [*_from_tool(judge, joints, seen), *candidates], key=lambda candidate: candidate[0].share
+            )
+            if not candidates[0][0].fits and residual is None:
+                overruled, candidates = _otherwise(judge, joints, seen, candidates)
+    (best, chosen), *others = candidates
+    judge.checked.append(best.line(others[0][0] if others else None))
+    if not best.fits:
+        _hold_faulty(judge, best, [reading for reading, _ in candidates])
+    if overruled:
+        _ask(
+            judge,
+            [candidates[0], overruled],
+            "its header says otherwise, or the order of its columns, which does not fit the arm; which is it?",
+        )
+    least = max(best.share, best.share * _FLOOR_MM / max(best.left, 1e-9))
+    rivals = [candidate for candidate in others if candidate[0].share < CLEARLY * least]
+    _ask(judge, [candidates[0], *rivals], "more than one reading fits the arm; which is it?")
+    named = next((layout.topic for layout in judge.layouts if is_of_controller(layout.topic)), "")
+    if residual is None and candidates[0][0] is best and best.left < _SMALL_MM * best.share:
+        best = _hardly_moved(judge, candidates[0])
+    if chosen.place.of_controller or named:
+        words = f"the robot computed it, so nothing was measured: import nothing; {OF_CONTROLLER}"
+        by_robot = Reading(None, np.nan, "mm", words)
+        measured = Reading(best.value.place, best.left, "mm", "an instrument measured it")
+        asks = f"{named or _short(chosen.place.columns)} sounds like what the robot says of itself; who measured it?"
+        judge.questions.append(Question("place", asks, (by_robot, measured)))
+    elif residual is None and best.left < _COMPUTED_MM and _is_nominal(judge.bare, poses_of(judge.raw, best.value)):
+        judge.assumed.append(
+            f"the places lie within {best.left:.2g} mm (rms) of the nominal arm, as no real arm does: they may be "
+            "computed by the controller, or simulated"
+        )
+    table_map: TableMap = best.value
+    return table_map, chosen
+
+
+def _hold_faulty(judge: _Judge, best: Reading, readings: Sequence[Reading]) -> None:
+    """Assume of the best of readings, which does not fit the nominal arm, that it is of a faulty one. Raises FileError
+    where it fits in parts, where another reading leaves clearly less, and where no arm is so wrong."""
+    plain = next(reading for reading in readings if reading.value.sees == "the tool")
+    if part := fits_in_parts(judge.raw, judge.bare, plain.value):
+        problem = f"fits the arm of the rig file in {part}, and not as a whole; {plain.line()}"
+        remedy = "give what was measured with another place of target or instrument in files of their own, a run each"
+        raise FileError(judge.raw.where, problem, remedy)
+    nominal = f"{RIGHT_MM:g} mm and {100 * RIGHT_SHARE:g} % of how far the places lie apart"
+    if best.share > min(_FAULTY_SHARE, AS_WELL * min(reading.share for reading in readings)):
+        problem = f"fits the arm of the rig file in no reading of its columns to {nominal}; {best.line()}"
+        remedy = "check that the rig file is that of the arm; else write a map by hand (--map)"
+        raise FileError(judge.raw.where, problem, remedy)
+    judge.assumed.append(
+        f"{best.line()}, where the nominal constants of an arm leave at most {nominal}; no reading "
+        "fits clearly better: a zero or a length of this arm is far wrong, or the rig file is that of another arm"
+    )
+
+
+def _is_nominal(bare: Arm, poses: MappedPoses) -> bool:
+    """Whether many postures show no constants but the nominal ones."""
+    q, xyz_mm = poses.q, poses.xyz_mm
+    if len(np.unique(np.round(q, 2), axis=0)) <= _FEW_POSTURES:
+        return False
+    T, fitted = forward(bare, q), fit_arm(bare, q, xyz_mm)
+    error = position_error(T, xyz_mm, fit_setup(T, xyz_mm))
+    nominal_mm = float(np.sqrt((error**2).sum() / (len(q) - 3)))
+    return fitted.spare < SPARE or max(fitted.rms_mm, NO_INSTRUMENT_MM) > _SHARE_OF_CONSTANTS * nominal_mm
+
+
+def _hardly_moved(judge: _Judge, taken: tuple[Reading, Seen]) -> Reading:
+    """Return the likeliest reading. Poses that hardly move may fit clearly better with a column meant otherwise, which
+    is asked; where they fit as well, names are taken for true, and it is said."""
+    best, seen = taken
+    ways = meant(judge.raw, judge.bare, best.value)
+    if not ways:
+        return best
+    first = ways[0]
+    if CLEARLY * max(first.left_mm, _FLOOR_MM) < best.left and not first.remedy:
+        second = Reading(first.table_map, first.left_mm, "mm", f"{best.words}, with {first.words}", first.share)
+        _ask(judge, [(second, seen), taken], "the joints hardly move, and another reading fits better; which is it?")
+        return second
+    if first.left_mm < CLEARLY * max(best.left, _FLOOR_MM):
+        judge.assumed.append(
+            f"the joints move too little to show order and signs of the columns ({first.words} fits to "
+            f"{first.left_mm:.2g} mm, as named to {best.left:.2g} mm): they are taken as they are named"
+        )
+    return best
+
+
+def _ask(judge: _Judge, candidates: Sequence[tuple[Reading, Seen]], asks: str) -> None:
+    """A question for each of joints and place that differs in readings, the likeliest first."""
+    for key in ("joints", "place", "turn", "sees"):
+        values: dict[str, Reading] = {}
+        for reading, _ in candidates:
+            value = getattr(reading.value, key)
+            values.setdefault(repr(value), replace(reading, value=value))
+        readings = tuple(values.values())[:_SHOWN]
+        if len(readings) > 1:
+            judge.questions.append(Question(key, asks, readings))
+
+
+def _readings(
+    judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], residual: Group | None, *, stated: bool
+) -> list[tuple[Reading, Seen]]:
+    """Every way to read joints and place, the best first. stated: units that the file states are taken for true."""
+    candidates = []
+    for group, pose in product(joints, seen):
+        if set(group.columns) & set(pose.place.columns):
+            continue
+        angles = _units(group.unit if stated else "", _ANGLES)
+        for angle, length in product(angles, _units(pose.place.unit if stated else "", _LENGTHS)):
+            beside_residual = None
+            if residual:
+                (unit, *_) = _units(residual.unit if stated else "", (length,))
+                beside_residual = Residual(columns=residual.columns, unit=unit, meaning="target - measured")
+            columns = pose.place.columns
+            table_map = judge.map_of(
+                Angles(columns=group.columns, unit=angle), Lengths(columns=columns, unit=length), beside_residual
+            )
+            words = f"joints {_short(group.columns)} in {angle}, place {_short(columns)} in {length}"
+            candidates.append((judge.reading(table_map, words), pose))
+    return _judged(judge, candidates)
+
+
+def _judged(judge: _Judge, candidates: list[tuple[Reading, Seen]]) -> list[tuple[Reading, Seen]]:
+    """The readings in order, the best few fitted to the end."""
+    candidates.sort(key=lambda candidate: candidate[0].share)
+    best = [(judge.reading(reading.value, reading.words, _STEPS), pose) for reading, pose in candidates[:_SHOWN]]
+    return sorted(best, key=lambda candidate: candidate[0].share) + candidates[_SHOWN:]
+
+
+def _from_tool(judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen]) -> list[tuple[Reading, Seen]]:
+    """Readings of an instrument on the tool that sees what stands in the cell: of a camera, hand-eye pairs."""
+    candidates = []
+    for group, pose in product(joints, seen):
+        for angle, length in product(_units(group.unit, _ANGLES), _units(pose.place.unit, ("mm", "m"))):
+            for turn in _turns(pose):
+                columns = pose.place.columns
+                table_map = judge.map_of(
+                    Angles(columns=group.columns, unit=angle),
+                    Lengths(columns=columns, unit=length),
+                    turn=turn,
+                    sees="from the tool",
+                )
+                words = f"joints {_short(group.columns)} in {angle}, place {_short(columns)} in {length}"
+                words = f"seen from the tool: {words}, turn as {_turn_words(turn)}"
+                candidates.append((judge.reading(table_map, words), pose))
+    return _judged(judge, candidates)
+
+
+def _otherwise(
+    judge: _Judge, joints: Sequence[Group], seen: Sequence[Seen], candidates: list[tuple[Reading, Seen]]
+) -> tuple[tuple[Reading, Seen] | None, list[tuple[Reading, Seen]]]:
+    """The readings with columns in another order or direction, or of a left-handed frame, before the others, and the
+    reading that such a one overrules; behind the others, and None, where none fits. Raises FileError for what only a
+    rig file can state."""
+    ways = []
+    for group, pose in product(joints, seen):
+        for angle, length in product(_units(group.unit, _ANGLES), _units(pose.place.unit, _LENGTHS)):
+            base = judge.map_of(
+                Angles(columns=group.columns, unit=angle), Lengths(columns=pose.place.columns, unit=length)
+            )
+            named = f"joints {_short(group.columns)} in {angle}, place {_short(pose.place.columns)} in {length}"
+            ways += [(way, base, named, pose) for way in meant(judge.raw, judge.bare, base)]
+    ways.sort(key=lambda way: way[0].share)
+    # A zero half a turn off and an axis behind it that counts the other way are the same: a map states the latter.
+    if any(way[0].share < AS_WELL * ways[0][0].share and not way[0].remedy for way in ways):
+        ways = [way for way in ways if not way[0].remedy]
+    read = [(Reading(way.table_map, way.left_mm, "mm", f"{named}, with {way.words}", way.share), pose)
+            for way, _, named, pose in ways]  # fmt: skip
+    if not read or not read[0][0].fits:
+        return None, [*candidates, *read]
+    best, base, named, pose = ways[0]
+    if best.remedy:
+        problem = f"fits the arm of the rig file only with {best.words}; {read[0][0].line()}"
+        raise FileError(judge.raw.where, problem, best.remedy)
+    return (judge.reading(base, named, _STEPS), pose), [*read, *candidates]
+
+
+def _units(stated: str, units: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The unit that the file states, where there is such a one, or all that are known."""
+    return (stated,) if stated in (*_ANGLES, *TO_MM) else units
+
+
+def _turns(seen: Seen) -> list[Turn]:
+    turns = []
+    for reading in seen.turns:
+        if reading.form in ("quaternion", "matrix"):
+            turns.append(Turn(columns=reading.columns, form=reading.form))
+        else:
+            for unit in _units(seen.turn_unit, ("deg", "rad")):
+                turns.append(Turn(columns=reading.columns, form=reading.form, unit=unit))
+    return turns
+
+
+def _turn_words(turn: Turn) -> str:
+    words = f"{turn.form} {_short(turn.columns)}"
+    return f"{words} in {turn.unit}" if turn.unit else words
+
+
+def _turned(judge: _Judge, table_map: TableMap, seen: Seen) -> TableMap:
+    """The map with the turn that fits; where none does, or more than one, that is a question."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    base = poses_of(judge.raw, table_map)
+    T = forward(judge.bare, base.q)
+    setup = fit_nearest(judge.bare, base.q, base.xyz_mm, _STEPS)[1]
+    R_base = setup.T_world_base[:3, :3]
+    candidates: list[tuple[Reading, Rotation]] = []
+    for turn in _turns(seen):
+        try:
+            poses = poses_of(judge.raw, table_map.model_copy(update={"turn": turn}))
+        except TableFileError:
+            continue
+        assert poses.turn is not None  # noqa: S101 - of readings with a turn
+        # What the nearest turns leave, with the tool's turn on the flange fitted to them.
+        arm = Rotation.from_matrix(T[:, :3, :3])
+        tool = arm.inv() * Rotation.from_matrix(R_base).inv() * poses.turn
+        kept, off = np.arange(len(T)), np.zeros(len(T))
+        for _ in range(3):
+            off = np.asarray((tool * tool[kept].mean().inv()).magnitude())
+            kept = np.argsort(off)[: max(int(_KEPT * len(T)), 6)]
+        rms_deg = float(np.degrees(np.sqrt(np.mean(off[kept] ** 2))))
+        candidates.append((Reading(turn, rms_deg, "°", f"turn as {_turn_words(turn)}"), poses.turn))
+    readings, distinct = list[Reading](), list[Rotation]()
+    for reading, turns in sorted(candidates, key=lambda candidate: candidate[0].left):
+        # Without those that turn every row as a better one does.
+        if all((turns * earlier.inv()).magnitude().max() > 1e-6 for earlier in distinct):
+            readings.append(reading)
+            distinct.append(turns)
+    if not readings:
+        return table_map
+    best, *others = readings
+    judge.checked.append(best.line(others[0] if others else None))
+    none = Reading(None, np.nan, "°", "no turn: places alone are imported")
+    rivals = [reading for reading in others if reading.left < CLEARLY * max(best.left, _FLOOR_DEG)]
+    if best.left > _RIGHT_DEG:
+        asks = f"no reading of the turn fits the arm within {_RIGHT_DEG:g}°; leave it out, or take which?"
+        judge.questions.append(Question("turn", asks, (none, *readings[:_SHOWN])))
+        return table_map
+    if rivals:
+        asks = "more than one reading of the turn fits the arm; which is it?"
+        judge.questions.append(Question("turn", asks, (best, *rivals[:_SHOWN], none)))
+    return table_map.model_copy(update={"turn": best.value})
+
+
+def _short(columns: Sequence[str]) -> str:
+    return columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"

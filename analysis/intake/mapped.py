@@ -1,0 +1,284 @@
+"""A table by its map: columns of the file become those of docs/tables.md, in degrees, mm and seconds.
+
+Columns of a table read in another way than their names or their order say: the hypotheses that the conventions have
+of a run (`analysis.procedures.checks.meanings`), and a frame that is left-handed.
+
+What a map can state (another order of the columns, an axis that counts the other way, a mirror) becomes a question;
+zeros and couplings are of the rig file, and are named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyarrow as pa
+
+from analysis.intake.cells import Problems, TableFileError, TableProblem, value
+from analysis.intake.raw_table import RawTable
+from analysis.intake.table_map import MAPPED, TO_MM, TO_UNIT, Angles, TableMap, Turn
+from analysis.procedures.checks.meanings import FEWEST, RIGHT_MM, RIGHT_SHARE, Meaning, left_mm, meanings
+from analysis.robot.kinematics.arm import Arm, Array, forward
+from analysis.runs.table_format import kind_named
+from analysis.runs.table_layout import COUNTS, PLACE, TURN, WORDS, joint_columns
+from daq.store.chunk import table_schema
+from rigs.errors import FileError, UseError
+from rigs.schema.vocabulary import Direction, TestName
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+
+_UNIT_WITHIN = 0.01
+"""How far a quaternion's length, or a matrix times its transpose, may be from one: rounded digits, and no more."""
+Columns = dict[str, pa.Array | pa.ChunkedArray]
+
+
+@dataclass(frozen=True)
+class MappedPoses:
+    """Poses by a map: joints q and commanded (n, k) rad, places xyz_mm (n, 3), turns, the last three None without."""
+
+    q: Array
+    xyz_mm: Array
+    turn: Rotation | None
+    commanded: Array | None
+
+
+def poses_of(raw: RawTable, table_map: TableMap) -> MappedPoses:
+    """The poses of a table by its map. Raises TableFileError for every bad cell, FileError for what the map lacks."""
+    problems = Problems()
+    if table_map.joints is None or table_map.place is None:
+        problem = f"states no {'joints' if table_map.joints is None else 'place'}, which every pose needs"
+        raise FileError("the map", problem, "add its columns and their unit")
+    q = _radians(raw, table_map.joints, problems)
+    commanded = _radians(raw, table_map.commanded, problems) if table_map.commanded else None
+    xyz = raw.numbers(table_map.place.columns, problems) * TO_MM[table_map.place.unit]
+    if residual := table_map.residual:
+        sign = 1.0 if residual.meaning == "measured - target" else -1.0
+        xyz = xyz + sign * raw.numbers(residual.columns, problems) * TO_MM[residual.unit]
+    turn = turn_of(raw, table_map.turn, problems) if table_map.turn else None
+    if table_map.place.mirror:
+        mirror = np.diag([-1.0 if letter == table_map.place.mirror else 1.0 for letter in "xyz"])
+        xyz, turn = xyz @ mirror, None if turn is None else turn.from_matrix(mirror @ turn.as_matrix() @ mirror)
+    if problems.count:
+        raise TableFileError(raw.where, problems.first, count=problems.count)
+    if table_map.sees == "from the tool":
+        if turn is None:
+            raise FileError("the map", "sees from the tool and states no turn", "add it, or `sees: the tool`")
+        turn = turn.inv()
+        xyz = -turn.apply(xyz)
+    return MappedPoses(q, xyz, turn, commanded)
+
+
+def turn_of(raw: RawTable, turn: Turn, problems: Problems) -> Rotation:
+    """The turns of a table by its map; what is none becomes a problem."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    values = raw.numbers(turn.columns, problems)
+    values[~np.isfinite(values).all(axis=1)] = _none(turn)  # bad cells, which are problems already
+    if turn.form == "quaternion":
+        off = np.abs(np.linalg.norm(values, axis=1) - 1)
+    elif turn.form == "matrix":
+        R = values.reshape(-1, 3, 3)
+        off = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        off[np.linalg.det(R) < 0] = np.inf
+    else:
+        off = np.zeros(len(values))
+    for row in np.flatnonzero(off > _UNIT_WITHIN).tolist():
+        problem = f"is no turn as {turn.form}: it is off by {off[row]:.2g}"
+        problems.add([TableProblem(int(raw.lines[row]), turn.columns[0], problem)])
+    values[off > _UNIT_WITHIN] = _none(turn)
+    if turn.form == "quaternion":
+        return Rotation.from_quat(values)
+    if turn.form == "matrix":
+        return Rotation.from_matrix(values.reshape(-1, 3, 3))
+    degrees = turn.unit == "deg"
+    if turn.form == "rotation vector":
+        return Rotation.from_rotvec(values, degrees=degrees)
+    way, order = turn.form.split()
+    return Rotation.from_euler(order.upper() if way == "moving" else order, values, degrees=degrees)
+
+
+def _none(turn: Turn) -> Array:
+    """The values of no turn, which stand in for those that are none until they are reported."""
+    if turn.form == "quaternion":
+        return np.array([0.0, 0.0, 0.0, 1.0])
+    return np.eye(3).ravel() if turn.form == "matrix" else np.zeros(3)
+
+
+def _radians(raw: RawTable, angles: Angles, problems: Problems) -> Array:
+    values = raw.numbers(angles.columns, problems)
+    values = np.radians(values) if angles.unit == "deg" else values
+    backwards = np.isin(np.arange(1, len(angles.columns) + 1), angles.reversed)
+    return values * np.where(backwards, -1.0, 1.0)
+
+
+def table_by(
+    raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None = None
+) -> pa.Table:
+    """The table of docs/tables.md of a test, with every other column of the file as the text it is."""
+    if test == MAPPED:
+        for part in filter(None, (table_map.joints, table_map.commanded)):
+            if len(part.columns) != axes:
+                fact = f"names {len(part.columns)} columns of joints, and the arm of the rig file has {axes} axes"
+                remedy = "name a column for each axis, in order, or give the rig file of that arm"
+                raise FileError("the map", fact, remedy)
+        poses = poses_of(raw, table_map)
+        named = _columns("q{}_deg", np.degrees(poses.q))
+        named |= dict(zip(PLACE, map(pa.array, poses.xyz_mm.T), strict=True))
+        if poses.turn is not None:
+            named |= dict(zip(TURN, map(pa.array, poses.turn.as_euler("xyz", degrees=True).T), strict=True))
+        if poses.commanded is not None:
+            named |= _columns("q{}_commanded_deg", np.degrees(poses.commanded))
+    else:
+        named = _named(raw, table_map, test, direction)
+    used = set(table_map.used())
+    for name in raw.names:
+        if name not in used:
+            named[name if name not in named else f"{name} (file)"] = raw.cells[name]
+    types = {name: str(column.type) for name, column in named.items()}
+    return pa.table(named, schema=table_schema(types))  # type: ignore[arg-type]
+
+
+def _columns(template: str, values: Array) -> Columns:
+    return {template.format(axis): pa.array(column) for axis, column in enumerate(values.T, start=1)}
+
+
+def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direction | None) -> Columns:
+    layout, stated = kind_named(test).layout(), table_map.columns
+    driven = any(name in layout.required for name in joint_columns(1))
+    joints = list(_columns("q{}_deg", np.zeros((1, len(table_map.joints.columns))))) if table_map.joints else []
+    missing = [name for name in layout.required if name not in stated and name not in joints]
+    missing = [name for name in missing if not (direction and name == "direction")]
+    if missing or (driven and table_map.joints is None):
+        problem = f"names no column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
+        raise FileError("the map", problem, "add it: columns: {NAME: {column: THAT OF THE FILE, unit: ITS UNIT}}")
+    if unknown := [name for name in stated if name not in layout.known]:
+        problem = f"names {unknown[0]}, which no {test} table has"
+        raise UseError("the map", problem, f"known are {', '.join(layout.known)}")
+    problems = Problems()
+    angles = np.degrees(_radians(raw, table_map.joints, problems)) if table_map.joints else np.empty((0, 0))
+    named: Columns = {}
+    for name in layout.known:
+        if name in joints:
+            named[name] = pa.array(angles[:, joints.index(name)])
+        elif name in stated:
+            named[name] = _column(raw, name, stated[name].column, stated[name].unit, problems)
+        elif name == "direction" and direction:
+            named[name] = pa.repeat(direction, len(raw.lines))
+    if problems.count:
+        raise TableFileError(raw.where, problems.first, count=problems.count)
+    return named
+
+
+def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: Problems) -> pa.Array:
+    """A column by our name: a number in its unit, a count, or a word."""
+    if name not in WORDS and name not in COUNTS:
+        our_unit = name.rpartition("_")[2]
+        if unit and unit not in TO_UNIT[our_unit]:
+            raise FileError("the map", f"gives {name} the unit {unit}", f"give one of {', '.join(TO_UNIT[our_unit])}")
+        return pa.array(raw.numbers([column], problems)[:, 0] * (TO_UNIT[our_unit][unit] if unit else 1.0))
+    if column not in raw.names:
+        raise FileError(raw.where, f"has no column {column!r}", f"it has {', '.join(raw.names[:30])}")
+    values: list[object] = []
+    for line, text in zip(raw.lines.tolist(), raw.cells[column].to_pylist(), strict=True):
+        try:
+            values.append(value(name, text))
+        except ValueError as error:
+            problems.add([TableProblem(line, column, str(error))])
+            values.append(None)
+    return pa.array(values, pa.string() if name in WORDS else pa.int64())
+
+
+_STEPS, _ALL_STEPS, _BEST = 8, 60, 3
+"""Steps of a fit while meanings are screened, of the best few of them, and how many those are."""
+_ALIKE = 4.0
+"""Places spread as far as the flange does, but for what the tool adds: units in which they do not are left out."""
+_FIRST, _PARTS = 0.4, 4
+"""The first rows that may be of another placing than the others, and how many values of a column of words name such."""
+_MIRROR = "y"
+"""Any axis will do: the frame is fitted."""
+
+
+@dataclass(frozen=True)
+class Meant:
+    """A map by which poses fit the arm, what it leaves, rms in mm and as a share of how far the places lie apart, and
+    what it reads otherwise, in words. remedy: what to do where a map cannot state it, else empty."""
+
+    table_map: TableMap
+    left_mm: float
+    share: float
+    words: str
+    remedy: str
+
+
+def meant(raw: RawTable, bare: Arm, base: TableMap) -> list[Meant]:
+    """Return the ways to read the joints and places of a map otherwise, the best first; none where its units do not
+    suit the arm, or hardly a row has a place."""
+    try:
+        poses = poses_of(raw, base)
+    except TableFileError:
+        return []
+    sound = (poses.xyz_mm != 0).any(axis=1)
+    q, xyz_mm = poses.q[sound], poses.xyz_mm[sound]
+    if len(q) < FEWEST:
+        return []
+    apart, reach = spread_of(xyz_mm), spread_of(forward(bare, q)[:, :3, 3])
+    if not 1 / _ALIKE < apart / max(reach, 1e-9) < _ALIKE:
+        return []
+
+    def judged(way: tuple[TableMap, Meaning | None, str, str], steps: int) -> Meant:
+        table_map, meaning, words, remedy = way
+        seen = xyz_mm if meaning else xyz_mm @ np.diag([-1.0 if letter == _MIRROR else 1.0 for letter in "xyz"])
+        rms_mm = left_mm(bare, meaning.of(q) if meaning else q, seen, steps)
+        return Meant(table_map, rms_mm, rms_mm / apart, words, remedy)
+
+    ways = list(_ways(base, bare.axes))
+    order = np.argsort([judged(way, _STEPS).left_mm for way in ways])[:_BEST]
+    return sorted((judged(ways[k], _ALL_STEPS) for k in order.tolist()), key=lambda otherwise: otherwise.left_mm)
+
+
+def fits_in_parts(raw: RawTable, bare: Arm, base: TableMap) -> str:
+    """Return which rows of a table fit the arm by themselves where all together do not, in words, empty where none do:
+    the target sat elsewhere on the tool in the others, or the instrument stood elsewhere."""
+    poses = poses_of(raw, base)
+    measured, number = (poses.xyz_mm != 0).any(axis=1), np.arange(len(raw.lines))
+    parts = {"the first rows": number < max(_FIRST * len(number), FEWEST), "every other row": number % 2 == 0}
+    for name in raw.names:
+        values = raw.cells[name].to_pylist()
+        if name not in raw.numeric and 1 < len(set(values)) <= _PARTS:
+            parts |= {f"the rows of {name} {value}": np.array([cell == value for cell in values]) for value in values}
+    for words, rows in parts.items():
+        q, xyz_mm = poses.q[rows & measured], poses.xyz_mm[rows & measured]
+        if len(q) < FEWEST:
+            continue
+        rms_mm = left_mm(bare, q, xyz_mm, _ALL_STEPS)
+        if rms_mm < min(RIGHT_MM, RIGHT_SHARE * spread_of(xyz_mm)):
+            return f"{words}, which leave {rms_mm:.2g} mm"
+    return ""
+
+
+def _ways(base: TableMap, axes: int) -> Iterator[tuple[TableMap, Meaning | None, str, str]]:
+    """Every other way to read a map: the map, the meaning, None for a mirror, in words, and what to do where a map
+    cannot state it."""
+    if base.joints is None or base.place is None:
+        return
+    mirrored = base.place.model_copy(update={"mirror": _MIRROR})
+    yield base.model_copy(update={"place": mirrored}), None, f"{_MIRROR} mirrored: the frame is left-handed", ""
+    columns = np.array(base.joints.columns, dtype=object)
+    for meaning in meanings(axes):
+        is_order = not meaning.offset.any() and bool((np.abs(meaning.matrix).sum(axis=1) == 1).all())
+        if not is_order:
+            yield base, meaning, meaning.words, meaning.remedy
+            continue
+        backwards = tuple((np.flatnonzero(meaning.matrix.sum(axis=1) < 0) + 1).tolist())
+        order = tuple(columns[np.abs(meaning.matrix).argmax(axis=1)].tolist())
+        joints = base.joints.model_copy(update={"columns": order, "reversed": backwards})
+        yield base.model_copy(update={"joints": joints}), meaning, meaning.words, ""
+
+
+def spread_of(places: Array) -> float:
+    """Return how far places (n, 3) mm lie apart, rms from their middle."""
+    return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))

@@ -1,0 +1,383 @@
+"""A table file as its instrument wrote it: separators, decimals, comments, header and units found, cells kept as text.
+
+pyarrow splits the lines; what is found is a `Layout`, which a map states and a person can correct.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import zipfile
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pa_csv
+
+from analysis.intake.cells import Problems, TableFileError, TableProblem, value
+from analysis.intake.read import refuse_other_formats
+from analysis.intake.table_map import SEPARATORS, Layout, Separator
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.runs.csv_tables import LARGEST
+from daq.store.chunk import array_of
+from rigs.distribution import to_install
+from rigs.errors import FileError
+
+_WORKBOOK = b"PK\x03\x04"
+_MOST_UNPACKED = 40_000_000
+"""Bytes of a workbook's parts: a cell has some 30, and its reader takes eight times as much memory for texts."""
+_MOST_SHEET_CELLS = 500_000
+"""Cells of a workbook, as many as are read in some ten seconds (30 000 a second on a busy computer, measured)."""
+_MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
+_SAMPLED = 100
+"""Lines at the beginning and at the end by which a layout is found."""
+_COMMENTS = ("#", "%", "//")
+_NUMBER = r"^[ \t]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?[ \t]*$"
+_POINT = re.compile(_NUMBER)
+_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+([eE][+-]?[0-9]+)?")
+_UNIT = re.compile(r"[\[(]?\s*(mm|m|cm|um|µm|in|inch|deg|°|rad|s|ms|-|degrees|radians|°c|)\s*[\])]?", re.IGNORECASE)
+_MOSTLY = 0.9
+"""Share of the rows that are numbers in a column of numbers."""
+_FEWEST = 3
+"""Columns of the smallest table: a place."""
+
+
+@dataclass(frozen=True)
+class RawTable:
+    """A table as it is written. cells: a column of text for each of `names`; lines (n,): the line of each row, from 1;
+    units: what a line of units has below the header, "" for none."""
+
+    where: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    cells: pa.Table
+    lines: Integers
+    decimal_comma: bool
+
+    def numbers(self, names: Sequence[str], problems: Problems | None = None) -> Array:
+        """Columns (n, k) as numbers. Bad cells are nan and go to `problems`, or are raised as TableFileError."""
+        bad_cells = Problems() if problems is None else problems
+        columns = np.full((len(self.lines), len(names)), np.nan)
+        for name, column in zip(names, columns.T, strict=True):
+            if name not in self.names:
+                near = ", ".join(repr(column_name) for column_name in self.names[:30])
+                raise FileError(self.where, f"has no column {name!r}", f"name one that it has in the map: {near}")
+            good = array_of(self._is_number(name)).astype(bool)
+            plain = pc.utf8_trim_whitespace(self._plain(name))
+            if good.any():
+                column[good] = array_of(pc.filter(plain, pa.array(good)).cast(pa.float64()))
+            large = good & ~(np.abs(column) <= LARGEST)
+            for row in np.flatnonzero(~good | large).tolist():
+                text = str(plain[row].as_py())
+                why = f"{text!r} is not a number"
+                try:
+                    value("x_mm", text)
+                except ValueError as error:
+                    why = str(error)
+                bad_cells.add([TableProblem(int(self.lines[row]), name, why)])
+        if problems is None and bad_cells.count:
+            raise TableFileError(self.where, bad_cells.first, count=bad_cells.count)
+        return columns
+
+    @cached_property
+    def numeric(self) -> tuple[str, ...]:
+        """The columns that hold numbers but for a few bad cells, which an import then names."""
+        return tuple(name for name in self.names if array_of(self._is_number(name)).mean() >= _MOSTLY)
+
+    def evenly(self, rows: int) -> RawTable:
+        """So many rows of the table without bad cells in columns of numbers, evenly chosen."""
+        sound = np.ones(len(self.lines), dtype=bool)
+        for name in self.numeric:
+            sound &= array_of(self._is_number(name)).astype(bool)
+        sound_rows = np.flatnonzero(sound)
+        if not len(sound_rows):
+            raise FileError(self.where, "has no row without a bad cell", "correct the file")
+        chosen = sound_rows[np.unique(np.linspace(0, len(sound_rows) - 1, min(rows, len(sound_rows))).astype(int))]
+        return replace(self, cells=self.cells.take(chosen), lines=self.lines[chosen])
+
+    def _plain(self, name: str) -> pa.ChunkedArray:
+        cells = self.cells[name]
+        return pc.replace_substring(cells, ",", ".") if self.decimal_comma else cells
+
+    def _is_number(self, name: str) -> pa.ChunkedArray:
+        return pc.match_substring_regex(self._plain(name), _NUMBER)
+
+
+def is_workbook(data: bytes) -> bool:
+    """Return whether bytes are those of an .xlsx workbook."""
+    return data.startswith(_WORKBOOK)
+
+
+def sheets_of(data: bytes, where: str) -> dict[str, bytes]:
+    """The sheets of a workbook that hold rows, each as text separated by commas. Raises FileError."""
+    try:
+        import openpyxl  # noqa: PLC0415 - an extra, and slow to import
+    except ModuleNotFoundError:
+        problem = "is a workbook, and openpyxl is not installed"
+        raise FileError(where, problem, f"{to_install('openpyxl')}, or save the sheet as CSV") from None
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            if sum(member.file_size for member in archive.infolist()) > _MOST_UNPACKED:
+                raise FileError(where, f"unpacks to more than {_MOST_UNPACKED / 1e6:g} MB", "save the sheet as CSV")
+        book = openpyxl.load_workbook(io.BytesIO(data), read_only=True, data_only=True)
+        sheets = dict(_texts_within(book.worksheets, where))
+    except FileError:
+        raise
+    except Exception as error:  # noqa: BLE001 - of a damaged workbook, whatever its readers raise
+        problem = f"cannot be read as a workbook: {type(error).__name__}"
+        raise FileError(where, problem, "save the sheet as CSV") from None
+    return {name: text for name, text in sheets.items() if text.strip(b"\n,")}
+
+
+def _texts_within(sheets: Iterable[Any], where: str) -> Iterator[tuple[str, bytes]]:
+    """Yield the title of each sheet with its rows as text. Raises FileError for more cells in all than are read; a cell
+    far out makes all before it."""
+    count = 0
+    for sheet in sheets:
+        sheet.reset_dimensions()  # what a sheet says of its size may be too much, or leave rows out
+        rows = []
+        for row in sheet.iter_rows(values_only=True):
+            count += max(1, len(row))
+            if count > _MOST_SHEET_CELLS:
+                problem = f"has more than {_MOST_SHEET_CELLS} cells, in the sheet {sheet.title!r} at the latest"
+                raise FileError(where, problem, "save the sheet with the table as CSV")
+            texts = ["" if cell is None else re.sub(r"\s+", " ", str(cell)) for cell in row]
+            # A point where a text is a number with a comma: columns are separated by commas.
+            rows.append([text.replace(",", ".") if _COMMA.fullmatch(text.strip()) else text for text in texts])
+        width, written = max(map(len, rows), default=0), io.StringIO()
+        writer = csv.writer(written, lineterminator="\n")
+        for cells in rows:
+            writer.writerow([*cells, *[""] * (width - len(cells))]) if any(cells) else written.write("\n")
+        yield sheet.title, written.getvalue().encode()
+
+
+def text_of(data: bytes, where: str, layout: Layout | None = None) -> tuple[list[str], Layout]:
+    """The lines of a file, and the encoding that they are in. Raises FileError for what is no text."""
+    encoding = layout.encoding if layout else "utf-8"
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16"
+    else:
+        refuse_other_formats(where, data)
+    try:
+        text = data.decode("utf-8-sig" if encoding == "utf-8" else encoding)
+    except UnicodeDecodeError:
+        if layout or encoding == "utf-16":
+            raise FileError(where, f"is not {encoding}", "correct `encoding` in the map, or save it as UTF-8") from None
+        encoding, text = "cp1252", data.decode("cp1252", errors="replace")
+    if "\0" in text:
+        raise FileError(where, "contains zero bytes, which a text file cannot", "give the table as UTF-8 text")
+    return re.split(r"\r\n|\n|\r", text), Layout(encoding=encoding)
+
+
+def layout_of(lines: Sequence[str], encoding: str, where: str) -> Layout:
+    """Find how the lines of a file are written. Raises FileError where they are no table of numbers."""
+    comment = next((mark for line in lines[:1000] for mark in _COMMENTS if line.lstrip().startswith(mark)), "")
+    rows = [k for k, line in enumerate(lines) if line.strip() and not (comment and line.lstrip().startswith(comment))]
+    sampled = [*rows[:_SAMPLED], *rows[_SAMPLED:][-_SAMPLED:]]
+    best: tuple[tuple[float, float, int], Separator, bool, int] | None = None
+    for name, mark in SEPARATORS.items():
+        split = [_fields(lines[k], mark) for k in sampled]
+        count = Counter(len(cells) for cells in split if len(cells) >= _FEWEST).most_common(1)
+        if not count:
+            continue
+        fields = count[0][0]
+        full_rows = [cells for cells in split if len(cells) == fields]
+        for comma in (False, True) if mark != "," else (False,):
+            share = float(np.mean([np.mean([_is_number(cell, comma) for cell in cells]) for cells in full_rows]))
+            score = (round(len(full_rows) / len(split) * share, 3), share, fields)
+            if best is None or score > best[0]:
+                best = score, name, comma, fields
+    if best is None or (best[1] == "bar" and best[0][1] == 0) or best[0][1] == 0:
+        raise FileError(where, "has no rows of numbers", "give a table: a row of numbers for each pose")
+    _, separator, comma, fields = best
+    mark = SEPARATORS[separator]
+    whole = [cells for k in sampled if len(cells := _fields(lines[k], mark)) == fields]
+    tail = whole[len(whole) // 2 :]
+    numeric = np.mean([[_is_number(cell, comma) for cell in cells] for cells in tail], axis=0) > 0.5
+    data = (
+        k
+        for k in rows
+        if len(cells := _fields(lines[k], mark)) == fields
+        and all(_is_number(cell, comma) for cell, number in zip(cells, numeric, strict=True) if number)
+    )
+    first = next(data, None)
+    if first is None:
+        raise FileError(where, "has no row whose columns of numbers are all numbers", "give a table of measurements")
+    header, units = _header(lines, first, rows, comment, mark, fields, numeric)
+    return Layout(
+        encoding=encoding,
+        separator=separator,
+        decimal="comma" if comma else "point",
+        comment=comment,
+        header_line=header,
+        units_line=units,
+        first_line=first + 1,
+    )
+
+
+def _header(
+    lines: Sequence[str], first: int, rows: list[int], comment: str, mark: str, fields: int, numeric: Array
+) -> tuple[int, int]:
+    """The lines of header and units before the first row of data, from 1; 0 for none. A comment may be the header."""
+    above = [k for k in rows if k < first][-2:]
+    full = [k for k in above if len(_fields(lines[k], mark)) == fields]
+    if full and all(_UNIT.fullmatch(cell.strip()) for cell in _fields(lines[full[-1]], mark)):
+        return (full[-2] + 1 if len(full) > 1 else 0), full[-1] + 1
+    if full and full[-1] == above[-1]:
+        return full[-1] + 1, 0
+    noted = [k for k in range(first) if comment and lines[k].lstrip().startswith(comment)]
+    for k in noted[::-1][:1]:
+        cells = _fields(lines[k].lstrip()[len(comment) :], mark)
+        if len(cells) == fields and not any(_is_number(cell, True) for cell in cells):
+            return k + 1, 0
+    return 0, 0
+
+
+def _fields(line: str, mark: str) -> list[str]:
+    if mark == " ":
+        return line.split()
+    return [cell.strip().strip('"') for cell in line.split(mark)]
+
+
+def _is_number(cell: str, comma: bool) -> bool:
+    return bool(_POINT.match(cell.replace(",", ".", 1) if comma else cell))
+
+
+def read_raw(lines: Sequence[str], layout: Layout, where: str) -> RawTable:
+    """Split the lines of a file by its layout. Raises TableFileError with every row of another length."""
+    mark = SEPARATORS[layout.separator]
+    fields = len(_fields("".join(lines[layout.first_line - 1 : layout.first_line]), mark))
+
+    def is_comment(line: str) -> bool:
+        if not layout.comment or not line.startswith(layout.comment):
+            return False
+        first, *others = _fields(line, mark)  # ###, a number too wide for its cell, is the first cell of a row
+        return bool(first.strip(layout.comment)) or 1 + len(others) != fields
+
+    kept = [
+        k for k in range(layout.first_line - 1, len(lines)) if lines[k].strip() and not is_comment(lines[k].lstrip())
+    ]
+    if not kept:
+        raise FileError(where, "has no rows below its header", "give the measured rows")
+    body = [lines[k] for k in kept]
+    if mark == " ":
+        mark, body = "\t", ["\t".join(line.split()) for line in body]
+    names, units = _names(lines, layout, body[0], mark)
+    if len(names) > _MOST_COLUMNS or len(names) * len(body) > _MOST_CELLS:
+        raise FileError(where, f"has more than {_MOST_CELLS} cells or {_MOST_COLUMNS} columns", "import it in parts")
+    problems = Problems()
+
+    def bad(row: pa_csv.InvalidRow) -> str:
+        problem = f"has {row.actual_columns} fields, the table {row.expected_columns}; is the line cut off?"
+        problems.add([TableProblem(kept[row.number - 1] + 1, "", problem)])
+        return "skip"
+
+    try:
+        cells = pa_csv.read_csv(
+            io.BytesIO("\n".join(body).encode()),
+            pa_csv.ReadOptions(use_threads=False, column_names=names),
+            pa_csv.ParseOptions(delimiter=mark, invalid_row_handler=bad),
+            pa_csv.ConvertOptions(column_types={name: pa.string() for name in names}, strings_can_be_null=False),
+        )
+    except pa.ArrowInvalid as error:
+        raise FileError(where, f"cannot be split into fields: {str(error)[:100]!r}", "check its quotes") from None
+    if problems.count:
+        raise TableFileError(where, problems.first, count=problems.count)
+    if cells.num_rows != len(kept):
+        raise FileError(where, "has a cell of several lines", "put each row on one line")
+    comma = layout.decimal == "comma"
+    return RawTable(where, tuple(names), tuple(units), cells, np.array(kept) + 1, comma)
+
+
+def _names(lines: Sequence[str], layout: Layout, body: str, mark: str) -> tuple[list[str], list[str]]:
+    """The names of the columns, each once, and their units."""
+    count = len(_fields(body, mark))
+
+    def cells(number: int) -> list[str]:
+        line = lines[number - 1] if 0 < number <= len(lines) else ""
+        if layout.comment and line.lstrip().startswith(layout.comment):
+            line = line.lstrip()[len(layout.comment) :]
+        fields = line.split() if layout.separator == "blanks" else _fields(line, mark)
+        return fields if len(fields) == count else [""] * count
+
+    seen: Counter[str] = Counter()
+    names = []
+    for number, name in enumerate(cells(layout.header_line), start=1):
+        unique = name or f"column {number}"
+        seen[unique] += 1
+        names.append(unique if seen[unique] == 1 else f"{unique} ({seen[unique]})")
+    return names, cells(layout.units_line)
+
+
+def joined(tables: Sequence[RawTable], join: str) -> tuple[RawTable, int]:
+    """One table of several files: row by row (`rows`), or by a column that each of them has; and how many rows are in
+    one of them only. Raises FileError."""
+    first, *others = tables
+    if not others:
+        return first, 0
+    if len({table.decimal_comma for table in tables}) > 1:
+        texts = [{name: pc.replace_substring(table.cells[name], ",", ".") for name in table.names} for table in tables]
+        first, *others = (
+            replace(table, cells=pa.table(cells), decimal_comma=False) if table.decimal_comma else table
+            for table, cells in zip(tables, texts, strict=True)
+        )
+    columns, left_out = {name: first.cells[name] for name in first.names}, 0
+    units, lines, keep = list(first.units), first.lines, np.arange(len(first.lines))
+    places = []
+    for table in others:
+        if join == "rows":
+            if len(table.lines) != len(lines):
+                problem = f"has {len(table.lines)} rows, {first.where} {len(lines)}"
+                raise FileError(table.where, problem, "join them by a column that both have: --join COLUMN")
+            places.append(np.arange(len(lines)))
+            continue
+        index = [_index(side, join) for side in (first, table)]
+        at = np.array([index[1].get(key, -1) for key in index[0]], dtype=np.int64)
+        keep = keep[np.isin(keep, np.flatnonzero(at >= 0))]
+        left_out += int((at < 0).sum()) + len(index[1].keys() - index[0].keys())
+        places.append(at)
+    columns = {name: column.take(keep) for name, column in columns.items()}
+    for number, (table, at) in enumerate(zip(others, places, strict=True), start=2):
+        for name, unit in zip(table.names, table.units, strict=True):
+            if name == join:
+                continue
+            columns[name if name not in columns else f"{name} (file {number})"] = table.cells[name].take(at[keep])
+            units.append(unit)
+    if not len(keep):
+        problem = f"shares no value of {join!r} with {first.where}"
+        raise FileError(others[0].where, problem, "check the column of the join")
+    cells = pa.table(columns)
+    where = f"{first.where} and {len(others)} more"
+    return RawTable(where, tuple(columns), tuple(units), cells, lines[keep], first.decimal_comma), left_out
+
+
+def _index(table: RawTable, join: str) -> dict[str, int]:
+    if join not in table.names:
+        raise FileError(table.where, f"has no column {join!r} to join by", f"it has {', '.join(table.names[:20])}")
+    keys = [str(key).strip() for key in table.cells[join].to_pylist()]
+    if len(set(keys)) < len(keys):
+        problem = f"has a value of {join!r} twice"
+        raise FileError(table.where, problem, "join by a column whose values are all different")
+    return {key: row for row, key in enumerate(keys)}
+
+
+def read_files(files: Sequence[tuple[Path, bytes]], layouts: Sequence[Layout], join: str) -> tuple[RawTable, int]:
+    """The one table of the files of a measurement, by the layouts of its map, and the rows that were not joined."""
+    tables = []
+    for (path, data), layout in zip(files, layouts, strict=True):
+        if is_workbook(data):
+            sheets = sheets_of(data, str(path))
+            if layout.sheet not in sheets:
+                problem = f"has no sheet {layout.sheet!r} with rows; it has {', '.join(map(repr, sheets)) or 'none'}"
+                raise FileError(str(path), problem, "name one of them as `sheet` in the map")
+            data = sheets[layout.sheet]  # noqa: PLW2901 - the sheet stands for its workbook
+        lines, _ = text_of(data, str(path), layout)
+        tables.append(read_raw(lines, layout, str(path)))
+    return joined(tables, join)

@@ -1,0 +1,393 @@
+"""Reading a table file: bytes to rows, rows to columns, every bad row named.
+
+The file's own columns stay in their order; known ones become numbers, counts and words, extra ones stay
+the text they are. Rows become columns of Arrow a batch at a time: as objects of Python, a table takes ten times the
+memory, and where that ends, each of millions of small requests for more is refused by the system on its own.
+
+The header says which columns there are, which are missing, and what they may be called instead. Of a file that is no
+table it is said what to do with it: a person gives what a controller or a recorder has written. What a cell alone does
+not show is looked for in whole columns: time that runs back, a second direction, jumps of joints, unknown targets.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import hashlib
+import io
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from analysis.apps.interchange.bags import MCAP_MAGIC as MAGIC
+from analysis.apps.interchange.bags import is_bag
+from analysis.apps.interchange.ros_bag import table_of_bag
+from analysis.intake.cells import Columns, Problems, Row, TableFileError, TableProblem, column_type, columns_of, quoted
+from analysis.intake.table_map import MAPPED
+from analysis.procedures.shared.places_and_targets import target_count
+from analysis.robot.description.ros_kinematics import ROS_KINEMATICS
+from analysis.runs.table_format import kind_named, kinds
+from analysis.runs.table_layout import (
+    COMMANDED,
+    JOINTS,
+    RAIL,
+    SOCKET,
+    TIME_U,
+    WORDS,
+    JointSource,
+    Layout,
+    joint_columns,
+)
+from analysis.runs.written_files import as_it_was
+from daq.store.chunk import table_schema
+from rigs.errors import FileError
+from rigs.files import read_bytes, read_from
+from rigs.rig import Rig
+from rigs.schema.vocabulary import CIRCLES, DRIVEN_AXES, Direction, TestName
+from rigs.text import as_argument
+
+_SPEED_FACTOR = 2.0
+"""A joint that moves faster than this many times its rated speed …"""
+_ROUNDING_DEG = 2.0
+"""… and by more than this has jumped: times are rounded, and speeds in rig files are nominal. …"""
+_LARGEST_STEP_DEG = 120.0
+"""… And so has one that moves further than this between neighbouring samples, however slow they are."""
+
+
+def check_sequence(
+    columns: Columns, lines: np.ndarray, test: TestName, rig: Rig, direction: Direction | None
+) -> Iterator[TableProblem]:
+    """Mistakes between rows, and beside the rig; cells that are null are left out, they are mistakes already.
+
+    lines: the number of each row's line (n,).
+    """
+    columns_of_test = kind_named(test).layout().known
+    if "t_s" in columns_of_test and "t_s" in columns:
+        t_s = columns["t_s"].to_numpy()
+        timed = np.flatnonzero(np.isfinite(t_s))
+        for k in np.flatnonzero(np.diff(t_s[timed]) <= 0):
+            fact = f"time does not increase: {t_s[timed[k + 1]]:g} after {t_s[timed[k]]:g}"
+            yield TableProblem(int(lines[timed[k + 1]]), "t_s", fact)
+    for name in (name for name in TIME_U if name in columns_of_test and name in columns):
+        for k in np.flatnonzero(columns[name].to_numpy() < 0):
+            yield TableProblem(int(lines[k]), name, "an uncertainty is not below zero")
+    if "target" in columns_of_test and rig.tests.hemisphere:
+        target = columns["target"].to_numpy()
+        count = target_count(rig.tests.hemisphere)
+        for k in np.flatnonzero(target > count):
+            fact = f"{target[k]:.0f} is not one of the {count} targets of the rig's hemisphere"
+            yield TableProblem(int(lines[k]), "target", fact)
+    # A joint more than the arm has: of touches, and of arms of few axes, whose gripper is easily taken for one.
+    axes = len(rig.robot.axes)
+    further = joint_columns(axes + 1)[-1]
+    if further in columns and (SOCKET in columns_of_test or axes < DRIVEN_AXES):
+        fact = f"the table has {axes + 1} joints, and the arm of the rig file {axes}"
+        yield TableProblem(1, further, fact + ("; rename the column of a gripper" if axes < DRIVEN_AXES else ""))
+    if SOCKET in columns_of_test:
+        declared = rig.tests.touch.sockets if rig.tests.touch else ()
+        for line, socket in zip(lines.tolist(), columns[SOCKET].to_pylist(), strict=True):
+            if declared and socket not in declared:
+                fact = f"{socket!r} is no socket of the rig file: {', '.join(declared)}"
+                yield TableProblem(int(line), SOCKET, fact)
+    if "direction" in columns_of_test:
+        yield from _of_circle(columns, lines, rig, direction)
+
+
+def _of_circle(columns: Columns, lines: np.ndarray, rig: Rig, direction: Direction | None) -> Iterator[TableProblem]:
+    """Mistakes in the direction of a circle, and where a joint jumps by more than it can run."""
+    words = columns["direction"]
+    named = pc.unique(words.drop_null()).to_pylist()
+    if direction and named == ["acw" if direction == "cw" else "cw"]:
+        yield TableProblem(int(lines[0]), "direction", f"the table says {named[0]}; leave --direction out")
+    elif len(named) > 1:
+        fact = f"{named[1]} after {named[0]}: a file may hold one direction only; split it here"
+        yield TableProblem(int(lines[pc.index(words, named[1]).as_py()]), "direction", fact)
+    t_s = columns["t_s"].to_numpy()
+    for axis, name in zip(rig.robot.axes, JOINTS, strict=True):
+        q_deg = columns[name].to_numpy()
+        finite = np.flatnonzero(np.isfinite(t_s) & np.isfinite(q_deg))
+        step, gap_s = np.diff(q_deg[finite]), np.diff(t_s[finite])
+        reachable = _SPEED_FACTOR * axis.speed_deg_s * np.maximum(gap_s, 0.0) + _ROUNDING_DEG
+        jump = (np.abs(step) > np.minimum(reachable, _LARGEST_STEP_DEG)) & (gap_s > 0)
+        came = -2
+        for k in np.flatnonzero(jump).tolist():
+            # A single bad row jumps there and back: it is named, the good one after it is not.
+            if came == k - 1 and step[k] * step[k - 1] < 0:
+                came = -2
+                continue
+            came = k
+            fact = f"jumps by {step[k]:.4g}° in {gap_s[k]:.3g} s"
+            if abs(abs(step[k]) - 360) < 20:
+                fact += ": a full turn is missing; unwrap the angle"
+            yield TableProblem(int(lines[finite[k + 1]]), name, fact)
+
+
+_CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word in words)
+"""A number, or a word of a column of words: the first line of a table without a header."""
+_UNITS = {"deg": "degrees", "mm": "mm", "s": "seconds"}
+
+
+def check_header(
+    where: str, names: list[str], test: TestName, direction_given: bool, axes: int = 6, layout: Layout | None = None
+) -> None:
+    """Whether these columns make a table of a test; layout: of an arm of so many axes without a rail, if none is given.
+
+    direction_given: a direction column may be missing. Raises FileError for another separator,
+    TableFileError for wrong or missing columns.
+    """
+    line = ",".join(names) if len(names) <= 2 else ""
+    if line.count(";") > 2:
+        remedy = f"save it with commas and decimal points: sed 'y/,;/.,/' {as_argument(where)} > TABLE.csv"
+        raise FileError(where, "separates its columns by semicolons", remedy)
+    if line.count("\t") > 2:
+        remedy = f"save it with commas between columns: tr '\\t' ',' < {as_argument(where)} > TABLE.csv"
+        raise FileError(where, "separates its columns by tabs", remedy)
+    layout = layout or kind_named(test).layout(axes)
+    problems = [
+        TableProblem(1, name, "this column occurs twice; remove or rename one")
+        for name, count in Counter(names).items()
+        if count > 1
+    ]
+    missing = [name for name in layout.required if name not in names and not (direction_given and name == "direction")]
+    if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
+        raise FileError(where, "has no header line", f"make this its first line: {','.join(layout.required)}")
+    problems += [TableProblem(1, name, _missing(name, names, layout, test)) for name in missing]
+    if not kind_named(test).gauges and RAIL in names and RAIL not in layout.known:
+        fact = "the arm of the rig file stands on no rail; add robot.rail to it, or rename this column"
+        problems.append(TableProblem(1, RAIL, fact))
+    for group in layout.together:
+        stated = [name for name in group if name in names]
+        if 0 < len(stated) < len(group):
+            fact = f"has {' and '.join(stated)} only; give all of {', '.join(group)}, or none"
+            problems.append(TableProblem(1, "", fact))
+    if problems:
+        mapped = "" if test == MAPPED else "; a map reads other names and units (--map)"
+        raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}{mapped}")
+
+
+def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str:
+    # The extra column that may be the missing one: of the same stem (g1_inch for g1_mm), or written alike.
+    # A column that means something in another test is that, and no other one misspelt.
+    of_any = {column for kind in kinds() for column in kind.layout().known}
+    extras = [extra for extra in names if extra not in of_any]
+    of_same_stem = [extra for extra in extras if _stem(extra) == _stem(name)]
+    taken = {_stem(column) for column in layout.known}
+    alike = difflib.get_close_matches(name, [extra for extra in extras if _stem(extra) not in taken], n=1)
+    near = next(iter(of_same_stem + alike), None)
+    if near:
+        stem, _, unit = name.rpartition("_")
+        unit_hint = f", in {_UNITS[unit]}" if stem and unit in _UNITS and not near.endswith(unit) else ""
+        return f"this column is missing; is it {quoted(near)}? Then name it {name}{unit_hint}"
+    if name == "direction":
+        return "this column is missing; add it, or give --direction cw or acw"
+    if test in CIRCLES and name == "g2_mm":
+        return "this column is missing; an angle takes two gauges"
+    return "this column is missing; add it"
+
+
+def _stem(name: str) -> str:
+    return re.split(r"[\W_]", name.strip().lower())[0]
+
+
+_BEGINNINGS = (
+    (b"\xff\xfe", "is UTF-16", "save it as UTF-8"),
+    (b"\xfe\xff", "is UTF-16", "save it as UTF-8"),
+    (b"PAR1", "is a Parquet file", "give the table as CSV"),
+    (b"#ROSBAG", "is a bag of ROS 1", "convert it to MCAP: rosbags-convert --src {file} --dst BAG --dst-storage mcap"),
+    (b"\x28\xb5\x2f\xfd", "is compressed (zstd)", "unpack it first: zstd -d {file}"),
+    (b"\x1f\x8b", "is compressed (gzip)", "unpack it first: gunzip -k {file}"),
+    (b"\x04\x22\x4d\x18", "is compressed (lz4)", "unpack it first: lz4 -d {file}"),
+    (b"PK\x03\x04", "is a workbook or a zip file", "save the table as CSV, or unpack the file first"),
+    (b"\xd0\xcf\x11\xe0", "is a workbook of an old Excel", "save the table as CSV"),
+    (b"%PDF", "is a PDF", "give the table as CSV"),
+)
+"""What a file begins with that is no text, what it is, and what to do."""
+
+
+def refuse_other_formats(where: str, data: bytes) -> None:
+    """Raise FileError for the bytes of a file that is known to be no table."""
+    for magic, fact, remedy in _BEGINNINGS:
+        if data.startswith(magic):
+            raise FileError(where, fact, remedy.format(file=as_argument(where)))
+    if data.lstrip().startswith(ROS_KINEMATICS.encode()):
+        fact = "is the kinematics of an arm, as ur_calibration of ROS writes it, and no table of measurements"
+        raise FileError(where, fact, "for the arm, give calibration.conf of the controller: rig arms ARM --calibration")
+
+
+def refuse_comments(where: str, data: bytes, test: TestName) -> None:
+    """Raise FileError for a table that begins with lines of comment; its header may be the last of them."""
+    lines = data.decode("utf-8-sig").splitlines()
+    count = next((number for number, line in enumerate(lines) if not line.startswith("#")), len(lines))
+    names = {name.strip() for name in lines[count - 1].lstrip("# ").split(",")}
+    file = as_argument(where)
+    if len(names & set(kind_named(test).layout().required)) > 1:
+        before = f"1,{count - 1}d; " if count > 1 else ""
+        problem = f"has its header in line {count} behind a #, which makes it a comment"
+        raise FileError(where, problem, f"take it off: sed '{before}s/^# *//' {file} > TABLE.csv")
+    comment = "a line" if count == 1 else f"{count} lines"
+    raise FileError(where, f"begins with {comment} of comment (#)", f"leave them out: sed '/^#/d' {file} > TABLE.csv")
+
+
+MOST_BYTES = 256_000_000
+_MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
+"""The largest table, which takes some 0.5 GB while it is read; half an hour at 1 kHz with 9 columns has 16 million."""
+
+
+@dataclass(frozen=True)
+class TableFile:
+    """A table as read. table: the file's columns, known ones as double, int64 or words, extra ones as text.
+
+    direction: of a circle. sha256: of the file's bytes. doubts: what a bag leaves in doubt, in words.
+    """
+
+    path: Path
+    sha256: str
+    direction: Direction | None
+    table: pa.Table
+    doubts: tuple[str, ...] = ()
+
+
+def read_file(
+    path: Path, test: TestName, rig: Rig, direction: Direction | None = None, joints: JointSource = "measured"
+) -> TableFile:
+    """Read a table of docs/tables.md: a CSV file, or a bag of ROS 2 from which one is made.
+
+    direction: of a circle whose table has no direction column; the column is then added after t_s. joints: which of two
+    sets of columns are the robot's; the other is kept under a name that says what it is.
+    Raises FileError for a file that cannot be read, TableFileError with every mistake in it.
+    """
+    data = read_whole(path)
+    has_direction = "direction" in kind_named(test).layout().required
+    text, doubts = data, tuple[str, ...]()
+    if is_bag(data):
+        if not has_direction:
+            problem = "is a bag, from which circles are read, and poses by a map"
+            raise FileError(str(path), problem, f"give the table of a {test} test as CSV")
+        text, doubts = table_of_bag(data, str(path), rig, test)
+    table = parse_csv(text, str(path), test, rig, direction, joints)
+    words = table["direction"][0].as_py() if has_direction else None
+    return TableFile(path, hashlib.sha256(data).hexdigest(), words, table, doubts)
+
+
+def parse_csv(
+    data: bytes,
+    where: str,
+    test: TestName,
+    rig: Rig,
+    direction: Direction | None = None,
+    joints: JointSource = "measured",
+) -> pa.Table:
+    """The table in the bytes of a file; `where` names it in errors. See `read_file`."""
+    if direction and "direction" not in kind_named(test).layout().required:
+        raise FileError(where, f"is of a {test} test, which has no direction", "leave --direction out")
+    _require_text(where, data)
+    rows = _rows(data, where)
+    _, header = next(rows, (1, []))
+    if header and header[0].startswith("#"):
+        refuse_comments(where, data, test)
+    names = _names(header, where, joints)
+    axes = len(rig.robot.axes)
+    layout = kind_named(test).layout(axes, rail=rig.robot.rail is not None)
+    check_header(where, names, test, direction is not None, axes, layout)
+    problems = Problems()
+    columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, layout, problems)
+    if not len(lines) and not problems.count:
+        raise FileError(where, "has a header and no rows", "give the measured rows")
+    if direction and "direction" not in columns:
+        completed: dict[str, pa.ChunkedArray] = {}
+        for name, values in columns.items():
+            completed[name] = values
+            if name == "t_s":
+                completed["direction"] = pa.chunked_array([pa.repeat(direction, len(lines))])
+        columns = completed
+    problems.add(check_sequence(columns, lines, test, rig, direction))
+    if problems.count:
+        raise TableFileError(where, problems.first, count=problems.count)
+    return pa.table(columns, schema=table_schema({name: column_type(name, layout) for name in columns}))
+
+
+def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
+    """The names of the columns. Raises FileError for no header, one of too many, and one without the joints to read."""
+    if not any(header):
+        raise FileError(where, "is empty", "give a table with a header line")
+    if len(header) > _MOST_COLUMNS:
+        raise FileError(where, f"has {len(header)} columns, more than {_MOST_COLUMNS}", "leave out those not needed")
+    names = [as_it_was(name) for name in header]
+    if joints != "commanded":
+        return names
+    # The commanded joints are the robot's, and those measured have a name that says so.
+    if missing := [name for name in COMMANDED if name not in names]:
+        problem = f"has no {', '.join(missing)}, which --joints commanded reads"
+        raise FileError(where, problem, "rename the columns of the commanded joints, or leave --joints out")
+    measured = [name.replace("_deg", "_measured_deg") for name in JOINTS]
+    renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
+    return [renamed.get(name, name) for name in names]
+
+
+def read_whole(path: Path) -> bytes:
+    """The bytes of a table file, bounded. Raises FileError for one that cannot be read or is too large."""
+    try:
+        return read_bytes(path, MOST_BYTES)
+    except IsADirectoryError:
+        raise FileError(str(path), "is a directory", "give a file; of a bag the .mcap or .db3 file in it") from None
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+    except FileError:
+        if path.is_file() and path.stat().st_size > MOST_BYTES and read_from(path, 0, len(MAGIC))[0] == MAGIC:
+            problem = f"is a bag of more than {MOST_BYTES / 1e6:g} MB"
+            remedy = "keep the topics that are read: mcap filter BAG -y /joint_states -y /g1 -y /g2 -o SMALL"
+            raise FileError(str(path), problem, remedy) from None
+        raise
+
+
+def _require_text(where: str, data: bytes) -> None:
+    refuse_other_formats(where, data)
+    try:
+        if not data.isascii():
+            data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise FileError(where, f"line {line} is not UTF-8", "save it as UTF-8") from None
+    if b"\0" in data:
+        raise FileError(where, "contains zero bytes, which a text file cannot", "give the table as UTF-8 text")
+
+
+def _rows(data: bytes, where: str) -> Iterator[Row]:
+    """Rows that hold anything, in order. Raises TableFileError where quotes do not match."""
+    reader = csv.reader(io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig", newline=""), strict=True)
+    begin = 1
+    try:
+        for fields in reader:
+            if fields:
+                yield begin, fields
+            begin = reader.line_num + 1
+    except csv.Error as error:
+        problem = TableProblem(begin, "", f"cannot be split into fields: {error}; check its quotes")
+        raise TableFileError(where, [problem]) from None
+
+
+def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Problems) -> Iterator[Row]:
+    """Rows with a field for each name; the others are problems. Raises FileError for more rows than a table has."""
+    most_rows = _MOST_CELLS // len(names)
+    count = 0
+    for line, fields in rows:
+        if len(fields) != len(names):
+            why = (
+                "; put a text with a comma in quotes, and write decimals with a point"
+                if len(fields) > len(names)
+                else "; is the line cut off?"
+            )
+            problem = f"has {len(fields)} fields, the header {len(names)}{why}"
+            problems.add([TableProblem(line, "", problem)])
+            continue
+        if count > most_rows:
+            problem = f"has more than {_MOST_CELLS} cells, the first {line} lines alone"
+            raise FileError(where, problem, "import it in several runs")
+        count += 1
+        yield line, fields

@@ -1,0 +1,170 @@
+"""The page of conventions: every one that data are held against, at import, when a recording ends and before every
+diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from analysis.procedures.checks.finding import Convention, Finding
+from analysis.procedures.checks.gauge_sign import ORDER, SIGN, repeat_findings, sign_findings
+from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS
+from analysis.procedures.checks.meanings import JOINTS, joint_findings
+from analysis.procedures.checks.place import PLACE, SOURCE, STAMPS, STANDS, stand_findings
+from analysis.procedures.checks.units import UNITS, unit_findings
+from analysis.runs.loading import Measured
+from rigs.errors import FileError
+
+Runs = Sequence[Measured]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A convention that runs were held against: what was found, and why they do not show it, empty where they can."""
+
+    convention: Convention
+    findings: tuple[Finding, ...]
+    cannot: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types: a convention of `rig check --json`."""
+        return {
+            "name": self.convention.name,
+            "asks": self.convention.asks,
+            "cannot": self.cannot or None,
+            "findings": [finding.to_dict() for finding in self.findings],
+        }
+
+
+def check_runs(runs: Runs) -> list[Checked]:
+    """Hold runs of one robot against every convention, alone and together."""
+    findings, with_joints = findings_of(runs), _with_joints(runs)
+    return [
+        Checked(
+            convention,
+            tuple(finding for finding in findings if finding.convention == convention.name),
+            convention.cannot(with_joints)
+            if with_joints
+            else ""
+            if convention.name in _SHOWN_BY_PATHS
+            else f"the table {runs[0].table.kind.without_joints}",
+        )
+        for convention in CONVENTIONS
+    ]
+
+
+def findings_of(runs: Runs) -> list[Finding]:
+    """Return what speaks against a convention in runs of one robot; of paths, which have neither joints nor gauges,
+    their places alone."""
+    with_joints, paths = _with_joints(runs), [run for run in runs if run.table.kind.without_joints]
+    findings = [finding for find in _FINDERS for finding in find(with_joints)] if with_joints else []
+    return [*findings, *(finding for find in _OF_PATHS for finding in find(paths))]
+
+
+def _with_joints(runs: Runs) -> list[Measured]:
+    return [run for run in runs if not run.table.kind.without_joints]
+
+
+def doubts_of(run: Measured) -> tuple[str, ...]:
+    """Return what a run alone shows against a convention, in words, after what is known of it already."""
+    return tuple(dict.fromkeys((*run.doubts, *(finding.words for finding in findings_of([run])))))
+
+
+def refuse_impossible(run: Measured, where: str) -> None:
+    """Raise FileError for the first finding that no run can have as it is labelled."""
+    if run.table.kind.without_joints:
+        return
+    for findings in (unit_findings(run.table, run.rig), run.table.kind.findings(SOURCE, run.table, run.rig)):
+        wrong = [finding for finding in findings if finding.strength == "impossible"]
+        if wrong:
+            problems, remedies = ([getattr(finding, of) for finding in wrong] for of in ("what", "remedy"))
+            raise FileError(where, "; ".join(problems), ", and ".join(dict.fromkeys(remedies)))
+
+
+def _each(of_run: Callable[[Measured], Iterable[Finding]]) -> Callable[[Runs], Iterator[Finding]]:
+    """The findings of each run by itself."""
+
+    def find(runs: Runs) -> Iterator[Finding]:
+        for run in runs:
+            for finding in of_run(run):
+                yield replace(finding, runs=(run.run.manifest.name,))
+
+    return find
+
+
+def _by_kind(convention: str) -> Callable[[Runs], Iterator[Finding]]:
+    """The findings about a convention that only some kinds of test can break."""
+    return _each(lambda run: run.table.kind.findings(convention, run.table, run.rig))
+
+
+def _gauges(runs: Runs) -> Iterator[Finding]:
+    """The findings about the order and the sign of gauges: against their repeats, against what no joint does, and by
+    the ball's place; the surest of each run."""
+    named: set[str] = set()
+    for find in (repeat_findings, sign_findings, _by_kind(ORDER)):
+        findings = list(find([run for run in runs if run.run.manifest.name not in named]))
+        named.update(name for finding in findings for name in finding.runs)
+        yield from findings
+
+
+def _joints_hidden(runs: Runs) -> str:
+    why = [run.table.kind.cannot_tell(run.table, run.rig) for run in runs]
+    return "" if "" in why else next(iter(why), "")
+
+
+def _without(convention: str, why: str) -> Callable[[Runs], str]:
+    """Why runs show nothing where none is of a kind that can break a convention."""
+    return lambda runs: "" if any(convention in dict(run.table.kind.finders) for run in runs) else why
+
+
+def _no_pair(runs: Runs) -> str:
+    ways = {(run.run.manifest.test, run.run.manifest.direction) for run in runs}
+    both = any((test, "cw") in ways for test, way in ways if way == "acw")
+    if both or any(run.rig.effects or run.rig.calibrated for run in runs if run.table.kind.gauges):
+        return ""
+    return "it shows in circles driven both ways, if a joint has play, or where the rig file knows an effect"
+
+
+def _no_stops(runs: Runs) -> str:
+    imported = any(run.run.table is not None and not run.table.kind.swept for run in runs)
+    return "" if imported else "no imported targets or poses are among the runs"
+
+
+_no_yaw = _without(STAMPS, "no circle is among the runs")
+_no_poses = _without(SOURCE, "no poses are among the runs")
+_no_targets = _without(PLACE, "no targets are among the runs")
+CONVENTIONS = (
+    Convention(UNITS, "mm and degrees, or µm, inches, metres, radians", lambda _: ""),
+    Convention(JOINTS, "do order, signs, zeros and coupling of the joints fit", _joints_hidden),
+    Convention(ORDER, "are g1 and g2 exchanged", _no_yaw),
+    Convention(SIGN, "do the readings grow with the distance from the ball", _no_pair),
+    Convention(SOURCE, "did an instrument measure the places", _no_poses),
+    Convention(STAMPS, "is t_s in seconds, by the speed of the circle", _no_yaw),
+    Convention(PLACE, "was each target where the rig file has it", _no_targets),
+    Convention(STANDS, "is each row a visit of its own", _no_stops),
+    Convention(WILDNESS, "did the tracker have its target", _no_poses),
+    Convention(DUPLICATES, "is a place or a row written again", _no_poses),
+)
+"""Every convention, in the order in which a person reads them."""
+
+_SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
+_OF_PATHS = tuple(map(_by_kind, _SHOWN_BY_PATHS))
+_FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
+    _each(lambda run: unit_findings(run.table, run.rig)),
+    _each(lambda run: joint_findings(run.table, run.rig)),
+    _gauges,
+    # Places of an arm that was simulated are meant to be computed.
+    lambda runs: _by_kind(SOURCE)([run for run in runs if not run.is_simulated]),
+    _by_kind(STAMPS),
+    _by_kind(PLACE),
+    _each(stand_findings),
+    _by_kind(WILDNESS),
+    _by_kind(DUPLICATES),
+)
+"""What looks for findings in runs; order and sign of gauges are judged together."""
+
+
+def why_no_measurement(run: Measured) -> str:
+    """Return why a run that was just recorded is no measurement as it is labelled, in words; empty where it is."""
+    return next((finding.words for finding in findings_of([run]) if finding.strength != "likely"), "")

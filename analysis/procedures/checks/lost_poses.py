@@ -1,0 +1,355 @@
+"""Readings that no robot explains, of poses, touches and paths: the tracker lost its target, or the robot was
+elsewhere. They are left out and counted, and those that only look so are named.
+
+A place of exactly 0, 0, 0 is what instruments write without a target. Others are wild by `analysis.runs.noise.wild`, by
+their place or their turn beside an arm whose base and tool are fitted to the poses that are near; then by their place
+beside an arm of which all constants are fitted to these: what an arm by its nominal constants misses by half a
+millimetre hides a reading that is 2 mm wrong, and moves every constant by it.
+
+Along a path a tool goes smoothly: where it is follows from three places before, and from three behind. A spike lies off
+what both say, and they agree; at a corner, where a move begins and at a step at least one of them is right. Taken at
+distances of one to some places, spikes of as many places are seen. Beside spikes there is a beam that stood still while
+the tool went on.
+
+So are places and rows that were written more than once: an instrument that sent its last place again, a file put
+together twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.procedures.checks.finding import Finding
+from analysis.procedures.checks.place import FITTED, SPARE, two_placings
+from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error, socket_design
+from analysis.robot.kinematics.arm import Arm, Array, Integers, Mask, arm_of, forward, without_setup
+from analysis.runs.noise.cell_noise import TARGET_MM
+from analysis.runs.noise.wild import FITTED_SPREADS, NEAR, SPREADS, STEPS, by_accident, far_from_fit, spreads_of
+from analysis.runs.tables import PathTable, PoseTable, Table, TouchTable
+from rigs.rig import Rig
+from rigs.text import listed
+
+_STRIDES, _SMOOTH_S = (1, 2, 3, 5, 8), 0.016
+"""Distances of the places that a place is held against: spikes of up to eight are seen, as long as the path is smooth
+over that time. On a circle of 20 mm at 250 mm/s it turns by a fifth of a radian."""
+_SPREADS, _AGREE = 10.0, 2.0
+"""A spike is so many robust standard deviations from where both sides have it, and so many times as far as these lie
+apart."""
+_LEAST_MM = 0.1
+"""No tracker resolves so badly, and no spike below this changes a figure."""
+_ALIKE = 5
+"""So many equal places in a row are no motion, …"""
+_CAUGHT_UP, _BEFORE, _AHEAD = 0.75, 20, 0.5
+"""… where the tool has gone on by this share of what its speed before would make; it moved where so many steps before
+lead ahead by that share of their length, and do not tremble about a place."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Which places (n,) of a path are wild, by how much, mm (n,), and which repeat the one before."""
+
+    wild: Mask
+    away_mm: Array
+    repeated: Mask
+
+    @property
+    def words(self) -> dict[str, str]:
+        """What a person should know, by `wild` and `repeated`; nothing where there are none."""
+        words = {}
+        if count := int(self.wild.sum()):
+            named = listed((np.flatnonzero(self.wild) + 1).tolist())
+            is_at = f"is wild: row {named} is" if count == 1 else f"are wild: rows {named} are up to"
+            far_mm = float(self.away_mm[self.wild].max())
+            words["wild"] = f"{count} of {len(self.wild)} places {is_at} {far_mm:.2g} mm from the path beside"
+        if count := int(self.repeated.sum()):
+            rows = np.flatnonzero(self.repeated) + 1
+            words["repeated"] = (
+                f"{count} of {len(self.wild)} places repeat the one before to the last digit while the tool went on, "
+                f"from row {rows[0]} on: the instrument sent its last place again"
+            )
+        return words
+
+
+def places_of(table: PathTable) -> Places:
+    """Return which places of a path were not measured."""
+    repeated, wild = np.zeros(len(table.t_s), dtype=bool), np.zeros(len(table.t_s), dtype=bool)
+    step = np.linalg.norm(np.diff(table.xyz_mm, axis=0), axis=1)
+    # Rows of equal places behind which the tool is further on.
+    edges = np.diff(np.concatenate([[False], step == 0, [False]]).astype(np.int64))
+    for begin, end in zip(np.flatnonzero(edges > 0).tolist(), np.flatnonzero(edges < 0).tolist(), strict=True):
+        first = max(0, begin - _BEFORE)
+        if end - begin + 1 < _ALIKE or begin < 2 or end > len(step) - 1:
+            continue
+        way = float(step[first:begin].sum())
+        moved = np.linalg.norm(table.xyz_mm[begin] - table.xyz_mm[first]) > _AHEAD * way
+        if moved and step[end] > _CAUGHT_UP * way / (begin - first) * (end - begin + 1) > 0:
+            repeated[begin + 1 : end + 1] = True
+    kept, away_mm = np.flatnonzero(~repeated), np.zeros(len(table.t_s))
+    wild[kept], away_mm[kept] = _wild(table.t_s[kept], table.xyz_mm[kept])
+    return Places(wild, away_mm, repeated)
+
+
+def measured_places(table: PathTable) -> tuple[PathTable, list[str]]:
+    """Return a path without the places that were not measured, and what was left out, in words."""
+    places = places_of(table)
+    kept = ~(places.wild | places.repeated)
+    notes = [f"{words}; left out" for words in places.words.values()]
+    return replace(table, t_s=table.t_s[kept], xyz_mm=table.xyz_mm[kept]), notes
+
+
+def _wild(t_s: Array, xyz_mm: Array) -> tuple[Mask, Array]:
+    """Which places (n,) lie off the path beside them, and by how much, mm (n,)."""
+    count = len(t_s)
+    wild, away = np.zeros(count, dtype=bool), np.zeros(count)
+    step_s = float(np.median(np.diff(t_s))) if count > 1 else 0.0
+    for stride in _STRIDES:
+        reach = 3 * stride
+        if count < 3 * reach or (stride > 1 and stride * step_s > _SMOOTH_S):
+            break
+        middle = slice(reach, count - reach)
+        sides = []
+        for way in (-stride, stride):
+            near, further, farthest = (xyz_mm[reach + k * way : count - reach + k * way or None] for k in (1, 2, 3))
+            sides.append(3 * near - 3 * further + farthest)
+        off = np.min([np.linalg.norm(xyz_mm[middle] - side, axis=1) for side in sides], axis=0)
+        apart = np.linalg.norm(sides[1] - sides[0], axis=1)
+        span = t_s[2 * reach :] - t_s[: count - 2 * reach]
+        limit = max(_SPREADS * 1.4826 * float(np.median(off)), _LEAST_MM)
+        seen = (off > limit) & (off > _AGREE * apart) & (span < 2 * float(np.median(span)))
+        away[middle] = np.where(seen, np.maximum(away[middle], off), away[middle])
+        wild[middle] |= seen
+    return wild, away
+
+
+_LEAST_RAD = 0.001
+"""The least that a turn counts as a standard deviation: ten times what trackers resolve."""
+_KEPT = 6
+"""Poses that fit base and tool; the nearest of fewer would fit anything."""
+Fit = Callable[[PoseTable, PoseTable], tuple[Array, Array | None]]
+"""Errors of place (n, 3) mm and of turn (n, 3) rad of the second table's poses, beside base and tool fitted to those of
+the first."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A table without lost poses; rows (m,): the places of those kept in the table given. notes: in words."""
+
+    table: PoseTable
+    rows: Integers
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Far:
+    """Poses (n,) far from where the arm was, by how much, in mm (n,), and whether these are accidents of an instrument,
+    which are left out, and not what the arm or its labels show."""
+
+    far: Mask
+    far_mm: Array
+    by_accident: bool
+
+    @property
+    def wild(self) -> Mask:
+        """The poses (n,) that are left out."""
+        return self.far if self.by_accident else np.zeros_like(self.far)
+
+    def words(self, table: Table) -> str:
+        """What a person should know of rows that are far and not left out, empty where there are none."""
+        if self.by_accident or not self.far.any():
+            return ""
+        fact = f"{self.far.sum()} of {len(self.far)} {table.kind.rows_called} lie far from where the arm was"
+        return (
+            f"{fact}, rows {listed(table.rows[self.far].tolist())} up to {_length(self.far_mm[self.far].max())}, and "
+            "are not left out: so many, or all in one range of a joint, are no lost points; check whether the robot "
+            "had come to rest, instrument and base stood, and signs, order and zeros of the joints"
+        )
+
+
+def far_poses(table: PoseTable, bare: Arm, fit: Fit | None = None) -> Far:
+    """Return which poses with a place lie far from all others beside an arm; fit: of places and turns, places alone
+    where none is given. Rows of 0, 0, 0 are no places, and not far."""
+    lost = (table.xyz_mm == 0).all(axis=1)
+    count = len(lost) - int(lost.sum())
+    far, far_mm = np.zeros(len(lost), dtype=bool), np.zeros(len(lost))
+    if count <= _KEPT:
+        return Far(far, far_mm, True)
+    seen = _of(table, ~lost)
+
+    def of_places(of_fit: PoseTable, poses: PoseTable) -> tuple[Array, None]:
+        setup = fit_setup(forward(bare, of_fit.q), of_fit.xyz_mm)
+        return position_error(forward(bare, poses.q), poses.xyz_mm, setup), None
+
+    errors_of: Fit = fit or of_places
+
+    def distances(kind: int) -> Callable[[Mask], Array]:
+        def of_those(near: Mask) -> Array:
+            errors = errors_of(_of(seen, near if near.sum() > _KEPT else np.ones_like(near)), seen)[kind]
+            return np.zeros(len(near)) if errors is None else np.linalg.norm(errors, axis=1)
+
+        return of_those
+
+    mm, spreads = far_from_fit(distances(0), count, TARGET_MM.high)
+    off = spreads > SPREADS
+    if by_accident(off, seen.q):
+        mm, off = _beside_fitted(seen, bare, mm, off)
+    if seen.rpy is not None:
+        off |= far_from_fit(distances(1), count, _LEAST_RAD)[1] > SPREADS
+    far[~lost], far_mm[~lost] = off, mm
+    return Far(far, far_mm, by_accident(off, seen.q))
+
+
+def _beside_fitted(seen: PoseTable, bare: Arm, mm: Array, far: Mask) -> tuple[Array, Mask]:
+    """Distances (n,) mm from an arm with all constants fitted to the poses that are near, and which (n,) are far; as
+    they were where the poses are too few for that."""
+    near = ~far
+    for _ in range(STEPS):
+        those = np.flatnonzero(near)
+        those = those[np.unique(np.linspace(0, len(those) - 1, min(FITTED, len(those))).astype(int))]
+        fitted = fit_arm(bare, seen.q[those], seen.xyz_mm[those])
+        if fitted.spare < SPARE:
+            break
+        mm = np.linalg.norm(seen.xyz_mm - forward(fitted.arm, seen.q)[:, :3, 3], axis=1)
+        spreads = spreads_of(mm, TARGET_MM.high)
+        far, before, near = spreads > FITTED_SPREADS, near, spreads <= NEAR
+        if (near == before).all():
+            break
+    return mm, far
+
+
+def without_lost(table: PoseTable, bare: Arm, fit: Fit) -> Kept:
+    """Return a table without the poses that were not measured, by places and turns beside a bare arm."""
+    far = far_poses(table, bare, fit)
+    out = (table.xyz_mm == 0).all(axis=1) | far.wild
+    if out.all():
+        return Kept(table, np.arange(len(out)), ())
+    notes = [words] if (words := far.words(table)) else []
+    if out.any():
+        away = np.linalg.norm(fit(_of(table, ~out), table)[0], axis=1)
+        notes.insert(0, left_out(table, out, np.where(far.wild, far.far_mm, away)))
+    return Kept(_of(table, ~out), np.flatnonzero(~out), tuple(notes))
+
+
+def _of(table: PoseTable, mask: Mask) -> PoseTable:
+    rpy = None if table.rpy is None else table.rpy[mask]
+    row = None if table.row is None else table.row[mask]
+    came = None if table.came_from is None else table.came_from[mask]
+    return replace(table, q=table.q[mask], xyz_mm=table.xyz_mm[mask], rpy=rpy, row=row, came_from=came)
+
+
+def far_touches(table: TouchTable, T: Array) -> Far:
+    """Return which touches lie far from all others of their socket, at tool poses T (n, 4, 4) mm of the arm."""
+    names, socket = np.unique(table.socket, return_inverse=True)
+    design, seen = socket_design(T, socket.ravel(), len(names)), -T[:, :3, 3].ravel()
+
+    def distances(near: Mask) -> Array:
+        those = np.repeat(near, 3)
+        terms = np.linalg.lstsq(design[those], seen[those], rcond=None)[0]
+        return np.asarray(np.linalg.norm((design @ terms - seen).reshape(-1, 3), axis=1))
+
+    if len(seen) < 3 * _KEPT + design.shape[1]:
+        return Far(np.zeros(len(T), dtype=bool), np.zeros(len(T)), True)
+    far_mm, spreads = far_from_fit(distances, len(T), TARGET_MM.high)
+    far = spreads > SPREADS
+    return Far(far, far_mm, by_accident(far, table.q))
+
+
+def left_out(table: Table, out: Mask, far_mm: Array) -> str:
+    """Return which poses (n,) were left out, and how far (n,) mm they are from the arm."""
+    rows = table.rows[out].tolist()
+    shown = listed(rows)
+    far = _length(far_mm[out].max())
+    called, where, check = table.kind.rows_called, table.kind.away_from, table.kind.when_far
+    if len(rows) == 1:
+        return f"1 of {len(out)} {called} left out: row {shown} is {far} {where}; {check}"
+    return f"{len(rows)} of {len(out)} {called} left out: rows {shown} are up to {far} {where}; {check}"
+
+
+def _length(mm: float) -> str:
+    return f"{mm / 1000:.2g} m" if mm >= 1000 else f"{mm:.3g} mm"
+
+
+WILDNESS = "wildness"
+
+
+def wild_touches(table: TouchTable, rig: Rig) -> Iterator[Finding]:
+    """Which touches lie far from all others of their socket."""
+    far = far_touches(table, forward(arm_of(rig.robot), table.q))
+    if far.wild.any():
+        fact, remedy = left_out(table, far.wild, far.far_mm).rsplit("; ", 1)
+        yield Finding(WILDNESS, "likely", ("socket",), "no touch", fact, remedy)
+
+
+def wild_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
+    """Which rows of poses have the place of an instrument that lost its target, or lie far from where the arm was
+    (`analysis.procedures.checks.lost_poses`)."""
+    lost = (table.xyz_mm == 0).all(axis=1)
+    if lost.any():
+        rows = listed(table.rows[lost].tolist())
+        have = "row {} has the place" if lost.sum() == 1 else "rows {} have the place"
+        fact = f"{have.format(rows)} 0, 0, 0, as a tracker writes that lost its target"
+        remedy = "an analysis leaves it out" if lost.sum() == 1 else "an analysis leaves them out"
+        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", fact, remedy)
+    bare = without_setup(arm_of(rig.robot))
+    far = far_poses(table, bare)
+    if words := two_placings(_of(table, ~(lost | far.wild)), bare):
+        remedy = "give each placing in a file of its own, a run each"
+        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "two placings", words, remedy)
+    if far.far.any() and (far.by_accident or not words):  # so many are far since something was moved
+        fact = left_out(table, far.wild, far.far_mm) if far.by_accident else far.words(table)
+        fact, remedy = fact.rsplit("; ", 1)
+        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", fact, remedy)
+
+
+def wild_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
+    """Which places of a path lie off the path beside them."""
+    del rig
+    if "wild" in (words := places_of(table).words):
+        remedy = "check that nothing crossed the beam; an analysis leaves them out"
+        yield Finding(WILDNESS, "likely", ("x_mm", "y_mm", "z_mm"), "no measurement", words["wild"], remedy)
+
+
+DUPLICATES = "duplicates"
+_ELSEWHERE_MM = 1.0
+"""A flange that moved so far took the target with it, unless that lies on the axis of the turn."""
+_FINE_MM = 2e-3
+"""Places of so fine a step differ from visit to visit: robots repeat to 0.01 mm."""
+_SEVERAL = 3
+"""So many rows with six equal angles and the same place to the last digit are no accident."""
+
+
+def duplicate_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
+    """Which rows of poses repeat the place of others."""
+    if not len(table.q):
+        return
+    lost = (table.xyz_mm == 0).all(axis=1)
+    places = forward(arm_of(rig.robot), table.q)[:, :3, 3]
+    group_of_row = np.unique(table.xyz_mm, axis=0, return_inverse=True)[1].reshape(-1)
+    copied = 0
+    for group in np.flatnonzero(np.bincount(group_of_row) > 1).tolist():
+        alike = (group_of_row == group) & ~lost
+        if not alike.any():
+            continue
+        if np.linalg.norm(places[alike] - places[alike][0], axis=1).max() > _ELSEWHERE_MM:
+            fact = (
+                f"rows {listed(table.rows[alike].tolist())} have the same place to the last digit, though the robot "
+                "was elsewhere: the instrument may have sent its last place again"
+            )
+            remedy = "remove those that it did not measure"
+            yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", fact, remedy)
+        elif (table.q[alike] == table.q[alike][0]).all():
+            copied += int(alike.sum()) - 1
+    steps_mm = np.diff(np.unique(table.xyz_mm[:, 0]))  # how finely places are written
+    if copied >= _SEVERAL and steps_mm.min(initial=1.0) < _FINE_MM:
+        fact = f"{copied} rows repeat the angles and the place of an earlier one to the last digit, as no visit does"
+        yield Finding(DUPLICATES, "likely", (), "rows written twice", fact, "remove the copies")
+
+
+def repeated_places(table: PathTable, rig: Rig) -> Iterator[Finding]:
+    """Which places of a path repeat the one before though the tool went on."""
+    del rig
+    if "repeated" in (words := places_of(table).words):
+        remedy = "an analysis leaves them out; have the instrument write no place while it has none"
+        yield Finding(DUPLICATES, "likely", ("x_mm", "y_mm", "z_mm"), "a place sent again", words["repeated"], remedy)

@@ -1,0 +1,224 @@
+"""The joint columns as labelled against every other way in which they may have been meant.
+
+Poses: base and tool are fitted to the nearest four fifths for each meaning, and what is left is compared. A wrong
+meaning leaves centimetres, an arm by its nominal constants millimetres. Circles and targets: the program put the tool
+on a path that the rig file states, and only the right meaning does.
+
+Each other way is one mistake of a person or a program: axis 3 counted from the horizontal or from axis 2; an axis that
+counts the other way; two columns exchanged; a zero elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+
+import numpy as np
+
+from analysis.procedures.checks.finding import Finding, Misfit
+from analysis.robot.geometry.pose_setup import PoseSetUp, fit_setup, position_error
+from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward, without_setup
+from analysis.runs.noise.readings import rms
+from analysis.runs.tables import Table
+from rigs.rig import Rig
+
+_ZEROS_DEG = (90.0, -90.0, 180.0)
+"""Where people and makers put another zero: a quarter or half a turn away."""
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """Joint columns read in another way: q (n, axes) as labelled to q = q M' + c, with M (axes, axes), c (axes,) rad.
+
+    words: what is read in place of what is labelled; remedy: what to do if it is right.
+    """
+
+    columns: tuple[str, ...]
+    words: str
+    remedy: str
+    matrix: Array
+    offset: Array
+
+    def of(self, q: Array) -> Array:
+        """The angles (n, axes) rad that are meant by angles q (n, axes) rad."""
+        axes = len(self.offset)
+        return np.column_stack([q[:, :axes] @ self.matrix.T + self.offset, q[:, axes:]])
+
+
+def meanings(axes: int) -> list[Meaning]:
+    """Return every other way in which the columns of so many joints may have been meant."""
+    ways = []
+    for sign, word in ((1.0, "+"), (-1.0, "-")):
+        matrix = np.eye(axes)
+        matrix[2, 1] = sign
+        do = f"give the coupling of axes 2 and 3 in the rig file (robot.coupling), or q3_deg {word} q2_deg as q3_deg"
+        ways.append(_meaning((2, 3), f"J3 {word} J2 in place of J3", do, matrix))
+    for axis in range(1, axes + 1):
+        matrix = np.eye(axes)
+        matrix[axis - 1, axis - 1] = -1.0
+        do = f"change the sign of q{axis}_deg, or correct axis {axis} of the rig file"
+        ways.append(_meaning((axis,), f"J{axis} counted the other way", do, matrix))
+    for first, second in combinations(range(1, axes + 1), 2):
+        rows = list(range(axes))
+        rows[first - 1], rows[second - 1] = second - 1, first - 1
+        words, do = f"J{first} and J{second} exchanged", f"exchange the columns q{first}_deg and q{second}_deg"
+        ways.append(_meaning((first, second), words, do, np.eye(axes)[rows]))
+    for axis, off_deg in product(range(1, axes + 1), _ZEROS_DEG):
+        offset = np.radians(off_deg) * np.eye(axes)[axis - 1]
+        do = f"add {off_deg:.0f}° to q{axis}_deg, or to offset_deg of axis {axis} in the rig file"
+        ways.append(_meaning((axis,), f"{off_deg:+.0f}° on J{axis}", do, np.eye(axes), offset))
+    return ways
+
+
+def _meaning(axes: tuple[int, ...], words: str, remedy: str, matrix: Array, offset: Array | None = None) -> Meaning:
+    columns = tuple(f"q{axis}_deg" for axis in axes)
+    return Meaning(columns, words, remedy, matrix, np.zeros(len(matrix)) if offset is None else offset)
+
+
+JOINTS = "joints"
+FEWEST = 12
+"""Poses from which on a meaning is judged: nine unknowns, and as many readings again that are not fitted."""
+_SCREENED, _JUDGED = 80, 300
+"""Poses by which meanings are screened, and by which the best few are judged; more would show no more."""
+_STEPS, _BEST = 8, 6
+"""Steps of a fit while meanings are screened, and how many of them are then fitted to the end."""
+_KEPT = 0.8
+"""Share of the poses, the nearest, that is fitted and compared: lost points move no base."""
+_ROUNDS = 3
+_NOTHING_MM = 1e-3
+"""Below a micrometre the labels are right: what is left are rounded digits, which any meaning may fit better."""
+RIGHT_MM = 10.0
+"""An arm by its nominal constants errs by some mm; what leaves more is not right either."""
+RIGHT_SHARE = 0.02
+"""Share of the places' spread: an arm of one metre leaves some thousandths; what hardly moves would leave little mm."""
+CLEARLY = 4.0
+"""Factor by which a meaning must fit better. The constants of a real arm, all free, gained 2.6 (UR10); a meaning has no
+unknown."""
+AS_WELL = 1.5
+"""Meanings within this factor of the best are not distinguished."""
+_ARM_MM = 100.0
+"""Distance at which a turn counts as a length."""
+_ROWS = 2000
+"""Rows of a circle that show its path."""
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """What a meaning leaves, rms in mm of `values` readings that no unknown absorbs."""
+
+    meaning: Meaning
+    left_mm: float
+    values: int
+
+
+Verdict = tuple[_Judged | None, float, list[_Judged]]
+"""The meaning that fits where the labelled one does not, None without one; what the labelled one leaves, rms mm; and
+those that fit as well as the best."""
+
+
+def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
+    """What speaks against the labels of the joint columns of a table: their order, signs, zeros or coupling."""
+    if table.kind.cannot_tell(table, rig):
+        return
+    best, as_labelled, as_good = table.kind.judged_joints(table, rig)
+    if best is None or as_labelled < _NOTHING_MM:
+        return
+    rows = table.kind.joints_fit
+    words = " or ".join(judged.meaning.words for judged in (best, *as_good))
+    fact = (
+        f"only with {words} do these {rows}: {_length(best.left_mm)} instead of {_length(as_labelled)}; order, signs, "
+        "zeros and coupling of the joints are not those of the rig file"
+    )
+    gain = best.values * float(np.log(as_labelled / max(best.left_mm, 1e-9)))
+    misfit = Misfit(as_labelled, best.left_mm, gain)
+    remedy = best.meaning.remedy if not as_good else "look up in the controller which it is, and correct the columns"
+    if rig.robot.rail and best.meaning.columns == ("q1_deg",) and not as_good and best.meaning.offset.any():
+        remedy += (
+            "; or correct robot.rail.direction, which a rail that leads or counts another way asks for, and looks alike"
+        )
+    yield Finding(JOINTS, "decisive", best.meaning.columns, words, fact, remedy, misfit)
+
+
+PLACE_UNKNOWN = "the rig file does not say where the test was driven"
+
+
+def judged_by_path(table: Table, rig: Rig) -> Verdict:
+    """Which meaning of the joints puts the tool on the path that the rig file states, of a circle or of targets."""
+    arm = arm_of(rig.robot)
+    rows = slice(None, None, max(1, len(table.q) // _ROWS))
+    columns = {name: column for name, column in vars(table).items() if isinstance(column, np.ndarray)}
+    part = replace(table, **{name: column[rows] for name, column in columns.items()})
+
+    def off(read: Callable[[Array], Array]) -> tuple[float, bool]:
+        path = part.kind.off_path(part, rig, forward(arm, read(part.q)))
+        return (0.0, True) if path is None else (path.off_mm, path.on)
+
+    as_labelled, is_on = off(lambda q: q)
+    if is_on:
+        return None, as_labelled, []
+    judged = [
+        _Judged(meaning, off_mm, len(part.q))
+        for meaning in meanings(arm.axes)
+        for off_mm, on in [off(meaning.of)]
+        if on
+    ]
+    return _decided(judged, as_labelled, np.inf) if judged else (None, as_labelled, [])
+
+
+def judged_by_places(rig: Rig, q: Array, xyz_mm: Array, rpy: Array | None) -> Verdict:
+    """Which meaning of joints q (n, axes) rad brings an arm to places xyz_mm (n, 3), and with the turns rpy (n, 3) rad,
+    that were seen."""
+    bare, measured = without_setup(arm_of(rig.robot)), np.flatnonzero((xyz_mm != 0).any(axis=1))
+    few, many = (
+        measured[np.unique(np.linspace(0, len(measured) - 1, rows).astype(int))] for rows in (_SCREENED, _JUDGED)
+    )
+
+    def verdict(turns: Array | None) -> Verdict:
+        def misfit(rows: Integers, joints: Array, steps: int) -> float:
+            return left_mm(bare, joints, xyz_mm[rows], steps, None if turns is None else turns[rows])
+
+        screened = sorted(meanings(bare.axes), key=lambda meaning: misfit(few, meaning.of(q[few]), _STEPS))
+        values = int(3 * _KEPT * len(q)) - 9
+        judged = [_Judged(meaning, misfit(many, meaning.of(q[many]), 100), values) for meaning in screened[:_BEST]]
+        return _decided(judged, misfit(many, q[many], 100), RIGHT_MM)
+
+    by_places = verdict(None)
+    return by_places if by_places[0] or rpy is None else verdict(rpy)
+
+
+def _decided(judged: Sequence[_Judged], as_labelled: float, right_mm: float) -> Verdict:
+    best, *others = sorted(judged, key=lambda meaning: meaning.left_mm)
+    if best.left_mm > right_mm or as_labelled < CLEARLY * best.left_mm:
+        return None, as_labelled, []
+    return best, as_labelled, [meaning for meaning in others if meaning.left_mm < AS_WELL * best.left_mm]
+
+
+def left_mm(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> float:
+    """What the nearest of places xyz_mm (n, 3) leave, rms mm, with base and tool fitted to them, at joints q (n, axes)
+    rad; each turn of rpy (n, 3) rad counts as a length beside it."""
+    return fit_nearest(bare, q, xyz_mm, steps, rpy)[0]
+
+
+def fit_nearest(bare: Arm, q: Array, xyz_mm: Array, steps: int, rpy: Array | None = None) -> tuple[float, PoseSetUp]:
+    """What the nearest of places xyz_mm (n, 3) leave, as `left_mm`, and the base and tool that are fitted to them."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    T = forward(bare, q)
+    kept = np.arange(len(q))
+    count = max(int(_KEPT * len(q)), 9)
+    for _ in range(_ROUNDS if steps > _STEPS else 1):
+        setup = fit_setup(T[kept], xyz_mm[kept], steps)
+        distance = np.linalg.norm(position_error(T, xyz_mm, setup), axis=1)
+        if rpy is not None:
+            # Turns seen beside those of the arm, on a tool whose turn is the mean of the kept ones.
+            seen = Rotation.from_matrix(setup.T_world_base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
+            arm = Rotation.from_matrix(T[:, :3, :3])
+            tool = (arm[kept].inv() * seen[kept]).mean()
+            distance = np.hypot(distance, _ARM_MM * (seen * (arm * tool).inv()).magnitude())
+        kept = np.sort(np.argsort(distance)[:count])
+    return rms(distance[kept]), setup
+
+
+def _length(mm: float) -> str:
+    return f"{mm:.2g} mm" if mm < 10 else f"{mm:.0f} mm"

@@ -1,0 +1,297 @@
+"""Whether a table was measured where and as fast as its rig file says, in one place, and by an instrument.
+
+- By the nominal arm, and whatever the gauges say, the robot is on the path of its test: the arm errs by some mm, and a
+  cell is seldom where its file says to much better than 20 mm.
+- Several readings of one stand that were given as so many visits count by their means, and it is said.
+- Places that the controller computed from its joints, by its own constants, say nothing of where the arm was. Two
+  things prove it, whatever a column or a topic is called. No reflector sits in the middle of the flange's face while
+  the instrument's frame is the arm's base. And no instrument and no robot repeat to the last digit: places that the
+  arm's constants, all free, explain closer than that were computed.
+- A target or an instrument that was moved during the run. Beside an arm with all constants fitted, what remains is
+  noise and the little that constants do not explain. Where the rows from some row on, or every other row, are given a
+  placing of their own and far less remains, something was moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.procedures.checks.finding import Finding, Misfit
+from analysis.procedures.checks.meanings import FEWEST, RIGHT_MM
+from analysis.robot.geometry.circle import frame_of
+from analysis.robot.geometry.hemisphere import hemisphere_frame
+from analysis.robot.geometry.pose_setup import (
+    DETERMINED,
+    FittedArm,
+    fit_arm,
+    fit_setup,
+    left_in_sockets,
+    position_error,
+)
+from analysis.robot.kinematics.arm import Arm, Array, Mask, arm_of, forward, without_setup
+from analysis.runs.csv_tables import table_from
+from analysis.runs.loading import Measured
+from analysis.runs.stands import rows_a_stand
+from analysis.runs.tables import CircleTable, PoseTable, Table
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle, Hemisphere
+from rigs.text import counted
+
+_FEWEST_ROWS, _SPLITS = 4, 24
+"""Rows of a part, of which the nine unknowns of a placing leave three readings, and how many are tried as its first."""
+SPARE, FITTED = 30, 300
+"""Readings beyond the unknowns without which a fit of all constants shows nothing, and poses that are enough for it."""
+_SHARE, _SHARE_OF_FEW = 0.6, 0.3
+"""Share of what remains that a second placing has to leave at most, and of fewer rows or readings to spare than these
+two. Of a UR10 and a UR5, measured over hours, the best of all splits leaves 0.86 and more of 30 to 1495 poses in their
+order; of 272 sets of 20 to 40 poses, every split tried, 0.51 and more."""
+_MANY_ROWS, _MANY_SPARE = 8, 120
+_LEAST_MM = 0.05
+"""Below what the noise of a tracker is, nothing was moved."""
+
+
+def two_placings(table: PoseTable, bare: Arm) -> str:
+    """Return which rows were measured with target or instrument elsewhere than the others, in words; empty where none
+    were, or the poses are too few to show it."""
+    count = len(table.q)
+    chosen = np.unique(np.linspace(0, count - 1, min(FITTED, count)).astype(int))
+    if count < 2 * _FEWEST_ROWS:
+        return ""
+    q, xyz_mm, rows = table.q[chosen], table.xyz_mm[chosen], table.rows[chosen]
+    fitted = fit_arm(bare, q, xyz_mm)
+    if fitted.spare < SPARE or fitted.rms_mm < _LEAST_MM:
+        return ""
+    T = forward(fitted.arm, q)
+    best, words, many = np.inf, "", _MANY_ROWS if fitted.spare >= _MANY_SPARE else count
+    for part, called in _parts(rows, lambda part: _left_mm(fitted, T, part)):
+        after, few = _left_mm(fitted, T, part), min(part.sum(), (~part).sum())
+        if after < min(best, (_SHARE if few >= many else _SHARE_OF_FEW) * fitted.rms_mm):
+            best, words = after, called
+    if not words:
+        return ""
+    return (
+        f"{words} were measured with the target or the instrument elsewhere than the others: with a placing of their "
+        f"own {best:.2g} mm are left of {fitted.rms_mm:.2g} mm"
+    )
+
+
+def _parts(rows: Array, left_mm: Callable[[Mask], float]) -> Iterator[tuple[Mask, str]]:
+    """Rows that may have a placing of their own, with how they are called: those from the row on at which least
+    remains, of a few tried and then of those beside it, and every other row where there are enough."""
+    place, last = np.arange(len(rows)), len(rows) - _FEWEST_ROWS
+    tried = np.unique(np.linspace(_FEWEST_ROWS, last, _SPLITS).astype(int)).tolist()
+    near, step = min(tried, key=lambda first: left_mm(place >= first)), last // _SPLITS
+    first = min(range(max(_FEWEST_ROWS, near - step), min(last, near + step) + 1), key=lambda k: left_mm(place >= k))
+    yield place >= first, f"rows from about {rows[first]} on"
+    second = rows % 2 == 0
+    if min(second.sum(), (~second).sum()) >= _FEWEST_ROWS:
+        yield second, "every other row"
+
+
+def _left_mm(fitted: FittedArm, T: Array, part: Mask) -> float:
+    """What is left, rms mm corrected for the unknowns, where a part of the tool poses T (n, 4, 4) is shifted, turned
+    and has its target elsewhere, the constants fitted beside it."""
+    p = (T[:, :3, 3] - T[:, :3, 3].mean(axis=0)) / 1000.0
+    (x, y, z), zero = p.T, np.zeros(len(p))
+    turned = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)
+    shifted = np.tile(np.eye(3), (len(p), 1, 1))
+    placing = (np.concatenate([shifted, turned, T[:, :3, :3]], axis=2) * part[:, None, None]).reshape(-1, 9)
+    design = np.concatenate([fitted.design, placing], axis=1)
+    left_mm = fitted.left_mm - design @ np.linalg.lstsq(design, fitted.left_mm, rcond=DETERMINED)[0]
+    return replace(fitted, left_mm=left_mm, spare=fitted.spare - 9).rms_mm
+
+
+STAMPS, PLACE = "stamps", "place"
+_NEAR_MM = 20.0
+_ROWS = 5000
+"""So many rows are enough to see how fast a circle was driven."""
+_UNITS_S = {"ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
+_OFF = 3.2
+"""A speed within so many times of a unit's is taken as off by that unit: a circle is never driven at such a speed."""
+
+
+def stamp_findings(table: CircleTable, rig: Rig) -> Iterator[Finding]:
+    """Whether the mean speed along the circle is off by a unit. Stamps that go back are refused where they are read."""
+    circle = rig.tests.circle
+    if circle is None:
+        return
+    rows = slice(None, None, max(1, len(table.q) // _ROWS))
+    phi = frame_of(circle).angle(forward(arm_of(rig.robot), table.q[rows])[:, :3, 3])
+    seconds = float(np.ptp(table.t_s))
+    if seconds == 0:
+        return
+    driven_rad = float(np.abs(np.diff(np.unwrap(phi))).sum())  # laps and the ways back between them
+    share = driven_rad * circle.radius_mm / seconds / circle.speed_mm_s
+    fact = f"the circle was driven at {share:.2g} times the speed_mm_s of the rig file"
+    for unit, unit_s in _UNITS_S.items():
+        if 1 / _OFF < share / unit_s < _OFF:
+            yield Finding(STAMPS, "likely", ("t_s",), unit, fact, f"t_s may be in {unit}: check it")
+        elif 1 / _OFF < share * unit_s < _OFF:
+            yield Finding(STAMPS, "likely", ("t_s",), "another unit", fact, "check the units of t_s and speed_mm_s")
+
+
+def place_findings(table: Table, rig: Rig) -> Iterator[Finding]:
+    """The first reading that the nominal arm takes elsewhere than to its target."""
+    places = table.kind.targets(table, rig)
+    if places is None:
+        return
+    away = np.linalg.norm(forward(arm_of(rig.robot), table.q)[:, :3, 3] - places, axis=1)
+    far = away > _NEAR_MM
+    if far.any():
+        row = int(np.argmax(far))
+        target = table.kind.numbers_of(table)[row]
+        fact = (
+            f"by the nominal arm the tool was {away[row]:.0f} mm from target {target} in row {row + 1}, and "
+            f"further than {_NEAR_MM:g} mm in {far.sum()} of {len(far)} rows"
+        )
+        yield Finding(PLACE, "likely", ("target",), "another target", fact, "check target, angles, joints")
+
+
+STANDS = "stands"
+
+
+def stand_findings(run: Measured) -> Iterator[Finding]:
+    """How many rows of an imported run were several readings of one stand."""
+    manifest, table = run.run.manifest, run.run.table
+    if table is None or run.table.kind.swept:
+        return
+    counts = rows_a_stand(table_from(table, manifest.test, manifest.direction, str(run.path)))
+    several = counts[counts > 1]
+    if not len(several):
+        return
+    stands = counted(len(several), "stand")
+    fact = (
+        f"{several.sum()} rows are {stands} of the robot, read up to {several.max()} times without a move: their "
+        "means are used, one for each"
+    )
+    remedy = "if the robot moved in between, give the rows of a pose after those of another"
+    yield Finding(STANDS, "likely", (), "readings of one stand", fact, remedy)
+
+
+SOURCE = "source"
+OF_CONTROLLER = "rig arms NAME --poses TABLE -o arm.yaml reads its calibration out of them"
+"""What such places are good for."""
+NO_INSTRUMENT_MM = 0.008
+"""Digits of 0.01 mm leave 0.005 mm; the best trackers state 0.010 mm and more (Leica AT960: 15 µm + 6 µm/m), and arms
+repeat to 0.01 mm."""
+_BASE_MM, _BASE_RAD, _FLANGE_MM = 3.0, float(np.radians(0.3)), 2.0
+"""How well frame and target are known by an arm's nominal constants: the calibrations of sound arms move them by so
+much. The smallest reflectors are balls of 12.7 mm on a nest."""
+_POSES = 150
+
+
+def source_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
+    """Whether the places of poses were computed, not measured."""
+    if table.rail:
+        return
+    measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
+    if len(measured) < FEWEST:
+        return
+    chosen = measured[np.unique(np.linspace(0, len(measured) - 1, min(_POSES, len(measured))).astype(int))]
+    bare, q, xyz_mm = without_setup(arm_of(rig.robot)), table.q[chosen], table.xyz_mm[chosen]
+    T = forward(bare, q)
+    setup = fit_setup(T, xyz_mm)
+    left_mm = float(np.sqrt((position_error(T, xyz_mm, setup) ** 2).sum(axis=1).mean()))
+    if left_mm > RIGHT_MM:
+        return
+    target_mm = float(np.linalg.norm(setup.T_flange_tool[:3, 3]))
+    fitted = fit_arm(bare, q, xyz_mm)
+    computed = fitted.spare >= SPARE and fitted.rms_mm < NO_INSTRUMENT_MM
+    # The arm's base, or that turned half round about z, as base_link of ROS drivers is.
+    base = setup.T_world_base
+    traces = [np.trace(base[:3, :3] @ np.diag([sign, sign, 1.0])) for sign in (1.0, -1.0)]
+    turned_rad = float(np.arccos(np.clip((max(traces) - 1) / 2, -1.0, 1.0)))
+    is_base = turned_rad < _BASE_RAD and float(np.linalg.norm(base[:3, 3])) < _BASE_MM
+    in_flange = is_base and target_mm < _FLANGE_MM
+    if not computed and not in_flange:
+        return
+    proof = (
+        f"the arm's constants explain them to {1e3 * fitted.rms_mm:.2g} µm, closer than any instrument measures"
+        if computed
+        else f"they are given in the arm's base, of a point {target_mm:.1f} mm from the middle of the flange"
+    )
+    fact = f"no instrument measured these places: {proof}, so that the controller computed them from its joints"
+    remedy = f"give those of an instrument; {OF_CONTROLLER}"
+    misfit = Misfit(left_mm, fitted.rms_mm, float(fitted.left_mm.size * np.log(left_mm / max(fitted.rms_mm, 1e-9))))
+    columns = ("x_mm", "y_mm", "z_mm")
+    yield Finding(SOURCE, "impossible", columns, "the controller's own places", fact, remedy, misfit)
+
+
+_ON_PATH = 0.03
+_ON_TRACK = 0.3
+"""The rig file may know nothing of the tracker's target, so that its places fit roughly only."""
+_IN_SOCKET = 0.1
+"""Arms as they were built leave up to 0.04 of how far the tool moves (the Pandas of MUKCa); joints in another unit 0.3
+and more, since no ball stays anywhere."""
+_UPRIGHT = 0.3
+"""Radians by which the tool may be turned from what the test prescribes; a joint read wrongly turns it by more."""
+
+
+@dataclass(frozen=True)
+class Off:
+    """off_mm: distance from the path at the median; off: the same in shares of its size; on: whether that is as good as
+    on it, and the tool turned as the test prescribes."""
+
+    off_mm: float
+    off: float
+    on: bool
+
+
+def off_sockets(T: Array, socket: NDArray[np.str_]) -> Off | None:
+    """How far the ball is from its sockets at tool poses T (n, 4, 4), wherever these and the ball on the tool are."""
+    size = float(np.linalg.norm(T[:, :3, 3] - T[:, :3, 3].mean(axis=0), axis=1).mean())
+    if size <= 0:
+        return None
+    off_mm = float(np.median(np.linalg.norm(left_in_sockets(T, socket), axis=1)))
+    return Off(off_mm, off_mm / size, off_mm / size < _IN_SOCKET)
+
+
+def off_places(T: Array, xyz_mm: Array) -> Off | None:
+    """How much farther or less far tool poses T (n, 4, 4) lie apart than places that were seen, xyz_mm (n, 3)."""
+    rows = far_rows(xyz_mm)
+    size = float(np.median(steps(xyz_mm, rows)))
+    if size <= 0:
+        return None
+    off_mm = float(np.median(np.abs(steps(T[:, :3, 3], rows) - steps(xyz_mm, rows))))
+    return Off(off_mm, off_mm / size, off_mm / size < _ON_TRACK)
+
+
+def off_circle(T: Array, circle: Circle) -> Off:
+    """How far tool poses T (n, 4, 4) lie from a circle. The tool points to the ball with its x axis along the circle's
+    normal; turned otherwise it is off by an arc."""
+    frame = frame_of(circle)
+    from_centre = T[:, :3, 3] - frame.centre
+    radial = np.abs(np.linalg.norm(from_centre, axis=1) - circle.radius_mm)
+    off = float(np.median(np.maximum(radial, np.abs(from_centre @ frame.n))))
+    R_nominal = frame.poses(np.arctan2(from_centre @ frame.v, from_centre @ frame.u))[:, :3, :3]
+    trace = np.einsum("nij,nij->n", R_nominal, T[:, :3, :3])
+    turned = float(np.median(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))))
+    off_mm = max(off, circle.radius_mm * turned * (turned > _UPRIGHT))
+    return Off(off_mm, off_mm / circle.radius_mm, off_mm < _ON_PATH * circle.radius_mm)
+
+
+def off_targets(T: Array, targets: Array | None, hemisphere: Hemisphere) -> Off:
+    """How far tool poses T (n, 4, 4) lie from their targets (n, 3) mm, or where these are unknown from the sphere."""
+    frame, places = hemisphere_frame(hemisphere), T[:, :3, 3]
+    away = np.abs(np.linalg.norm(places - frame.centre, axis=1) - frame.radius)
+    off_mm = float(np.median(away if targets is None else np.linalg.norm(places - targets, axis=1)))
+    return Off(off_mm, off_mm / frame.radius, off_mm < _ON_PATH * frame.radius)
+
+
+def far_rows(places: Array) -> int:
+    """How many rows apart places (n, 3) lie farthest from one another, of a few distances in the table.
+
+    Half a table on may be the same place again, where all poses are driven twice, and one row on, where each is
+    measured several times at once.
+    """
+    n = len(places)
+    return max((n // 2, n // 3, n // 5, 1), key=lambda rows: float(np.median(steps(places, rows))))
+
+
+def steps(places: Array, rows: int) -> Array:
+    """Distance of each place (n, 3) from that so many rows before it: the same in every frame. (n,) mm."""
+    return np.asarray(np.linalg.norm(places - np.roll(places, rows, axis=0), axis=1))

@@ -1,0 +1,246 @@
+"""Units taken by mistake, where the rig and the data together prove it.
+
+Nothing here is a matter of taste: a claim needs data that are impossible as labelled and right as claimed.
+What is only unlikely is a doubt; what cannot be detected is accepted.
+
+The two gauges on a circle show their unit of one another: at circle angle phi their mean is R - e_u cos(phi) - e_v
+sin(phi) for an eccentricity e, and each gauge sees the same e in yaw and roll alike.
+
+A tracker's places and angles, their units and order, are held against the robot's own motion, whatever the frames; so
+is where a rail stood. Places in a left-handed frame are a tracker's export with one axis turned round, which no rigid
+frame makes right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import product
+
+import numpy as np
+
+from analysis.procedures.checks.finding import Finding, Misfit
+from analysis.procedures.checks.meanings import CLEARLY, FEWEST, RIGHT_MM, left_mm
+from analysis.procedures.checks.place import Off, far_rows, off_circle, off_places, steps
+from analysis.robot.geometry.circle import frame_of
+from analysis.robot.kinematics.arm import Array, arm_of, forward, rail_mm, without_setup
+from analysis.robot.kinematics.joint_limits import impossible_rad
+from analysis.runs.tables import CircleTable, PoseTable, Table
+from rigs.rig import Rig
+
+_ECCENTRIC_MM = 0.2
+"""A smaller eccentricity may differ between the two by the robot's own errors."""
+_LIKE_STATED = 0.3
+"""Robots of 0.1 mm make the eccentricity differ from the stated one by less than this share; units, by 25 times it."""
+_AS_FAR = 2.0
+"""Gauges in one unit travel as far as one another within this factor, and 25 times as far in two."""
+FACTORS = {"inches": 1 / 25.4, "µm": 1000.0}
+"""What a length in mm reads in another unit."""
+
+
+def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str, str]]:
+    """What is wrong with the gauges of a circle driven through nominal tool poses T (n, 4, 4), and what to do."""
+    circle = rig.tests.circle
+    if circle is None:
+        return
+    for name, reading in zip(("g1_mm", "g2_mm"), table.g_mm.T, strict=False):
+        yield from too_far(name, reading, circle.radius_mm)
+    off = off_circle(T, circle)
+    if table.g_mm.shape[1] < 2 or rig.gauges.g2 is None or off is None or not off.on:
+        return
+    frame = frame_of(circle)
+    phi = frame.angle(T[:, :3, 3])
+    if np.ptp(phi) < 2 * np.pi * 0.9 or len(phi) < 12:
+        return
+    # The eccentricity along phi = 0° and 90° that each gauge shows, turned in a yaw test by w/R to either side.
+    design = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
+    waves: Array = -np.linalg.lstsq(design, table.g_mm, rcond=None)[0][1:].T
+    # Both gauges follow the one ball, and so see waves of the same size that point to the same side, and travel as far:
+    # errors of a robot may cancel the wave of one gauge, but not what else it shows.
+    low, high = np.quantile(table.g_mm, [0.05, 0.95], axis=0)  # a chip under a probe is no travel
+    travel, size = high - low, np.linalg.norm(waves, axis=1)
+    seen = size.min() > 0 and size.max() >= _ECCENTRIC_MM and waves[0] @ waves[1] >= 0
+    for (unit, factor), k in product(FACTORS.items(), (0, 1)) if seen else ():
+        ratio = size[k] / size[1 - k]
+        as_far = 1 / _AS_FAR < travel[k] / factor / max(travel[1 - k], 1e-9) < _AS_FAR
+        if abs(ratio / factor - 1) < 0.1 and as_far:
+            fact = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times the other gauge's"
+            yield fact, "convert it to mm"
+    # Where the rig file states the eccentricity: the data show the same one, in another unit.
+    stated_mm = np.array([np.dot(circle.eccentricity_mm, frame.u), np.dot(circle.eccentricity_mm, frame.v)])
+    size_mm = float(np.linalg.norm(stated_mm))
+    for unit, factor in FACTORS.items() if size_mm >= _ECCENTRIC_MM else ():
+        if np.linalg.norm(waves.mean(axis=0) / factor - stated_mm) < _LIKE_STATED * size_mm:
+            fact = f"g1_mm and g2_mm are in {unit}: their wave is the rig file's eccentricity times {factor:.3g}"
+            yield fact, "convert them to mm"
+
+
+def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:
+    """What is wrong, and the remedy, if a reading (n,) mm travels further than the radius: a link cannot."""
+    travel = float(np.ptp(reading))
+    if travel > radius_mm:
+        fact = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"
+        yield fact, "convert it to mm: it looks like µm" if travel > 3 * radius_mm else "check its unit"
+
+
+_OF_TRACKERS = {"m": 1e-3, "cm": 0.1}
+"""Units of trackers beside those of gauges: what a length in mm reads in them."""
+_TAKEN_FOR = {"inches": 25.4, "cm": 10.0}
+"""What a length in mm reads that was taken for one in another unit, as by a map; in m it reads as one in µm."""
+_ABOUT = 0.3
+"""The rig file may know nothing of the tracker's target, so that distances are alike roughly only."""
+_SAME_TURN_RAD = 0.01
+"""Between poses, a tracker and the robot agree on the angle turned to this at the median; …"""
+_FARTHER = 8.0
+"""… and one way to read the angles is wrong where it is further off than this, and than another by this factor."""
+
+
+def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
+    """What is wrong with the units of a tracker beside nominal tool poses T (n, 4, 4), and what to do."""
+    rows = far_rows(table.xyz_mm)
+    robot_step, seen = (float(np.median(steps(places, rows))) for places in (T[:, :3, 3], table.xyz_mm))
+    for unit, factor in {**FACTORS, **_OF_TRACKERS}.items():
+        if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
+            fact = f"x_mm, y_mm, z_mm are in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
+            yield fact, "convert the places to mm"
+    for unit, factor in _TAKEN_FOR.items():
+        if robot_step > 1.0 and abs(seen / robot_step / factor - 1) < _ABOUT:
+            fact = f"x_mm, y_mm, z_mm were not in {unit}: they move {seen / robot_step:.3g} times as far as the robot"
+            yield fact, "read them as mm"
+    if table.rpy is None:
+        return
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    # How far the robot's turns are from those of the angles as read, and of the other units and orders that may be.
+    turned, rpy = _turns(T[:, :3, :3], rows), table.rpy
+    turns = (
+        _turns(Rotation.from_euler(order, angles).as_matrix(), rows)
+        for order, angles in (("xyz", rpy), ("xyz", np.degrees(rpy)), ("XYZ", rpy))
+    )
+    as_read, in_radians, about_moving = (float(np.median(np.abs(turn - turned))) for turn in turns)
+    right = 0.0 if as_read < _SAME_TURN_RAD else min(_SAME_TURN_RAD, as_read / _FARTHER)
+    if in_radians < right:
+        yield "rx_deg, ry_deg, rz_deg are radians: only then do they fit the robot's motion", "convert them to degrees"
+    if about_moving < right:
+        fact = "rx_deg, ry_deg, rz_deg are turns about moving axes: only then do they fit the robot's motion"
+        yield fact, "convert them to roll-pitch-yaw about fixed axes, R = Rz Ry Rx"
+
+
+def off_in_its_unit(T: Array, xyz_mm: Array) -> Off | None:
+    """How far tool poses T (n, 4, 4) are from places (n, 3), in the unit of these in which they are least far off."""
+    units = (1.0, *FACTORS.values(), *_OF_TRACKERS.values(), *_TAKEN_FOR.values())
+    every = [off for factor in units if (off := off_places(T, xyz_mm / factor))]
+    return min(every, key=lambda off: off.off, default=None)
+
+
+def _turns(R: Array, rows: int) -> Array:
+    """Angle (n,) rad between each rotation (n, 3, 3) and that so many rows before it: the same in every frame."""
+    trace = np.einsum("nij,nij->n", R, np.roll(R, rows, axis=0))
+    return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0)))
+
+
+_MM = {"m": 1000.0, "inches": 25.4, "cm": 10.0}
+"""Millimetres of each unit in which a controller may write where a rail stands."""
+_POSES, _RAIL_STEPS = 200, 30
+"""Poses that show a unit, and steps of a fit to them."""
+
+
+def rail_findings(table: PoseTable, rig: Rig) -> Iterator[Finding]:
+    """What speaks against e1_mm of poses of an arm on a rail: another unit fits, or the rail ends before."""
+    arm = without_setup(arm_of(rig.robot))
+    if rig.robot.rail is None or table.q.shape[1] == arm.axes:
+        return
+    if len(table.q) >= FEWEST:
+        kept = np.unique(np.linspace(0, len(table.q) - 1, _POSES).astype(int))
+
+        def misfit_mm(factor: float) -> float:
+            q: Array = table.q[kept] * np.append(np.ones(arm.axes), factor)
+            return left_mm(arm, q, table.xyz_mm[kept], _RAIL_STEPS)
+
+        as_read = misfit_mm(1.0)
+        for unit, factor in _MM.items() if as_read > CLEARLY * RIGHT_MM else ():
+            if (meant := misfit_mm(factor)) < RIGHT_MM:
+                fact = f"e1_mm is in {unit}: only then do these poses fit, {meant:.2g} mm instead of {as_read:.0f} mm"
+                yield Finding("units", "impossible", ("e1_mm",), unit, fact, "convert it to mm")
+                return
+    stands, (low, high) = rail_mm(arm, table.q), rig.robot.rail.limits_mm
+    if stands.min() < low or stands.max() > high:
+        reach = f"{stands.min():.6g} to {stands.max():.6g} mm"
+        fact = f"e1_mm goes from {reach}, and robot.rail.limits_mm from {low:g} to {high:g} mm"
+        yield Finding("units", "likely", ("e1_mm",), "another unit", fact, "check its unit, or correct limits_mm")
+
+
+_JUDGED, _MIRROR_STEPS = 80, 100
+_MIRROR = np.array([1.0, -1.0, 1.0])
+"""Any axis will do: the frame is fitted."""
+
+
+def mirror_findings(table: PoseTable, rig: Rig, convention: str) -> Iterator[Finding]:
+    """Whether poses fit the arm only with one of x, y, z counting the other way."""
+    measured = np.flatnonzero((table.xyz_mm != 0).any(axis=1))
+    if len(measured) < FEWEST:
+        return
+    chosen = measured[np.unique(np.linspace(0, len(measured) - 1, _JUDGED).astype(int))]
+    bare, q, xyz_mm = without_setup(arm_of(rig.robot)), table.q[chosen], table.xyz_mm[chosen]
+    as_labelled = left_mm(bare, q, xyz_mm, _MIRROR_STEPS)
+    if as_labelled < RIGHT_MM:
+        return
+    mirrored = left_mm(bare, q, xyz_mm * _MIRROR, _MIRROR_STEPS)
+    if mirrored > RIGHT_MM or as_labelled < CLEARLY * mirrored:
+        return
+    fact = (
+        f"only with y_mm counting the other way do these poses fit: {mirrored:.2g} mm instead of {as_labelled:.0f} mm; "
+        "the instrument's frame is left-handed"
+    )
+    remedy = "change the sign of one of x_mm, y_mm, z_mm, or import the file as it was written, by a map with mirror: y"
+    misfit = Misfit(as_labelled, mirrored, len(chosen) * float(np.log(as_labelled / max(mirrored, 1e-9))))
+    yield Finding(convention, "impossible", ("x_mm", "y_mm", "z_mm"), "y mirrored", fact, remedy, misfit)
+
+
+UNITS = "units"
+_TURN_RAD = 2 * np.pi + 0.1
+_MUCH_MORE = 2.0
+"""One way to read the joints is right and the other wrong where it is off the path by this factor more, whatever the
+unit of a tracker's places: radians read as degrees move an arm so little that metres look like inches."""
+_UNLIKELY = 0.1
+"""A robot that stops on a sphere of this share of its travel has shown its gauge more than its errors."""
+_ROWS = 20_000
+"""Rows that show a unit; a run may have millions."""
+
+
+def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
+    """What speaks against the units of a table, surest first."""
+    if most := impossible_rad(table.q):
+        columns = tuple(f"q{axis}_deg" for axis in range(1, table.q.shape[1] + 1))
+        fact = f"a joint would stand at {np.degrees(most):.0f}°: degrees were read as radians"
+        yield Finding(UNITS, "impossible", columns, "degrees", fact, "read them as degrees")
+        return
+    table = table.kind.thinned(table, _ROWS)
+    arm = arm_of(rig.robot)
+    places = forward(arm, table.q)
+    # Whether the robot does the test only if q, read as degrees, was in rad.
+    degrees = np.degrees(table.q)
+    ways: tuple[Array, ...] = (places, forward(arm, degrees)) if np.abs(degrees).max() <= _TURN_RAD else ()
+    wrong, right = [table.kind.off_path(table, rig, T) for T in ways] or (None, None)
+    if wrong and right and right.on and wrong.off > _MUCH_MORE * right.off:
+        columns = tuple(f"q{axis}_deg" for axis in range(1, arm.axes + 1))
+        fact = f"q1_deg … {columns[-1]} are radians: only then does the robot of the rig file follow the program"
+        yield Finding(UNITS, "impossible", columns, "radians", fact, "convert them to degrees")
+        yield from table.kind.unit_findings(table, rig, forward(arm, degrees))
+        return
+    yield from table.kind.unit_findings(table, rig, places)
+
+
+def impossible(mistakes: Iterable[tuple[str, str]]) -> Iterator[Finding]:
+    """What is wrong for certain, and what to do, as findings."""
+    for fact, remedy in mistakes:
+        columns = tuple(name.strip(",:") for name in fact.split() if "_" in name)
+        yield Finding(UNITS, "impossible", columns, "another unit", fact, remedy)
+
+
+def target_units(g_mm: Array, radius_mm: float) -> Iterator[Finding]:
+    """What speaks against the unit of a gauge that was read, g_mm (n,), at targets of a hemisphere."""
+    yield from impossible(too_far("g1_mm", g_mm, radius_mm))
+    travel = float(np.ptp(g_mm))
+    if _UNLIKELY * radius_mm <= travel <= radius_mm:
+        fact = f"g1_mm travels {travel:.4g} mm on a radius of {radius_mm:g} mm, more than any robot error"
+        yield Finding(UNITS, "likely", ("g1_mm",), "another unit", fact, "check its unit")

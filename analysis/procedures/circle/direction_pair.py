@@ -1,0 +1,249 @@
+"""An anticlockwise and a clockwise run of one set-up against each other: what reverses with the direction.
+
+At the same circle angle the eccentricity is the same in both, so the difference acw - cw of the angle holds
+only what depends on direction and history: backlash above all (Oh 2019, figure 6 a against b). For the
+distance, ISO 230-4:2005, clause 3: bidirectional circular deviation G(b) about the least-squares circle
+of both paths together, and circular hysteresis H, the largest radial difference of the two.
+
+Ball and zeros of the gauges must not be touched between the runs. A ball that sits elsewhere makes a difference of
+order one and nothing else, in the distance and, of a yaw, in the angle alike: such runs are not a pair. A lag between
+gauges and robot belongs to the set-up: it is drawn once for both runs, from what the less certain of them knows of it,
+and moves them apart, which is the worst it can do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.procedures.circle.circularity import circle_at, fit_circle
+from analysis.procedures.circle.evaluate import CircleResult
+from analysis.procedures.shared.lap_curve import RANGE_U, SEED, LapCurve, at_resolution, blurred, calmed, figures
+from analysis.procedures.shared.quantity import PLACE, Quantity, figures_of, from_draws
+from analysis.procedures.shared.reduction import PHI, nodes_of
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.noise.cell_noise import BALL_ELSEWHERE_MM, BALL_MM, JOINT_DEG
+from analysis.runs.noise.spectrum import DRAWS, NODES
+from rigs.errors import FileError
+
+_SURE = 0.9545
+"""Share of the draws that 2 u covers."""
+_PLATEAU_ROUNDS = 2
+"""Rounds in which a plateau is found: the wider it is, the further below its maximum one of its places may be read."""
+_HALVINGS = 10
+"""Halvings of the interval between the bounds of the level: to a thousandth of what noise adds."""
+
+
+def largest(curve: Array, errors: Array, blur: float, unit: str, samples: int) -> tuple[Quantity, Quantity]:
+    """The largest size of a curve (NODES,) without sign, and the place of it, with errors (m, NODES) that noise may
+    have put into it. Its rows fell anywhere about their places with a standard deviation of `blur` rad, which takes
+    something off a narrow peak.
+
+    The maximum of a noisy curve is chosen by its noise and too large on average; by how much depends on how many places
+    come near it. On a plateau, as a play makes one between two reversals, any place may be the largest. So the curve is
+    flattened: all that stands above some level is taken for noise, and that level is the size of which the observed
+    maximum is the median, with the same noise again. It is the least favourable curve that the readings allow, as in
+    the half-median-unbiased bounds of Chernozhukov, Lee and Rosen (Intersection bounds, Econometrica 2013).
+    """
+    peak = int(np.argmax(np.abs(curve)))
+    top = float(np.abs(curve[peak]))
+    # The level at which the curve is cut off, so that with its errors again the observed maximum is the median.
+    upright, upright_errors = curve * np.sign(curve[peak]), errors * np.sign(curve[peak])
+    low, high = max(top - float(np.median(upright_errors.max(axis=1))), 0.0), top
+    for _ in range(_HALVINGS):
+        level = (low + high) / 2
+        if float(np.median((np.minimum(upright, level) + upright_errors).max(axis=1))) > top:
+            high = level
+        else:
+            low = level
+    level = (low + high) / 2
+    flat = np.clip(curve, -level, level)
+    lost = max(level - float(np.abs(blurred(flat, blur)).max()), 0.0)
+    again = np.abs(flat + errors)
+    u = float(np.sqrt(from_draws(0.0, again.max(axis=1), unit).u ** 2 + (RANGE_U * (top - level)) ** 2 + lost**2))
+    # Nodes may have the largest size that lie no further below the maximum than one place of a plateau may be read.
+    for _ in range(_PLATEAU_ROUNDS):
+        below = float(np.quantile(again.max(axis=1) - again[:, peak], _SURE))
+        flat = np.where(np.abs(curve) >= top - below, np.abs(flat[peak]) * np.sign(curve), flat)
+        again = np.abs(flat + errors)
+    at = np.degrees(PHI)
+    place = figures_of({PLACE: float(at[peak])}, {PLACE: at[again.argmax(axis=1)]}, samples)[PLACE]
+    return Quantity(level + lost, u, unit, samples), place
+
+
+Complex = NDArray[np.complex128]
+_HARMONICS = np.arange(1, 9)
+_LAG_ROUNDS = 10
+_MOVED_MM = float(np.hypot(BALL_MM.middle, 1000.0 * np.radians(JOINT_DEG.middle)))
+"""How far a circle moves between runs: its ball, and a joint at the end of an arm of a metre."""
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """One kind of curve: harmonics (h,) of acw - cw, and of what a lag of one second would put there; noise: the
+    variance (h,) of their real and of their imaginary part without any play."""
+
+    between: Complex
+    of_lag: Complex
+    noise: Array
+
+
+def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float], samples: int) -> Quantity:
+    """The lag in ms of the gauges behind the robot's feedback, from curves of an acw and a cw run of one circle;
+    several kinds (angle, distance) together determine it better.
+
+    radii_mm: of each kind, what turns a move of the ball into its unit: 1 for a distance, the circle's for an angle.
+
+    Gauges stamped late show at each moment what was true a lag before: the curve is dragged along with the motion,
+    forwards in one direction and backwards in the other, so acw - cw holds twice the lag times the speed times the
+    curve's slope. Plays and friction reverse with the direction too, and their first harmonic cannot be distinguished
+    from a lag. What they leave in the others shows how large it may be: it is taken for a random part that falls with
+    the harmonic's number, as that of a step does, and it makes the uncertainty. So does the robot, which is never at
+    quite the same places in two runs. One direction alone shows nothing of it: there a lag turns the curve as another
+    place of the ball would.
+    """
+    kinds = []
+    for (acw, cw), radius_mm in zip(pairs, radii_mm, strict=True):
+        forth, back = _harmonics(acw.y), _harmonics(cw.y)
+        speed, moved = abs(acw.rate) + abs(cw.rate), _MOVED_MM / radius_mm
+        drawn = sum(np.mean(np.abs(_harmonics(curve.errors)) ** 2, axis=0) / 2 for curve in (acw, cw))
+        of_lag = -speed * 1j * _HARMONICS * (forth + back) / 2
+        kinds.append(_Evidence(forth - back, of_lag, (moved / _HARMONICS) ** 2 + drawn))
+    spreads = [0.0] * len(kinds)
+    value_s = u_s = 0.0
+    for _ in range(_LAG_ROUNDS):
+        weights = [1 / (spread / _HARMONICS**2 + kind.noise) for kind, spread in zip(kinds, spreads, strict=True)]
+        information = sum(float(w @ np.abs(k.of_lag) ** 2) for w, k in zip(weights, kinds, strict=True))
+        pull = sum(float(w @ (k.of_lag.conj() * k.between).real) for w, k in zip(weights, kinds, strict=True))
+        if not information > 0:
+            return Quantity(0.0, float("inf"), "ms", samples)
+        value_s, u_s = pull / information, information**-0.5
+        # The variance of the first harmonic of what reverses without being a lag.
+        beyond = [np.abs(kind.between - value_s * kind.of_lag) ** 2 / 2 - kind.noise for kind in kinds]
+        spreads = [float((np.maximum(power, 0.0) * _HARMONICS**2).mean()) for power in beyond]
+    return Quantity(1e3 * value_s, 1e3 * u_s, "ms", samples)
+
+
+def _harmonics(y: Array) -> Complex:
+    """(..., h) complex of curves (..., NODES): y = sum of their real parts, each times exp(i h phi)."""
+    both: Complex = 2 * np.fft.rfft(y)[..., _HARMONICS] / NODES
+    return both
+
+
+RANGES = frozenset({"circular_deviation_mm"})
+_ALIKE = 0.5
+"""The share of a move by the angle by which the move by the distance, which a play changes too, may differ."""
+_ALONE, _MOSTLY = 0.9, 0.5
+"""Share of acw - cw, as energy, that a ball elsewhere explains; a play, which changes its side at each reversal of a
+joint, leaves much of itself in the higher orders."""
+
+
+@dataclass(frozen=True)
+class DirectionPair:
+    """What differs between the directions, by name; lag: of the gauges behind the robot, ms, reported and not
+    applied."""
+
+    figures: dict[str, Quantity]
+    lag: Quantity
+
+
+def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> DirectionPair:
+    """figures of acw - cw at the same phi: hysteresis_mean_deg with its sign, hysteresis_max_deg without and
+    hysteresis_max_at_deg where; of the distance hysteresis_mean_mm, hysteresis_max_mm (H) and
+    circular_deviation_mm (G(b)). Maxima are noise-corrected. Raises FileError where they are not a pair."""
+    _hold(acw, cw, where)
+    curves = [acw.curve, cw.curve, acw.distance.curve, cw.distance.curve]
+    radius = acw.laps.frame.radius
+    rng = np.random.default_rng(SEED)
+    lag_s = rng.normal(0.0, max(acw.u_lag_s, cw.u_lag_s), DRAWS)
+    turned = [run.curve.turned(lag_s) for run in (acw, cw)] * 2
+    scale, unscaled = 1.0 + rng.normal(0.0, acw.u_scale, DRAWS), np.ones(DRAWS)
+
+    def drawn(about: Sequence[Array]) -> list[Array]:
+        parts = zip(curves, about, turned, (scale, scale, unscaled, unscaled), strict=True)
+        return [curve.drawn(y, orders, factor) for curve, y, orders, factor in parts]
+
+    samples = acw.samples + cw.samples
+    calm = [*_calm(acw.curve, cw.curve), *_calm(acw.distance.curve, cw.distance.curve)]
+    of_pair = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES, calm)
+    # The largest hysteresis of angle and distance, and the place of that of the angle.
+    draws, noise = drawn([curve.y for curve in curves]), of_pair["hysteresis_mean_deg"].noise
+    sizes = []
+    for k, unit, per_unit in ((0, "deg", np.degrees(1.0)), (2, "mm", 1.0)):
+        between = per_unit * at_resolution(curves[k].y - curves[k + 1].y)
+        errors = per_unit * at_resolution(draws[k] - draws[k + 1]) - between
+        blur = float(np.hypot(curves[k].blur, curves[k + 1].blur) / np.sqrt(2))
+        sizes += [replace(figure, noise=noise) for figure in largest(between, errors, blur, unit, samples)]
+    of_pair |= zip(("hysteresis_max_deg", "hysteresis_max_at_deg", "hysteresis_max_mm"), sizes, strict=False)
+    for unit in ("deg", "mm"):
+        largest_name, mean = f"hysteresis_max_{unit}", abs(of_pair[f"hysteresis_mean_{unit}"].value)
+        # What is taken off for the noise may be more than there is; no largest value is below the mean.
+        of_pair[largest_name] = replace(of_pair[largest_name], value=max(of_pair[largest_name].value, mean))
+    lag = lag_of([(curves[0], curves[1]), (curves[2], curves[3])], [radius, 1.0], samples)
+    return DirectionPair(of_pair, lag)
+
+
+def _calm(acw: LapCurve, cw: LapCurve) -> tuple[Array, Array]:
+    """Both curves (NODES,) with the noise reduced of their mean and of their difference, which is small beside them."""
+    power = acw.power + cw.power
+    mean, half = calmed((acw.y + cw.y) / 2, power / 4), calmed((acw.y - cw.y) / 2, power / 4)
+    return mean + half, mean - half
+
+
+Run = tuple[Array, Array]
+"""phi (n,) rad and values (n,) there."""
+
+
+def plain_figures(angle: list[Run], distance: list[Run], radius_mm: float) -> dict[str, float]:
+    """The plain figures of a noise-free acw and cw run, in this order: angle in rad, distance in mm."""
+    nodes = np.stack([nodes_of(phi, y) for phi, y in (*angle, *distance)])
+    return {name: float(value) for name, value in figures_at(nodes, radius_mm).items()}
+
+
+def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
+    """The plain figures (...,) of curves (4, ..., NODES): angle acw and cw, distance acw and cw."""
+    turned, moved = at_resolution(np.degrees(y[0] - y[1])), at_resolution(y[2] - y[3])
+    fit = (fit_circle(y[2], radius_mm) + fit_circle(y[3], radius_mm)) / 2
+    deviation = at_resolution(y[2:] - circle_at(fit, radius_mm))
+    return {
+        "hysteresis_mean_deg": turned.mean(axis=-1),
+        "hysteresis_max_deg": np.abs(turned).max(axis=-1),
+        "hysteresis_max_at_deg": np.degrees(PHI)[np.argmax(np.abs(turned), axis=-1)],
+        "hysteresis_mean_mm": moved.mean(axis=-1),
+        "hysteresis_max_mm": np.abs(moved).max(axis=-1),
+        "circular_deviation_mm": deviation.max(axis=(0, -1)) - deviation.min(axis=(0, -1)),
+    }
+
+
+def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
+    """How far the ball moved between the runs, mm; 0 where the robot may explain the difference.
+
+    A play moves the distance by the way that a joint turns, and with it the first order too; of a yaw the angle shows
+    the ball a second time, and a play hardly shows the same there.
+    """
+    moved = acw.distance.ball_mm - cw.distance.ball_mm
+    by_angle = acw.laps.frame.radius * np.array([-(acw.sine.a - cw.sine.a), acw.sine.b - cw.sine.b])
+    size, seen = float(np.linalg.norm(moved)), float(np.linalg.norm(by_angle))
+    power = np.abs(np.fft.rfft(acw.distance.curve.y - cw.distance.curve.y) / NODES)[1:] ** 2
+    first_share = float(power[0] / max(power.sum(), 1e-30))
+    if seen > BALL_ELSEWHERE_MM and float(np.linalg.norm(by_angle - moved)) < _ALIKE * seen and first_share > _MOSTLY:
+        return seen
+    # In roll the ball's place does not show in the angle's sine.
+    return size if size > BALL_ELSEWHERE_MM and first_share > _ALONE and seen < 0.1 * size else 0.0
+
+
+def _hold(acw: CircleResult, cw: CircleResult, where: str) -> None:
+    directions = (acw.laps.direction, cw.laps.direction)
+    if directions != ("acw", "cw"):
+        problem = f"are {directions[0]} and {directions[1]}"
+        raise FileError(where, problem, "give an acw run and a cw run, in this order")
+    circle, second = acw.laps.frame, cw.laps.frame
+    if abs(circle.radius - second.radius) > 1e-6 or np.linalg.norm(circle.centre - second.centre) > 1e-6:
+        raise FileError(where, "were driven on different circles", "compare runs of one rig file")
+    if moved_mm := ball_moved_mm(acw, cw):
+        fact = f"have their balls {moved_mm:.2f} mm apart: the ball or a gauge was moved between them"
+        remedy = "record acw and cw without touching the ball or the gauges in between"
+        raise FileError(where, f"{fact}, so that acw - cw does not show the hysteresis", remedy)

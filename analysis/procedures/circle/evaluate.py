@@ -1,0 +1,374 @@
+"""The angle between link and tool over a circle: what yaw and roll share, after Oh 2019, section 2.1.
+
+What is left of the angle after the least-squares sine, eqs. (1) to (11), is the orientation error, and its
+maximum less its minimum the error band. Which figures are taken besides, yaw and roll say themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from analysis.procedures.checks.finding import Finding
+from analysis.procedures.checks.meanings import PLACE_UNKNOWN, Verdict, judged_by_path
+from analysis.procedures.checks.place import STAMPS, Off, off_circle, stamp_findings
+from analysis.procedures.checks.units import circle_gauges, impossible
+from analysis.procedures.circle.circularity import Circularity
+from analysis.procedures.circle.circularity import evaluate as evaluate_distance
+from analysis.procedures.shared.evaluate import Instruments, hold_alive, hold_numbers, hold_radius
+from analysis.procedures.shared.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
+from analysis.procedures.shared.quantity import Quantity
+from analysis.procedures.shared.reduction import PHI, Reduced, nodes_of, reduced
+from analysis.procedures.shared.result_curves import CircleCurve
+from analysis.procedures.shared.simulated_gauges import Simulation, hold_gauged, read_by_gauges
+from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
+from analysis.robot.geometry.driven_programs import circle_laps, circle_of
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.model.motion import Motion
+from analysis.robot.model.predict import Model, Path, SetUp, gauged
+from analysis.robot.model.scene import Scene, apply
+from analysis.runs.align import Aligned
+from analysis.runs.csv_tables import Rows, joint_cells
+from analysis.runs.laps import Laps, laps_of
+from analysis.runs.noise.spectrum import DRAWS, NODES, LapNoise
+from analysis.runs.table_format import Kind
+from analysis.runs.table_layout import JOINTS, TIME_U, Layout
+from analysis.runs.tables import CircleTable
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import CircleTest, Direction
+
+
+def angle_of_gauges(g_mm: Array, baseline_mm: float) -> Array:
+    """The angle (...,) rad of readings (..., 2) mm of gauges a baseline apart."""
+    return link_angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
+
+
+Plain = Callable[[Array, float], Mapping[str, Array]]
+"""The plain figures (...,) by name of angles (..., NODES) rad on a circle of a radius in mm."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Figures of one kind that the angle over a circle shows. figures_at computes them; ranges names those that noise
+    makes too large, a maximum less a minimum for example, which are lowered by what noise adds on average."""
+
+    figures_at: Plain
+    ranges: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class Sine:
+    """Least-squares A + a sin(phi) + b cos(phi), eq. (4), in rad."""
+
+    A: float
+    a: float
+    b: float
+
+    def __call__(self, phi: Array) -> Array:
+        """Its value (n,) at phi (n,)."""
+        return np.asarray(self.A + self.a * np.sin(phi) + self.b * np.cos(phi))
+
+    @property
+    def amplitude(self) -> float:
+        """r of eq. (11)."""
+        return float(np.hypot(self.a, self.b))
+
+    @property
+    def shift(self) -> float:
+        """alpha of eq. (11); by atan2, since arctan(b/a) loses the quadrant. (The paper's last formula
+        for it has b11 where b21 belongs.)"""
+        return float(np.arctan2(self.b, self.a))
+
+
+def sine_of(y: Array) -> tuple[Array, Array, Array]:
+    """A, a and b (...,) of the least-squares sine of eq. (2) through curves (..., NODES).
+
+    Nodes lie evenly around the circle, so that the paper's sums are those of the level and the first order.
+    """
+    fitted = y @ _FIRST_ORDER
+    return fitted[..., 0], fitted[..., 1], fitted[..., 2]
+
+
+_FIRST_ORDER = np.stack([np.ones(NODES), 2 * np.sin(PHI), 2 * np.cos(PHI)], axis=1) / NODES
+"""What (NODES, 3) gives level, sine and cosine of a curve, by least squares."""
+
+
+def fit_sine(phi: Array, y: Array) -> Sine:
+    """The sine of a noise-free curve y (n,) rad at phi (n,) rad of one lap."""
+    A, a, b = sine_of(nodes_of(phi, y))
+    return Sine(float(A), float(a), float(b))
+
+
+@dataclass(frozen=True)
+class CircleResult:
+    """Result of one direction. angle, residual: (NODES,) rad over PHI, the residual at the stated resolution; curve:
+    the angle with its noise; distance: what the mean of the gauges shows; u_lag_s, u_scale: what was assumed of the
+    gauges' time and of the baseline (relative)."""
+
+    laps: Laps
+    angle: Array
+    residual: Array
+    sine: Sine
+    figures: dict[str, Quantity]
+    samples: int
+    notes: tuple[str, ...]
+    curve: LapCurve
+    distance: Circularity
+    u_lag_s: float
+    u_scale: float
+
+    @property
+    def as_curve(self) -> CircleCurve:
+        """Angle, error and deviation over the circle angle."""
+        error, _ = error_of(self.curve.errors)
+        return CircleCurve(
+            phi_deg=np.degrees(PHI),
+            angle_deg=np.degrees(self.angle),
+            error_deg=np.degrees(self.residual),
+            error_u_deg=np.degrees(error.std(axis=0)),
+            deviation_mm=self.distance.deviation_mm,
+        )
+
+    @property
+    def without_rows(self) -> CircleResult:
+        """The same result without the rows of its laps, but the first, and without the draws of its noise, which are
+        drawn again where they are asked for."""
+        distance = replace(self.distance, curve=self.distance.curve.without_draws)
+        return replace(self, laps=self.laps.without_rows, curve=self.curve.without_draws, distance=distance)
+
+
+@dataclass(frozen=True)
+class AngleTest:
+    """Yaw or roll. measures: what is computed from its angle; notes_of: remarks on a result."""
+
+    measures: tuple[Measure, ...]
+    notes_of: Callable[[CircleResult], tuple[str, ...]]
+
+    def figures_at(self, y: Array, radius_mm: float) -> dict[str, Array]:
+        """The plain figures (...,) of all measures, from angles y (..., NODES) rad."""
+        return {name: value for measure in self.measures for name, value in measure.figures_at(y, radius_mm).items()}
+
+    def evaluate(
+        self,
+        laps: Laps,
+        baseline_mm: float,
+        baseline_u_mm: float,
+        u_lag_s: float,
+        where: str = "the run",
+        like: tuple[LapNoise, LapNoise] | None = None,
+        run: Reduced | None = None,
+    ) -> CircleResult:
+        """The figures of a run's laps, ranges corrected for noise, each with its uncertainty.
+
+        like: noise of the angle and of the distance in another run of the cell, for a run of one lap; run: the readings
+        of the laps, where these have but some of the rows. Raises FileError for readings that no ball link gives.
+        """
+        _hold(laps, baseline_mm, where)
+        run = run or reduced(laps)
+
+        curve = curve_of(
+            run, partial(angle_of_gauges, baseline_mm=baseline_mm), np.sqrt(2) / abs(baseline_mm), 0, like and like[0]
+        )
+        radius, u_scale = laps.frame.radius, baseline_u_mm / abs(baseline_mm)
+        rng = np.random.default_rng(SEED)
+        turned = curve.turned(rng.normal(0.0, u_lag_s, DRAWS))
+        scale = 1.0 + rng.normal(0.0, u_scale, DRAWS)
+
+        def drawn(curves: Sequence[Array]) -> list[Array]:
+            return [curve.drawn(curves[0], turned, scale)]
+
+        ranges = frozenset[str]().union(*(measure.ranges for measure in self.measures))
+        of_angle = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, run.samples, ranges)
+        sine = Sine(*(float(part) for part in sine_of(curve.y)))
+        residual = at_resolution(curve.y - sine(PHI))
+        distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
+        notes = (*laps.notes, *run.notes, *_about_noise(curve))
+        count = run.samples
+        result = CircleResult(laps, curve.y, residual, sine, of_angle, count, notes, curve, distance, u_lag_s, u_scale)
+        return replace(result, notes=(*notes, *self.notes_of(result)))
+
+    def plain_figures(self, phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
+        """The plain figures of a noise-free curve y (n,) rad over phi (n,) rad, by the definitions of
+        docs/conventions.md."""
+        return {name: float(value) for name, value in self.figures_at(nodes_of(phi, y), radius_mm).items()}
+
+
+def _about_noise(curve: LapCurve) -> tuple[str, ...]:
+    """Where the noise is not from laps of this run, and what happened between its laps, in words."""
+    if curve.slips:
+        sizes = ", ".join(f"{np.degrees(slip):+.4f}°" for slip in curve.slips)
+        why = "which is more than noise and drift explain: check the clamps"
+        return (f"the angle steps by {sizes} between laps, {why}",)
+    match curve.noise.source:
+        case "borrowed":
+            return ("the run has one lap: its slow noise is taken from another run of this cell, at an unknown level",)
+        case "assumed":
+            why = "the noise of real cells is assumed; drive two laps"
+            return (f"the run has one lap, which cannot show slow noise: {why}",)
+    return ()
+
+
+def eccentricities(result: CircleResult) -> tuple[Array, Array]:
+    """Where the ball lies from the centre along u and v, (2,) mm each: by the angle of a yaw, and by the distance."""
+    radius = result.laps.frame.radius
+    by_angle = radius * np.array([-result.sine.a, result.sine.b])
+    return by_angle, result.distance.ball_mm
+
+
+def sine_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
+    """Band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's section 2.1."""
+    A, a, b = sine_of(y)
+    error = at_resolution(y - _sines(A, a, b))
+    return {
+        "band_deg": np.degrees(np.ptp(error, axis=-1)),
+        "amplitude_deg": np.degrees(np.hypot(a, b)),
+        "shift_deg": np.degrees(np.arctan2(b, a)),
+        "offset_deg": np.degrees(A),
+    }
+
+
+SINE = Measure(sine_figures, frozenset({"band_deg"}))
+
+
+def error_of(y: Array) -> tuple[Array, Array]:
+    """Orientation errors (..., NODES) rad of angles y (..., NODES) rad, and these with their sine, at the stated
+    resolution."""
+    sine = _sines(*sine_of(y))
+    error = at_resolution(y - sine)
+    return error, error + sine
+
+
+def _sines(A: Array, a: Array, b: Array) -> Array:
+    return np.asarray(A[..., None] + a[..., None] * np.sin(PHI) + b[..., None] * np.cos(PHI))
+
+
+def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
+    if laps.g_mm.ndim != 2 or laps.g_mm.shape[1] != 2:
+        raise FileError(where, "does not have two gauges, and an angle needs two", "give g1_mm and g2_mm")
+    if baseline_mm == 0:
+        problem = "the two gauges have the same offset_mm, which measures no angle"
+        raise FileError(where, problem, "correct offset_mm of g1 and g2 in the rig file")
+    hold_radius(where, laps.frame.radius)
+    hold_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
+    hold_alive(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
+
+
+GAUGE_RATE_HZ = 50.0
+"""Readings a second of a simulated circle: what a 4800 baud line gives."""
+
+
+def planted_setup(rig: Rig) -> SetUp:
+    """Return the set-up that simulations and emulated cells have on a circle: the ball where the rig file plants it."""
+    ball = np.array(circle_of(rig).centre_mm) + np.array(circle_of(rig).eccentricity_mm)
+    return SetUp(ball, np.zeros(2), np.eye(4), np.eye(4))
+
+
+class CircleKind(Kind[CircleTable]):
+    """Yaw or roll."""
+
+    gauges = ("g1", "g2")
+    certified = ("g1", "g2", "ball")
+    swept = in_order_of_time = True
+    setup_terms = 5
+    example = ("circular_deviation_mm", 0.05, 0.10)
+    part, along = "circle", "phi_deg"
+
+    def __init__(
+        self, test: CircleTest, angle: AngleTest, *finders: tuple[str, Callable[[CircleTable, Rig], Iterable[Finding]]]
+    ) -> None:
+        super().__init__(test)
+        self._test: CircleTest = test
+        self._angle, self.finders = angle, ((STAMPS, stamp_findings), *finders)
+
+    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
+        return Layout(("t_s", "direction", *JOINTS, "g1_mm", "g2_mm"), ("phi_deg", *TIME_U))
+
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> CircleTable:
+        if direction is None:
+            raise FileError(where, "lacks a direction, which a circle needs", "import it with --direction cw or acw")
+        u_t_s = rows.floats("u_t_s") if rows.has(("u_t_s",)) else None
+        return CircleTable(self._test, direction, rows.floats("t_s"), rows.q, rows.stack(("g1_mm", "g2_mm")), u_t_s)
+
+    def columns(self, table: CircleTable) -> Mapping[str, Array | Sequence[str]]:
+        gauges = {f"g{k}_mm": g_mm for k, g_mm in enumerate(table.g_mm.T, start=1)}
+        stamps = {"t_s": table.t_s, "direction": [table.direction] * len(table.t_s)}
+        return {**stamps, **joint_cells(table.q, rail=False), **gauges}
+
+    def readings(self, table: CircleTable) -> Array:
+        return table.g_mm
+
+    def recorded(
+        self, data: Aligned, rig: Rig, direction: Direction | None, where: str
+    ) -> tuple[CircleTable, list[str]]:
+        if direction is None:
+            remedy = "give it one: rig relabel RUN --direction acw or cw"
+            raise FileError(where, "lacks a direction, which a circle needs", remedy)
+        return CircleTable(self._test, direction, data.t_s, data.q, data.g_mm, data.u_t_s), []
+
+    def setup(self, rig: Rig) -> SetUp:
+        return SetUp(np.array(circle_of(rig).centre_mm), np.zeros(2), np.eye(4), np.eye(4))
+
+    def path(self, model: Model, table: CircleTable) -> Path:
+        return Path(Motion(table.t_s, table.q), np.arange(len(table.q)))
+
+    def read(self, model: Model, table: CircleTable, path: Path, scene: Scene, setup: SetUp) -> Array:
+        """The readings of both gauges (m, 2) mm."""
+        to_tool = scene.T[:, :3, 3] - setup.ball
+        circle = frame_of(circle_of(model.rig))
+        offsets = np.array([gauge.offset_mm for _, gauge in model.rig.gauges])
+        contact = np.arctan2(to_tool @ circle.v, to_tool @ circle.u)
+        scene = apply(model.effects, "setup", replace(scene, contact=contact, offsets_mm=offsets))
+        g_mm = link_readings(scene.T, setup.ball, scene.offsets_mm, table.test, circle.radius, scene.form_mm)
+        return gauged(model, path, scene, setup, g_mm)
+
+    def with_readings(self, table: CircleTable, values: Array) -> CircleTable:
+        return replace(table, g_mm=values)
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> CircleTable:
+        hold_gauged(rig, self.test)
+        if direction is None:
+            raise FileError(f"{self.test} test", "needs a direction", "give --direction cw, acw or both")
+        laps = circle_laps(rig, direction)
+        t_s = np.arange(0.0, laps.end_s, 1.0 / GAUGE_RATE_HZ)
+        table = CircleTable(self._test, direction, t_s, laps.at(t_s), np.empty((0, 2)))
+        return replace(table, g_mm=read_by_gauges(rig, table, planted_setup(rig), run))
+
+    def unit_findings(self, table: CircleTable, rig: Rig, T_tool: Array) -> Iterable[Finding]:
+        return impossible(circle_gauges(table, rig, T_tool))
+
+    def cannot_tell(self, table: CircleTable, rig: Rig) -> str:
+        return "" if rig.tests.circle else PLACE_UNKNOWN
+
+    def judged_joints(self, table: CircleTable, rig: Rig) -> Verdict:
+        return judged_by_path(table, rig)
+
+    def off_path(self, table: CircleTable, rig: Rig, T_tool: Array) -> Off | None:
+        return off_circle(T_tool, rig.tests.circle) if rig.tests.circle else None
+
+    def thinned(self, table: CircleTable, count: int) -> CircleTable:
+        if len(table.q) <= count:
+            return table
+        rows = slice(None, None, len(table.q) // count)
+        return CircleTable(table.test, table.direction, table.t_s[rows], table.q[rows], table.g_mm[rows])
+
+    def rows_used(self, table: CircleTable, rig: Rig, where: str) -> Integers:
+        return np.searchsorted(table.t_s, laps_of(table, rig, where).t_s)
+
+    def evaluate(self, table: CircleTable, rig: Rig, where: str, instruments: Instruments) -> CircleResult:
+        gauges = rig.gauges
+        if gauges.g2 is None:
+            raise FileError(where, "has one gauge, and an angle needs two", "add gauges.g2 to the rig file")
+        laps = laps_of(table, rig, where)
+        lag_and_noise = (instruments.u_lag_s, where, instruments.like, instruments.reduced)
+        return self._angle.evaluate(laps, gauges.baseline_mm, gauges.baseline_u_mm, *lag_and_noise)
+
+    def hold_evaluable(self, table: CircleTable, rig: Rig, where: str) -> None:
+        """It has laps."""
+        laps_of(table, rig, where)
+
+    def direction(self, table: CircleTable) -> Direction:
+        return table.direction

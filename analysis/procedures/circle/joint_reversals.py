@@ -1,0 +1,102 @@
+"""Where the joints turn back along a lap, by the table's own feedback: beside the paper's Table 1.
+
+A turn counts where the joint comes back by more than its noise (and 0.05°) on both sides, so that encoder noise
+makes none; its place is the vertex of a cubic through the neighbourhood. `analysis.robot.geometry.circle.reversals`
+gives the same of the nominal path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.robot.geometry.circle import Reversal, peaks
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.laps import Laps
+from analysis.runs.noise.readings import noise_beneath
+
+PROMINENCE_RAD = float(np.radians(0.05))
+"""A joint that comes back by less stands."""
+_NOISES = 10.0
+_BEYOND = np.radians(40.0)
+_NEIGHBOURHOOD = np.radians(8.0)
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A joint (1 … 6) turns back at circle angle phi ± u_rad, 0 … 2 pi, in row `row` of the lap; upper: from rising to
+    falling as phi grows."""
+
+    axis: int
+    phi: float
+    u_rad: float
+    upper: bool
+    row: int
+
+
+def turns(laps: Laps) -> list[Turn]:
+    """The turns of all joints of the first lap, by axis and phi."""
+    lap = laps.first
+    order = np.argsort(lap.phi, kind="stable")
+    phi, q = lap.phi[order], lap.q[order]
+    # A piece of the lap again at both ends: it is closed, and a turn near its start has both its flanks. A joint that
+    # makes full turns goes on by its full turns.
+    whole = 2 * np.pi * np.round((q[-1] - q[0]) / (2 * np.pi))
+    head, tail = phi < phi[0] + _BEYOND, phi > phi[-1] - _BEYOND
+    phi = np.concatenate([phi[tail] - 2 * np.pi, phi, phi[head] + 2 * np.pi])
+    q, rows = np.concatenate([q[tail] - whole, q, q[head] + whole]), np.concatenate([order[tail], order, order[head]])
+    seen: list[Turn] = []
+    start = float(phi[0] + _BEYOND)  # the lap's own
+    for axis, joint in enumerate(q.T, start=1):
+        turned: list[Turn] = []
+        prominence = max(PROMINENCE_RAD, _NOISES * noise_beneath(joint, 0.0))
+        for sign in (1.0, -1.0):
+            for k in peaks(sign * joint, prominence):
+                vertex, u = _vertex(phi, sign * joint, float(phi[k]))
+                if not start - np.radians(1) <= vertex < start + 2 * np.pi + np.radians(1):
+                    continue
+                turn = Turn(axis, vertex % (2 * np.pi), u, sign > 0, int(rows[k]))
+                # A turn at the seam of the lap is seen twice.
+                if all(turn.upper != kept.upper or abs(apart(turn.phi, kept.phi)) > np.radians(2) for kept in turned):
+                    turned.append(turn)
+        seen += turned
+    return sorted(seen, key=lambda turn: (turn.axis, turn.phi))
+
+
+def beside(seen: Sequence[Turn], nominal: Sequence[Reversal]) -> list[tuple[Reversal, Turn | None]]:
+    """Each nominal reversal with the nearest turn of the same joint and sense within 30°, or None."""
+    pairs = []
+    for reversal in nominal:
+        alike = [turn for turn in seen if (turn.axis, turn.upper) == (reversal.axis, reversal.upper)]
+        nearest = min(alike, key=lambda turn: abs(apart(turn.phi, reversal.phi)), default=None)
+        near = nearest is not None and abs(apart(nearest.phi, reversal.phi)) < np.radians(30)
+        pairs.append((reversal, nearest if near else None))
+    return pairs
+
+
+def apart(phi: float, other_phi: float) -> float:
+    """phi - other_phi, from -pi to pi."""
+    return float((phi - other_phi + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _vertex(phi: Array, joint: Array, about: float) -> tuple[float, float]:
+    """Place and standard uncertainty, rad, of the top near `about`, by a cubic over the neighbourhood."""
+    near = np.abs(phi - about) < _NEIGHBOURHOOD
+    if near.sum() < 8:
+        return about, float(np.median(np.diff(phi)))
+    x = (phi[near] - about) / _NEIGHBOURHOOD
+    design = np.vander(x, 4)
+    c, *_ = np.linalg.lstsq(design, joint[near], rcond=None)
+    residual = joint[near] - design @ c
+    tops = np.roots(np.polyder(c))
+    tops = np.real(tops[np.isreal(tops)])
+    tops = tops[(np.polyval(np.polyder(c, 2), tops) < 0) & (np.abs(tops) <= 1)]
+    if len(tops) == 0:
+        return about, _NEIGHBOURHOOD / 2
+    top = float(tops[np.argmin(np.abs(tops))])
+    covariance = np.linalg.inv(design.T @ design) * float(residual @ residual) / max(len(x) - 4, 1)
+    slope = np.array([3 * top**2, 2 * top, 1.0, 0.0])
+    u = np.sqrt(slope @ covariance @ slope) / abs(np.polyval(np.polyder(c, 2), top))
+    return about + top * _NEIGHBOURHOOD, float(u) * _NEIGHBOURHOOD

@@ -1,0 +1,70 @@
+"""Roll test: orientation error about the circle's tangent, after Oh 2019, section 2.2.
+
+roll = atan2(l·x_T, l·z_T). An eccentricity in the plane gives no first-order sine, and the height h of the
+ball along n gives the constant atan(h/R), which cannot be distinguished from a difference of the gauges' zeros. A sine
+that is there is the robot's, or the tilt of the plane really driven; the orientation error is by definition
+(docs/conventions.md) what is left without it. The paper takes no sine off its figures 10 and 11, whose extremes lie
+135° apart, so the range of the whole angle is reported beside the band.
+
+Figures: band_deg and where the orientation error is largest and smallest, max_at_deg and min_at_deg; range_deg of the
+whole angle, range_max_at_deg and range_min_at_deg; amplitude_deg, shift_deg and offset_deg of the sine. Band and range
+are noise-corrected; phi from 0 to 360.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.procedures.circle.evaluate import (
+    SINE,
+    AngleTest,
+    CircleKind,
+    CircleResult,
+    Measure,
+    eccentricities,
+    error_of,
+)
+from analysis.procedures.shared.reduction import PHI
+from analysis.robot.kinematics.arm import Array
+
+_CLEAR_MM = 0.2
+_ALIKE = 0.3
+"""A robot's own sine is as large as an eccentricity of _CLEAR_MM, and points its way, by chance only."""
+
+
+def _notes(result: CircleResult) -> tuple[str, ...]:
+    height = result.laps.frame.radius * np.tan(result.sine.A)
+    note = (
+        f"the offset is the ball {height:.3f} mm along n, or the gauges' zeros, or both: roll cannot distinguish them"
+    )
+    as_yaw, by_distance = eccentricities(result)
+    size = float(np.linalg.norm(by_distance))
+    if size < _CLEAR_MM or np.linalg.norm(as_yaw - by_distance) > _ALIKE * size:
+        return (note,)
+    as_of_yaw = f"the angle's sine is that of the {size:.2f} mm that the ball is off centre"
+    return note, f"this looks like a yaw run: {as_of_yaw}"
+
+
+def range_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
+    """The range (...,) of the whole angle and the circle angles of all extremes in degrees, from angles
+    y (..., NODES) rad."""
+    error, whole = error_of(y)
+    at = np.degrees(PHI)
+    return {
+        "max_at_deg": at[np.argmax(error, axis=-1)],
+        "min_at_deg": at[np.argmin(error, axis=-1)],
+        "range_deg": np.degrees(np.ptp(whole, axis=-1)),
+        "range_max_at_deg": at[np.argmax(whole, axis=-1)],
+        "range_min_at_deg": at[np.argmin(whole, axis=-1)],
+    }
+
+
+MEASURES = (
+    SINE,
+    Measure(range_figures, frozenset({"range_deg"})),
+)
+_TEST = AngleTest(MEASURES, _notes)
+evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures
+
+
+KIND = CircleKind("roll", _TEST)

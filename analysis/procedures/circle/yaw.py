@@ -1,0 +1,63 @@
+"""Yaw test: orientation error about the circle's normal, after Oh 2019, section 2.1.
+
+The angle between link and tool over circle angle phi is a sine, since the base-ball never sits in the
+circle's centre: yaw = atan2(-e_u sin + e_v cos, R - …), whose first harmonic is (-e_u sin + e_v cos)/R exactly.
+The distance, the mean of the gauges, shows the same eccentricity a second time. Where they differ grossly, a note says
+so; analysis/procedures/checks/gauge_sign.py says where the gauges may be exchanged.
+
+Figures: band_deg (noise-corrected), amplitude_deg, shift_deg, offset_deg of the sine; eccentricity_u_mm and _v_mm of
+the base-ball from the circle's centre along u and v = n × u, eccentricity_mm its length.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.procedures.checks.gauge_sign import ORDER, order_findings
+from analysis.procedures.circle.evaluate import (
+    SINE,
+    AngleTest,
+    CircleKind,
+    CircleResult,
+    Measure,
+    eccentricities,
+    sine_of,
+)
+from analysis.robot.kinematics.arm import Array
+
+_APART_MM = 0.2
+_APART = 0.5
+"""Eccentricities that differ by more than both, the second a share of the larger, are hardly of one ball."""
+
+
+def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:
+    """The eccentricity (...,) in mm along u and v and its length, from angles y (..., NODES) rad."""
+    _, a, b = sine_of(y)
+    return {
+        "eccentricity_u_mm": -radius_mm * a,
+        "eccentricity_v_mm": radius_mm * b,
+        "eccentricity_mm": radius_mm * np.hypot(a, b),
+    }
+
+
+def _notes(result: CircleResult) -> tuple[str, ...]:
+    """Whether both eccentricities are of one ball."""
+    by_angle, by_distance = eccentricities(result)
+    apart = float(np.linalg.norm(by_angle - by_distance))
+    if apart < max(_APART_MM, _APART * max(float(np.linalg.norm(e)) for e in (by_angle, by_distance))):
+        return ()
+    return (
+        f"the eccentricity by the angle and by the distance lie {apart:.2f} mm apart: "
+        "a gauge's sign, scale or order may be wrong, or the robot errs by as much",
+    )
+
+
+MEASURES = (
+    SINE,
+    Measure(eccentricity_figures),
+)
+_TEST = AngleTest(MEASURES, _notes)
+evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures
+
+
+KIND = CircleKind("yaw", _TEST, (ORDER, order_findings))

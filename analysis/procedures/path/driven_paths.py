@@ -1,0 +1,227 @@
+"""The paths of the cube in a tracker's recording: which move is which, in which frame, and how far off each was.
+
+    recording  →  moves, between two stands of the tool  →  paths, by way and chord  →  frame  →  deviations
+
+Places are averaged over short spans, so that the tracker's noise, which is read off the second differences of its
+places, is no motion. A stand is a rest of more than half a second: a corner, at which some controllers all but stop,
+takes less. What lies before the first and after the last stand is cut off: how much of it is missing is unknown.
+
+A move is a path whose way and chord it has; of the two ways around the large circle the first is anticlockwise, as the
+program drives it. Where the instrument's frame is not known it is fitted to all paths together: first by the share of
+each path that was driven, then each place to the nearest of its path. Deviations are taken across the path, as ISO 9283
+has it, and averaged between stations, which lie closer than anything a robot does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.procedures.checks.lost_poses import measured_places
+from analysis.robot.geometry.iso_cube import CommandPath, Cube, PathName, paths_of
+from analysis.robot.geometry.pose_setup import best_rigid, in_frame
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.tables import PathTable
+from rigs.errors import FileError
+
+_SPAN_S, _SAMPLES = 0.05, 4
+"""Places are averaged over this time, and over so many of them at the least."""
+_STAND_S = 0.6
+_SLOW = 0.02
+"""A tool is at rest below this share of the speed that nine tenths of all spans stay below …"""
+_NOISES = 6.0
+"""… or where noise alone looks as fast, so many times its standard deviation."""
+_GAP_S = 0.3
+"""A move in which the tracker wrote nothing for longer is not whole: it lost its target."""
+_NORMAL = 1.4826
+"""Standard deviation of a normal law over its median without sign."""
+
+
+@dataclass(frozen=True)
+class Moved:
+    """One move: rows of the table from `first` to before `last`, the way length_mm, by spans, and from its beginning to
+    its end chord_mm; whole: whether the tracker wrote all along it."""
+
+    first: int
+    last: int
+    length_mm: float
+    chord_mm: float
+    whole: bool
+
+
+def moves_of(t_s: Array, xyz_mm: Array) -> list[Moved]:
+    """Return the moves between stands, in order, of places xyz_mm (n, 3) at rising times t_s (n,)."""
+    if len(t_s) < 10 * _SAMPLES:
+        return []
+    step_s = float(np.median(np.diff(t_s)))
+    span_s = max(_SPAN_S, _SAMPLES * step_s)
+    number = ((t_s - t_s[0]) / span_s).astype(np.int64)
+    first = np.flatnonzero(np.diff(number, prepend=-1))
+    count = np.diff(first, append=len(t_s))
+    at = np.add.reduceat(xyz_mm, first, axis=0) / count[:, None]
+    when = np.add.reduceat(t_s, first) / count
+    way = np.linalg.norm(np.diff(at, axis=0), axis=1)
+    speed = way / np.diff(when)
+    bends = np.abs(xyz_mm[2:] - 2 * xyz_mm[1:-1] + xyz_mm[:-2])
+    noise_mm = float(_NORMAL * np.median(bends) / np.sqrt(6))  # the standard deviation of a coordinate
+    noise = noise_mm * np.sqrt(6 / max(float(np.median(count)), 1.0)) / span_s
+    rests = speed < max(_SLOW * float(np.quantile(speed, 0.9)), _NOISES * noise)
+    # The first and the last span (k,) of each stand.
+    edges = np.diff(np.concatenate([[False], rests, [False]]).astype(np.int64))
+    begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    long = when[ends] - when[begins] > _STAND_S
+    begins, ends = begins[long], ends[long]
+    gaps = np.concatenate([[0], np.cumsum(np.diff(t_s) > max(_GAP_S, 3 * span_s))])
+    moves = []
+    for out, back in zip(ends[:-1].tolist(), begins[1:].tolist(), strict=True):
+        rows = int(first[out]), int(first[back])
+        chord = float(np.linalg.norm(at[back] - at[out]))
+        moves.append(Moved(*rows, float(way[out:back].sum()), chord, bool(gaps[rows[1]] == gaps[rows[0]])))
+    return moves
+
+
+_LENGTH, _CHORD = 0.08, 0.05
+"""Shares of a path's length by which way and chord of a move may differ from it: a corner that is cut is shorter."""
+_FITTED = 400
+"""Places of each move to which the frame is fitted."""
+_ROUNDS = 12
+_FAR = 0.05
+"""Paths that lie further from their commands than this share of the cube's side are not those of the program."""
+_STATIONS, _FEWEST = 200, 12
+"""Along a path; fewer where a tracker wrote few places, and less than the fewest show nothing."""
+_ENDS = 0.02
+"""Share of a path at either end that is not judged: the tool comes to speed and stops there, and its nearest place on a
+closed path may be either end."""
+
+
+@dataclass(frozen=True)
+class Driven:
+    """One path, in all of its cycles. places: of each cycle (k, 3) mm in the world; s_mm (m,): the stations;
+    off_mm (cycles, m, 3): the mean deviation at each, across the path, in the world; speed_mm_s (cycles,): mean along
+    the middle half."""
+
+    command: CommandPath
+    places: tuple[Array, ...]
+    s_mm: Array
+    off_mm: Array
+    speed_mm_s: Array
+
+
+@dataclass(frozen=True)
+class DrivenPaths:
+    """The paths by name, the frame of the instrument in the world (4, 4), and what was left out, in words."""
+
+    paths: Mapping[PathName, Driven]
+    T_world_instrument: Array
+    notes: tuple[str, ...]
+
+
+def driven_paths(table: PathTable, cube: Cube, T_world_instrument: Array | None, where: str) -> DrivenPaths:
+    """Return the paths of a cube in a recording, with the frame T_world_instrument (4, 4) of the tracker in the world,
+    None for one that is fitted. Raises FileError where there are none, or they are not the cube's."""
+    table, left_out = measured_places(table)
+    commands, moves = paths_of(cube), moves_of(table.t_s, table.xyz_mm)
+    every = _sorted(table, commands, moves)
+    whole = {name: [move for move in cycles if move.whole] for name, cycles in every.items()}
+    whole = {name: cycles for name, cycles in whole.items() if cycles}
+    if not set(whole) - {"back"}:
+        problem = "it has no moves between stands"
+        if moves:
+            problem = (
+                f"none of its {len(moves)} moves between stands is as long as a path of the cube: the longest is "
+                f"{max(move.length_mm for move in moves):.4g} mm, and a line would be "
+                f"{commands['line'].length_mm:.4g} mm"
+            )
+        raise FileError(where, problem, "check its unit, the cube of the rig file, and the recording")
+    places = {name: [table.xyz_mm[move.first : move.last] for move in cycles] for name, cycles in whole.items()}
+    T = _fitted(places, commands) if T_world_instrument is None else T_world_instrument
+    paths: dict[PathName, Driven] = {}
+    coarse = []
+    for name, cycles in whole.items():
+        times = [table.t_s[move.first : move.last] for move in cycles]
+        driven = _driven(commands[name], [in_frame(T, cycle) for cycle in places[name]], times)
+        if driven is None:
+            coarse.append(name.replace("_", " "))
+        elif name != "back":
+            paths[name] = driven
+    if not paths:
+        problem = "its tracker wrote too few places along each path to judge it"
+        raise FileError(where, problem, "record more places a second")
+    far_mm = max(float(np.median(np.linalg.norm(driven.off_mm, axis=2))) for driven in paths.values())
+    if far_mm > _FAR * cube.side_mm:
+        problem = f"its paths lie {far_mm:.3g} mm from those of the cube in the rig file"
+        or_else = "" if T_world_instrument is None else ", tests.iso9283.instrument and the tool"
+        raise FileError(where, problem, f"give the rig file of its program; check the cube{or_else}")
+    torn = sum(not move.whole for cycles in every.values() for move in cycles)
+    notes = [f"{torn} paths are left out, where the tracker wrote nothing for a while"] if torn else []
+    if coarse:
+        notes.append(f"too few places were written to judge: {', '.join(coarse)}; record more places a second")
+    return DrivenPaths(paths, T, (*left_out, *notes))
+
+
+def _sorted(
+    table: PathTable, commands: Mapping[PathName, CommandPath], moves: list[Moved]
+) -> dict[PathName, list[Moved]]:
+    """The moves of each path, in order of time."""
+    cycles: dict[PathName, list[Moved]] = {}
+    around: Array | None = None
+    lengths = {name: command.length_mm for name, command in commands.items()}
+    ends = {name: command.at(np.array([0.0, command.length_mm])) for name, command in commands.items()}
+    chords = {name: float(np.linalg.norm(end - start)) for name, (start, end) in ends.items()}
+    for move in moves:
+        fits = (
+            name
+            for name, length in lengths.items()
+            if abs(move.length_mm - length) < _LENGTH * length and abs(move.chord_mm - chords[name]) < _CHORD * length
+        )
+        name = next(fits, None)
+        if name == "circle":
+            away = table.xyz_mm[move.first : move.last]
+            away = away - away.mean(axis=0)
+            area: Array = np.cross(away[:-1], away[1:]).sum(axis=0)  # anticlockwise about it
+            around = area if around is None else around
+            name = "circle" if area @ around > 0 else "circle_cw"
+        if name is not None:
+            cycles.setdefault(name, []).append(move)
+    return cycles
+
+
+def _fitted(places: Mapping[PathName, list[Array]], commands: Mapping[PathName, CommandPath]) -> Array:
+    """The frame (4, 4) that brings all places to their paths."""
+    cycles = [
+        (commands[name], cycle[:: max(1, len(cycle) // _FITTED)]) for name, driven in places.items() for cycle in driven
+    ]
+    seen, goals = np.concatenate([cycle for _, cycle in cycles]), []
+    for command, cycle in cycles:
+        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(cycle, axis=0), axis=1))])
+        goals.append(command.at(way / way[-1] * command.length_mm))
+    T = best_rigid(seen, np.concatenate(goals))
+    for _ in range(_ROUNDS):
+        goals = [command.at(command.nearest(in_frame(T, cycle))) for command, cycle in cycles]
+        T = best_rigid(seen, np.concatenate(goals))
+    return T
+
+
+def _driven(command: CommandPath, places: list[Array], times: list[Array]) -> Driven | None:
+    fewest = min(map(len, places))
+    stations = min(_STATIONS, fewest // 3)
+    if stations < _FEWEST:
+        return None
+    edges = np.linspace(_ENDS, 1 - _ENDS, stations + 1) * command.length_mm
+    off, speeds = [], []
+    at = (edges[1:] + edges[:-1]) / 2
+    for cycle, t_s in zip(places, times, strict=True):
+        s = command.nearest(cycle)
+        # Mean deviations between the edges; where nothing was written, between the neighbours.
+        number = np.searchsorted(edges, s, side="right") - 1
+        inside = (number >= 0) & (number < stations)
+        count = np.bincount(number[inside], minlength=stations)
+        sums = [np.bincount(number[inside], column, minlength=stations) for column in (cycle - command.at(s))[inside].T]
+        written = count > 0
+        means = [np.interp(at, at[written], total[written] / count[written]) for total in sums]
+        off.append(np.stack(means, axis=1))
+        middle = np.flatnonzero((s > 0.25 * command.length_mm) & (s < 0.75 * command.length_mm))
+        speeds.append((s[middle[-1]] - s[middle[0]]) / (t_s[middle[-1]] - t_s[middle[0]]))
+    return Driven(command, tuple(places), at, np.array(off), np.array(speeds))

@@ -1,0 +1,224 @@
+"""Several runs of one test as one figure: their mean, what differs between them, and acw against cw pair by pair; and
+the figures of a test side by side, a column for each direction. What is shown of figures, or judged by a limit, is of
+these columns.
+
+u of one run says how well that run's figure is known; what differs from run to run is not in it and shows only where
+runs are repeated. The mean of m runs then has Student's law with m - 1 degrees of freedom.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from analysis.procedures.circle.direction_pair import pair
+from analysis.procedures.circle.evaluate import CircleResult
+from analysis.procedures.radial.evaluate import RadialResult
+from analysis.procedures.results import Result
+from analysis.procedures.shared.quantity import PLACE, Quantity, half_turns, is_around_circle, student_factor
+from analysis.robot.kinematics.joint_limits import wrapped
+from analysis.runs.noise.cell_noise import BALL_ELSEWHERE_MM, BALL_MM, JOINT_DEG, least_known
+from analysis.runs.tables import PlaceTable
+from rigs.errors import FileError
+
+ONE_RUN = (
+    "one run only: what differs between runs is not in u; expect the ball "
+    f"{1e3 * BALL_MM.low:g} to {1e3 * BALL_MM.high:g} µm and each joint {JOINT_DEG.low:g} to {JOINT_DEG.high:g}° "
+    "elsewhere in the next, and repeat it to see"
+)
+_SPREADS = 5.0
+"""A ball further from the others' than `BALL_ELSEWHERE_MM`, and than so many times the usual distance of these
+runs, which the scatter of joints makes too, was mounted again; …"""
+_TWO_MM = 0.35
+"""… of two runs, where nothing shows that scatter: 2 √2 times the table's largest at the end of an arm of a metre."""
+_SAME_POSE_RAD = math.radians(1.0)
+"""Joints nearer to one another are at the same pose of a table. Chosen: far above what joints differ by from run to
+run, and far below the way between two poses."""
+_ANYWHERE_DEG = 180.0 / math.sqrt(3)
+"""Standard uncertainty of a place that may be anywhere around the circle."""
+
+
+@dataclass(frozen=True)
+class BetweenRuns:
+    """A figure over runs: mean, its standard uncertainty, and the standard deviation between the runs."""
+
+    mean: Quantity
+    sd: float
+    runs: int
+
+    def __str__(self) -> str:
+        return f"{self.mean}, sd {self.in_sd}"
+
+    @property
+    def in_sd(self) -> str:
+        """The standard deviation between the runs, as people read it."""
+        return self.mean.rounded_size(self.sd)
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """Runs of one test and direction that were taken together; left_out: the others, each with the reason."""
+
+    title: str
+    runs: tuple[Result, ...]
+    left_out: tuple[tuple[Result, str], ...]
+    figures: dict[str, BetweenRuns]
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """acw against cw: the runs that were paired, their figures with the lag of the gauges in ms, and why others were
+    not."""
+
+    runs: tuple[tuple[Result, Result], ...]
+    figures: dict[str, Quantity | BetweenRuns]
+    lag: Quantity | None
+    refused: tuple[str, ...]
+
+
+def pooled(group: Sequence[Result]) -> list[Pooled]:
+    """Runs of one test, direction by direction; where a direction has a single run there is nothing to pool."""
+    means = []
+    for title in dict.fromkeys(result.title for result in group):
+        runs, left_out = _of_one_setup([result for result in group if result.title == title])
+        if len(runs) > 1:
+            means.append(Pooled(title, tuple(runs), tuple(left_out), between([run.figures for run in runs])))
+        elif left_out:
+            means.append(Pooled(title, tuple(runs), tuple(left_out), {}))
+    return means
+
+
+def between(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
+    """Figures that all runs have, over the runs. The u of a mean is never below the least u of a run, part of which,
+    the gauges' time and baseline, all runs share."""
+    over_runs = {}
+    for name in (name for name in runs[0] if all(name in run for run in runs)):
+        figures = [run[name] for run in runs]
+        values = np.array([figure.value for figure in figures])
+        if is_around_circle(name):
+            values = values[0] + half_turns(values - values[0])
+        count, sd, middle = len(values), float(values.std(ddof=1)), float(values.mean())
+        u = float(np.hypot(student_factor(count - 1) * sd / np.sqrt(count), min(figure.u for figure in figures)))
+        if is_around_circle(name):
+            u = min(u, _ANYWHERE_DEG)
+            middle = middle % 360.0 if name.endswith(PLACE) else float(half_turns(np.array(middle)))
+        source = least_known(figure.noise for figure in figures)
+        samples = sum(figure.samples for figure in figures)
+        over_runs[name] = BetweenRuns(Quantity(middle, u, figures[0].unit, samples, source), sd, count)
+    return over_runs
+
+
+def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
+    """The runs that belong together, and the others, each with the reason: readings given twice, other poses, and balls
+    mounted again."""
+    by_digest: dict[str, Result] = {}
+    copies: list[tuple[Result, str]] = []
+    for run in runs:
+        first = by_digest.setdefault(run.measured.run.readings_sha256, run)
+        if first is not run:
+            copies.append((run, f"holds the same readings as {first.measured.path}: left out of the mean"))
+    single = list(by_digest.values())
+    together = max(([run for run in single if _are_same_poses(first, run)] for first in single), key=len)
+    why = f"its poses are not those of {together[0].measured.path}: left out of the mean"
+    copies += [(run, why) for run in single if not any(run is kept for kept in together)]
+    single = together
+    balls = [run.found.distance.ball_mm for run in single if isinstance(run.found, CircleResult)]
+    balls += [run.found.free.centre for run in single if isinstance(run.found, RadialResult)]
+    if len(balls) < max(2, len(single)):
+        return single, copies
+    away = np.linalg.norm(np.array(balls) - np.median(balls, axis=0), axis=1)
+    if len(single) == 2:
+        if 2 * away.max() <= _TWO_MM:
+            return single, copies
+        why = f"the balls of the two runs lie {2 * away.max():.2f} mm apart: two set-ups have no common mean"
+        return [], [*copies, *((run, why) for run in single)]
+    limit = max(BALL_ELSEWHERE_MM, _SPREADS * float(np.median(away)))
+    near = [run for run, far in zip(single, away, strict=True) if far <= limit]
+    others = [
+        (run, f"its ball lies {far:.2f} mm from that of the other runs: another set-up, left out of the mean")
+        for run, far in zip(single, away, strict=True)
+        if far > limit
+    ]
+    return near, [*copies, *others]
+
+
+def _are_same_poses(first: Result, run: Result) -> bool:
+    """Whether a pose run has the poses of another; of other tests the set-up decides."""
+    table, its = first.measured.table, run.measured.table
+    if not (isinstance(table, PlaceTable) and isinstance(its, PlaceTable)):
+        return True
+    return table.q.shape == its.q.shape and float(np.abs(wrapped(table.q - its.q)).max()) < _SAME_POSE_RAD
+
+
+def pairs_of(group: Sequence[Result]) -> Pairs | None:
+    """Every acw run with the cw run whose ball lies with its own, else in the order given; None without both."""
+    circles = [(run, run.found) for run in group if isinstance(run.found, CircleResult)]
+    acw_runs, cw_runs = ([ring for ring in circles if ring[1].laps.direction == way] for way in ("acw", "cw"))
+    if not acw_runs or not cw_runs:
+        return None
+    runs, pairs, refused = [], [], list[str]()
+    while acw_runs and cw_runs:
+        acw, forth = acw_runs.pop(0)
+        # The balls by the angle, which plays move less than the distance; what a set-up does puts none of them apart.
+        offsets = [np.hypot(forth.sine.a - ring.sine.a, forth.sine.b - ring.sine.b) for _, ring in cw_runs]
+        apart_mm = [forth.laps.frame.radius * float(offset) for offset in offsets]
+        nearest = np.argmin([mm if mm > BALL_ELSEWHERE_MM else 0.0 for mm in apart_mm])
+        cw, back = cw_runs.pop(int(nearest))
+        try:
+            pairs.append(pair(forth, back, f"{acw.name} and {cw.name}"))
+            runs.append((acw, cw))
+        except FileError as error:
+            refused += error.lines()
+    without = (f"{run.name}: there is no run of the other direction to pair it with" for run, _ in acw_runs + cw_runs)
+    refused = [*without, *refused]
+    if not pairs:
+        return Pairs((), {}, None, tuple(refused))
+    figures: dict[str, Quantity | BetweenRuns] = {**pairs[0].figures}
+    lag = pairs[0].lag
+    if len(pairs) > 1:
+        figures = {**between([of_pair.figures for of_pair in pairs])}
+        lag = between([{"lag_ms": of_pair.lag} for of_pair in pairs])["lag_ms"].mean
+    return Pairs(tuple(runs), figures, lag, tuple(refused))
+
+
+@dataclass(frozen=True)
+class FigureColumn:
+    """Figures by name, of the mean of `count` runs, of one `run`, or of `count` pairs of acw and cw.
+
+    `direction` is that of the runs, empty for pairs and where the test has none; `run` names a single run. `sd` has the
+    standard deviation between runs of the figures that were repeated.
+    """
+
+    kind: Literal["mean", "run", "pairs"]
+    direction: str
+    count: int
+    run: str
+    figures: Mapping[str, Quantity]
+    sd: Mapping[str, str]
+
+
+def figure_columns(group: Sequence[Result]) -> list[FigureColumn]:
+    """Return the columns of the runs of one test at one place."""
+    together = {mean.title: mean for mean in pooled(group) if mean.figures}
+    columns = []
+    for title in dict.fromkeys(result.title for result in group):
+        direction = title.partition(" ")[2]
+        if title in together:
+            columns.append(_column("mean", direction, len(together[title].runs), together[title].figures))
+        else:
+            runs = [result for result in group if result.title == title]
+            columns += [FigureColumn("run", direction, 1, run.name, run.figures, {}) for run in runs]
+    both = pairs_of(group)
+    return [*columns, _column("pairs", "", len(both.runs), both.figures)] if both and both.figures else columns
+
+
+def _column(
+    kind: Literal["mean", "pairs"], direction: str, count: int, of_runs: Mapping[str, Quantity | BetweenRuns]
+) -> FigureColumn:
+    pooled_runs = {name: figure for name, figure in of_runs.items() if isinstance(figure, BetweenRuns)}
+    figures = {name: figure.mean if isinstance(figure, BetweenRuns) else figure for name, figure in of_runs.items()}
+    return FigureColumn(kind, direction, count, "", figures, {name: mean.in_sd for name, mean in pooled_runs.items()})

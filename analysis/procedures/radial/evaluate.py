@@ -1,0 +1,424 @@
+"""Radial test: the distance of tool and ball on a hemisphere, after Oh 2019, section 2.3.
+
+A reading g at a target puts the tool's ball at B + (R + g) × the target's direction, in the hemisphere's frame: z
+to its middle (polar 0), x to azimuth 0. Per target, the mean and the range over the tool's orientations; through the
+means goes the least-squares sphere.
+
+A target is left out only where no robot error explains it, since what a robot does is what is measured: plays make
+a few targets differ from the others by much more than those do among themselves. So one of its readings must lie
+(1) more than 2 mm and (2) more than ten robust standard deviations of all readings (scaled median of absolute
+residuals) from a sphere fitted with the soft_l1 loss, which a few bad readings barely move, and (3) no more than one
+target in ten (or a single one) may be so. A wrong place is off in all orientations, a slip of the gauge in one.
+Otherwise every target stays.
+
+That targets and orientations differ is the robot's error; that it does not come back to the same place is noise. How
+large that is at each target, visits of the same target and orientation show (`analysis.runs.noise.target_scatter`);
+where nothing was visited twice it is assumed. Every figure is of where the targets lie on average: its value is the
+expected one over draws of those places, its uncertainty such that value ± 2 u holds 95 % of them. So no range is below
+zero, and none is too large by the noise. A drift that the visits show is taken out. A length is then that of the middle
+of the run, and may be asked for at its start: what it drifted by between is in its uncertainty, as of a law with its
+weight at both ends (JCGM 101, 6.4.6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.procedures.shared.evaluate import Instruments, hold_alive, hold_numbers, hold_radius
+from analysis.procedures.shared.lap_curve import SEED
+from analysis.procedures.shared.places_and_targets import TargetKind, another_visit, hold_targets, target_count, timed
+from analysis.procedures.shared.quantity import Quantity
+from analysis.procedures.shared.result_curves import RadialCurve
+from analysis.procedures.shared.scatter_figures import assumed, coarse, half_width, of_scatter, rp
+from analysis.procedures.shared.simulated_gauges import visit_times
+from analysis.robot.geometry.driven_programs import hemisphere_of, radial_program
+from analysis.robot.kinematics.arm import Array, Integers, Mask
+from analysis.runs.align import Aligned
+from analysis.runs.csv_tables import Rows, joint_cells
+from analysis.runs.noise.certificate import link_excess_mm
+from analysis.runs.noise.readings import step_of_stops
+from analysis.runs.noise.target_scatter import Scatter, SphereLevel, scatter_of
+from analysis.runs.noise.wild import MOST, SPREADS
+from analysis.runs.stands import at_targets, stands_of, visits_of
+from analysis.runs.table_layout import JOINTS, Layout
+from analysis.runs.tables import RadialTable
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Hemisphere
+from rigs.schema.vocabulary import Direction
+from rigs.text import listed
+
+PARAMETERS = ("centre_x_mm", "centre_y_mm", "centre_z_mm", "radius_mm")
+"""The unknowns of a sphere, in the order of the columns of its design."""
+_GROSS_MM = 2.0
+"""More than the largest play that the paper reports (Oh 2019, figure 15: 1.567 mm)."""
+_FEWEST_POINTS = 6
+_WEAK = 0.01
+"""Directions of the parameters whose singular value is below this share of the largest are not determined."""
+_STEPS, _ROBUST_STEPS = 6, 30
+"""Gauss-Newton on a sphere whose points lie within a hundredth of it converges in three; reweighting takes longer."""
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """centre (3,) mm; radius mm; residual (n,) mm: distance of each point from the centre less the radius;
+    slopes (4, n): what each of `PARAMETERS` answers to each distance; design (n, 4): the reverse; unknown: names of
+    those parameters that these points do not determine, which stay near their start."""
+
+    centre: Array
+    radius: float
+    residual: Array
+    slopes: Array
+    design: Array
+    unknown: tuple[str, ...]
+
+
+def free_sphere(points: Array) -> Sphere:
+    """Through points (n, 3) mm, centre and radius free (geometric distance, Gauss-Newton)."""
+    x = np.append(np.zeros(3), np.linalg.norm(points, axis=1).mean())
+    for _ in range(_STEPS):
+        x = x + _slopes(_design(points, x[:3])) @ _off(points, x)
+    design = _design(points, x[:3])
+    return Sphere(x[:3], float(x[3]), _off(points, x), _slopes(design), design, _unknown(design))
+
+
+def conditioned(points: Array) -> bool:
+    """Whether points (n, 3) mm determine centre and radius: not all near one circle or one place."""
+    return not _unknown(_design(points, np.zeros(3)))
+
+
+def far_off(points: Array) -> NDArray[np.bool_]:
+    """Which targets (t,) are left out, by the rule above; points (t, o, 3) mm of o readings, NaN where none is."""
+    # From a sphere that a few bad readings barely move: soft_l1 by reweighting.
+    read = points[np.isfinite(points).all(axis=-1)]
+    x = np.append(np.zeros(3), np.median(np.linalg.norm(read, axis=1)))
+    for _ in range(_ROBUST_STEPS):
+        off, design = _off(read, x), _design(read, x[:3])
+        root = (1 + (off / max(_spread(off), 1e-6)) ** 2) ** -0.25
+        x = x + _slopes(design * root[:, None]) @ (off * root)
+    distance = _off(points, x)
+    gross = max(_GROSS_MM, SPREADS * _spread(distance[np.isfinite(distance)]))
+    far = np.any(np.abs(distance) > gross, axis=1)
+    means = np.nanmean(points[~far], axis=1)
+    if far.sum() > max(1, MOST * len(far)) or len(means) < _FEWEST_POINTS or not conditioned(means):
+        return np.zeros(len(points), dtype=bool)
+    return np.asarray(far)
+
+
+def _off(points: Array, x: Array) -> Array:
+    """Distance (...,) of points (..., 3) from the sphere x: centre and radius."""
+    return np.asarray(np.linalg.norm(points - x[:3], axis=-1) - x[3])
+
+
+def _design(points: Array, centre: Array) -> Array:
+    """Slope (n, 4) of each point's distance from a sphere's surface by its centre and radius, as it moves outwards."""
+    line = points - centre
+    unit = line / np.linalg.norm(line, axis=1)[:, None]
+    return np.concatenate([unit, np.ones((len(points), 1))], axis=1)
+
+
+def _slopes(design: Array) -> Array:
+    return np.asarray(np.linalg.pinv(design, rcond=_WEAK), dtype=float)
+
+
+def _unknown(design: Array) -> tuple[str, ...]:
+    _, s, V = np.linalg.svd(design, full_matrices=False)
+    share = (V[s < _WEAK * s[0]] ** 2).sum(axis=0)
+    return tuple(name for name, hidden in zip(PARAMETERS, share, strict=True) if hidden > _WEAK)
+
+
+def _spread(residual: Array) -> float:
+    return float(1.4826 * np.median(np.abs(residual - np.median(residual))))
+
+
+_FEWEST = 6
+_RANGES = frozenset({"band_mm", "held_band_mm", "spread_mm", "spread_mean_mm", "ap_mm"})
+_RP_VISITS = 3
+_APART = 0.2
+"""Visits that lie this share of the run apart are rounds."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Readings by target and orientation. target (t,); direction (t, 3) unit vectors in the hemisphere's frame;
+    g_mm (t, o, r) mm of r visits and t_s of their times, NaN where one is missing."""
+
+    target: Integers
+    direction: Array
+    g_mm: Array
+    t_s: Array
+
+    @property
+    def by_orientation(self) -> Array:
+        """Mean (t, o) over visits, NaN where one is missing."""
+        return _mean(self.g_mm)
+
+    @property
+    def rounds(self) -> bool:
+        """Whether the visits of a target lie apart, as where the whole program was driven again."""
+        visited = np.isfinite(self.t_s)
+        first = np.where(visited, self.t_s, np.inf).min(axis=-1)
+        last = np.where(visited, self.t_s, -np.inf).max(axis=-1)
+        apart = (last - first)[visited.any(axis=-1)]
+        return bool(np.median(apart) > _APART * (last.max() - first.min()))
+
+    def only(self, rows: NDArray[np.bool_]) -> Cells:
+        """The cells of the targets in rows, a mask (t,), alone."""
+        return Cells(self.target[rows], self.direction[rows], self.g_mm[rows], self.t_s[rows])
+
+
+@dataclass(frozen=True)
+class RadialResult:
+    """cells: of all targets; spread_mm (t,) of each; used (t,): False where left out; points (t, 3) mm from
+    the ball; free: the sphere through the used points; scatter: of the visits, None where the readings are exact."""
+
+    cells: Cells
+    spread_mm: Array
+    used: NDArray[np.bool_]
+    points: Array
+    free: Sphere
+    scatter: Scatter | None
+    figures: dict[str, Quantity]
+    samples: int
+    notes: tuple[str, ...]
+
+    @property
+    def deviation_mm(self) -> Array:
+        """Distance (t,) of all targets from the least-squares sphere, positive outwards."""
+        return np.asarray(np.linalg.norm(self.points - self.free.centre, axis=1) - self.free.radius)
+
+    @property
+    def as_curve(self) -> RadialCurve:
+        """The targets, in order of their numbers."""
+        x, y, z = self.cells.direction.T
+        polar_deg, azimuth_deg = np.degrees(np.arccos(np.clip(z, -1.0, 1.0))), np.degrees(np.arctan2(y, x))
+        return RadialCurve(self.cells.target, polar_deg, azimuth_deg, self.deviation_mm, self.spread_mm, self.used)
+
+
+def evaluate(
+    table: RadialTable,
+    radius_mm: float,
+    u_mm: float,
+    where: str = "the radial run",
+    expected: Collection[int] = (),
+    orientations: int = 1,
+) -> RadialResult:
+    """radius_mm: nominal; u_mm: standard uncertainty of one gauge reading beside the step that the readings show, 0 for
+    readings that are exact (simulated ones); expected: numbers of the targets that were to be measured; orientations:
+    how many there were to be of each.
+
+    figures: radius_mm and centre_x_mm, _y, _z (from the ball) of the least-squares sphere, without those that the
+    targets do not determine, band_mm about it; held_radius_mm and held_band_mm with the centre held at the ball;
+    spread_mm and spread_mean_mm, largest and mean range over orientations where there are several; ap_mm, largest
+    |mean g| of a target (ISO 9283 AP along the radius); where targets were visited three times, rp_mm and rp_mean_mm.
+    Raises FileError.
+    """
+    hold_radius(where, radius_mm)
+    cells = _cells(table, radius_mm, where)
+    measured = cells.by_orientation
+    if len(measured) < _FEWEST:
+        problem = f"has {len(measured)} targets, too few for a sphere"
+        raise FileError(where, problem, f"measure at least {_FEWEST}, well apart")
+    readings = (radius_mm + cells.g_mm.reshape(len(measured), -1))[..., None] * cells.direction[:, None, :]
+    far = far_off(readings)
+    used = cells.only(~far)
+    scatter = None
+    if u_mm > 0:
+        level = SphereLevel.at(used.direction, measured.shape[1])
+        times = used.t_s if _has_time(table.t_s) or used.rounds else None
+        scatter = scatter_of(used.g_mm, u_mm, times, level, step_of_stops(table.g_mm))
+        measured[~far] = np.where(np.isfinite(measured[~far]), scatter.best_mm, np.nan)
+    points = (radius_mm + _mean(measured))[:, None] * cells.direction
+    free = free_sphere(points[~far])
+    figures = _figures(used, measured[~far], free, scatter, radius_mm)
+    off_mm = np.linalg.norm(readings - free.centre, axis=-1) - free.radius
+    notes = (*_notes(cells, expected, orientations, far, off_mm, free), *assumed(scatter), *coarse(scatter))
+    spread = np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1)
+    samples = int(np.isfinite(used.g_mm).sum())
+    return RadialResult(cells, spread, ~far, points, free, scatter, figures, samples, notes)
+
+
+def _figures(cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, radius_mm: float) -> dict[str, Quantity]:
+    samples = int(np.isfinite(cells.g_mm).sum())
+    plain = {name: float(value[0]) for name, value in _plain(best[None], best, free, radius_mm).items()}
+    if scatter is None:
+        return {name: Quantity(value, 0.0, "mm", samples) for name, value in plain.items()}
+    rng = np.random.default_rng(SEED)
+    length = rng.normal(0.0, scatter.drifted_mm / np.sqrt(2.0), len(scatter.cell_mm))
+    drawn = _plain(np.where(np.isfinite(best), scatter.cell_mm, np.nan), best, free, radius_mm, length)
+    values = {name: float(drawn[name].mean()) if name in _RANGES else value for name, value in plain.items()}
+    figures = {name: Quantity(value, half_width(drawn[name] - value), "mm", samples) for name, value in values.items()}
+    figures = {name: replace(figure, noise=scatter.noise) for name, figure in figures.items()}
+    # RP along the radius, by ISO 9283, 7.2.2, of the poses as they were attained: a drift between the visits is in it.
+    often = np.isfinite(cells.g_mm).sum(axis=-1) >= _RP_VISITS
+    if not often.any():
+        return figures
+
+    def largest_and_mean(readings: Array) -> dict[str, Array]:
+        repeat = rp(readings[..., often, :, None])
+        return {"rp_mm": repeat.max(axis=-1), "rp_mean_mm": repeat.mean(axis=-1)}
+
+    x = np.where(often[..., None], cells.g_mm, np.nan)
+    return figures | of_scatter(largest_and_mean, x, scatter, scatter.drift_mm)
+
+
+def _plain(
+    cell_mm: Array, best: Array, free: Sphere, radius_mm: float, length_mm: Array | float = 0.0
+) -> dict[str, Array]:
+    """The figures (m,) of draws cell_mm (m, t, o) of the readings about those of the sphere, best (t, o); length_mm
+    (m,) is added to every distance. The sphere answers to what the draws differ by with its slopes."""
+    length = np.broadcast_to(length_mm, len(cell_mm))
+    mean = _mean(cell_mm)
+    moved = mean - _mean(best)
+    answer = moved @ free.slopes.T
+    residual = free.residual + moved - answer @ free.design.T
+    sphere = np.append(free.centre, free.radius) + answer
+    sphere[:, 3] += length
+    figures = {name: sphere[:, column] for column, name in enumerate(PARAMETERS) if name not in free.unknown}
+    figures |= {
+        "band_mm": np.ptp(residual, axis=1),
+        "held_radius_mm": radius_mm + mean.mean(axis=1) + length,
+        "held_band_mm": np.ptp(mean, axis=1),
+        "ap_mm": np.abs(mean + length[:, None]).max(axis=1),
+    }
+    several = np.isfinite(best).sum(axis=1) > 1
+    if several.any():
+        spread = np.nanmax(cell_mm[:, several], axis=2) - np.nanmin(cell_mm[:, several], axis=2)
+        figures |= {"spread_mm": spread.max(axis=1), "spread_mean_mm": spread.mean(axis=1)}
+    return figures
+
+
+def _cells(table: RadialTable, radius_mm: float, where: str) -> Cells:
+    """The readings by target and orientation. Raises FileError for a table that no radial test makes."""
+    if len(table.g_mm) == 0:
+        raise FileError(where, "has no rows", "give a table with readings")
+    hold_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)
+    hold_alive(where, g1_mm=table.g_mm)
+    if np.abs(table.polar).max() > np.pi + 1e-6 or np.abs(table.azimuth).max() > 2 * np.pi + 1e-6:
+        problem = "has targets beyond 180° polar or 360° azimuth"
+        raise FileError(where, problem, "check the units of polar_deg and azimuth_deg")
+    if (most_mm := np.abs(table.g_mm).max()) > 0.5 * radius_mm:
+        problem = f"a reading of {most_mm:g} mm is too large for a radius of {radius_mm:g} mm"
+        raise FileError(where, problem, "give g1_mm as the distance less the link's set length")
+    targets, row = np.unique(table.target, return_inverse=True)
+    orientations, column = np.unique(table.orientation, return_inverse=True)
+    sine, cosine = np.sin(table.polar), np.cos(table.polar)
+    direction = np.stack([sine * np.cos(table.azimuth), sine * np.sin(table.azimuth), cosine], axis=1)
+    first = np.array([direction[row == k][0] for k in range(len(targets))])
+    moved = np.linalg.norm(direction - first[row], axis=1) > 1e-3
+    if moved.any():
+        target = int(table.target[np.argmax(moved)])
+        problem = f"target {target} has two directions"
+        raise FileError(where, problem, "give each target one polar angle and one azimuth")
+    visits: dict[tuple[int, int], list[int]] = {}
+    for k, place in enumerate(zip(row.tolist(), column.tolist(), strict=True)):
+        visits.setdefault(place, []).append(k)
+    g_mm = np.full((len(targets), len(orientations), max(map(len, visits.values()))), np.nan)
+    t_s, times = g_mm.copy(), table.t_s if _has_time(table.t_s) else np.arange(len(table.t_s), dtype=float)
+    for (target, orientation), rows in visits.items():
+        g_mm[target, orientation, : len(rows)] = table.g_mm[rows]
+        t_s[target, orientation, : len(rows)] = times[rows]
+    return Cells(targets, first, g_mm, t_s)
+
+
+def _has_time(t_s: Array) -> bool:
+    return bool(np.ptp(t_s) > 0)
+
+
+def _mean(x: Array) -> Array:
+    """Mean over the last axis of what is there; NaN, without a warning, where nothing is."""
+    measured = np.isfinite(x)
+    count = measured.sum(axis=-1)
+    return np.where(count > 0, np.where(measured, x, 0.0).sum(axis=-1) / np.maximum(count, 1), np.nan)
+
+
+def _notes(
+    cells: Cells, expected: Collection[int], orientations: int, far: NDArray[np.bool_], off_mm: Array, free: Sphere
+) -> tuple[str, ...]:
+    """What was not measured, what is left out, off_mm (t, o) from the sphere, and what is not determined."""
+    notes = []
+    targets, have = len(cells.target), cells.g_mm.shape[1]
+    numbers = set(expected) or set(range(1, int(cells.target.max()) + 1))
+    if missing := sorted(numbers - set(cells.target.tolist())):
+        notes.append(f"target {listed(missing)} missing: {targets} of {len(numbers)} measured")
+    if partial := cells.target[np.isnan(cells.by_orientation).any(axis=1)].tolist():
+        notes.append(f"not all {have} orientations were measured at target {listed(partial)}")
+    if have < orientations:
+        without = ", so their range is not reported" if have == 1 else ""
+        notes.append(f"{have} of {orientations} orientations measured{without}")
+    most = float(np.nanmax(np.abs(off_mm[~far])))
+    for k in np.flatnonzero(far):
+        worst = off_mm[k, np.nanargmax(np.abs(off_mm[k]))]
+        reading = f"a reading {worst:+.3f} mm off the sphere, those of the others within {most:.3f} mm"
+        notes.append(f"target {cells.target[k]} left out: {reading}")
+    if free.unknown:
+        why = "these targets, near one plane or place, do not determine them; measure at more polar angles"
+        notes.append(f"{', '.join(free.unknown)} left out: {why}")
+    return tuple(notes)
+
+
+class Radial(TargetKind[RadialTable]):
+    """The radial test."""
+
+    certified = ("g1", "ball", "link")
+    example = ("band_mm", 0.2, 0.3)
+    further = ("hemisphere (radial)", "many postures, by distance alone")
+    along = "target"
+
+    def directions(self, table: RadialTable, hemisphere: Hemisphere) -> tuple[Array, Array]:
+        """The angles (n,) rad of the table."""
+        return table.polar, table.azimuth
+
+    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
+        return Layout(("target", "polar_deg", "azimuth_deg", "orientation", *JOINTS, "g1_mm"), ("t_s",))
+
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> RadialTable:
+        polar, azimuth = (np.radians(rows.floats(name)) for name in ("polar_deg", "azimuth_deg"))
+        target, orientation = rows.counts("target"), rows.counts("orientation")
+        return RadialTable(target, polar, azimuth, orientation, rows.times(), rows.q, rows.floats("g1_mm"))
+
+    def columns(self, table: RadialTable) -> Mapping[str, Array | Integers]:
+        place = {"polar_deg": np.degrees(table.polar), "azimuth_deg": np.degrees(table.azimuth)}
+        first = {"target": table.target, **place, "orientation": table.orientation}
+        return {**first, **joint_cells(table.q, rail=False), "g1_mm": table.g_mm, **timed(table.t_s)}
+
+    def differs(self, table: RadialTable) -> Mask:
+        return another_visit(table, np.stack([table.target, table.orientation], axis=1))
+
+    def recorded(
+        self, data: Aligned, rig: Rig, direction: Direction | None, where: str
+    ) -> tuple[RadialTable, list[str]]:
+        """The stands at targets, with what the link is longer than the radius by its certificate."""
+        stands, program = stands_of(data.t_s, data.q, data.g_mm), radial_program(rig)
+        at = at_targets(stands, program, rig)
+        order = list(zip(program.target.tolist(), program.orientation.tolist(), strict=True))
+        once = len(order) // hemisphere_of(rig).visits
+        visits = visits_of(at, [order[row] for _, row in at], order, once, program, where)
+        elsewhere, rows = len(stands) - len(at), visits.rows
+        doubts = [f"{elsewhere} stands are left out because they are not at a target"] if elsewhere else []
+        table = RadialTable(
+            program.target[rows], program.polar[rows], program.azimuth[rows], program.orientation[rows],
+            visits.t_s, visits.q, visits.g_mm + link_excess_mm(rig),
+        )  # fmt: skip
+        return table, doubts + visits.doubts
+
+    def driven(self, rig: Rig) -> RadialTable:
+        at, none = radial_program(rig), np.empty(0)
+        return RadialTable(at.target, at.polar, at.azimuth, at.orientation, visit_times(len(at.q)), at.q, none)
+
+    def evaluate(self, table: RadialTable, rig: Rig, where: str, instruments: Instruments) -> RadialResult:
+        hold_targets(table, rig, where)
+        hemisphere, u_mm = hemisphere_of(rig), instruments.u_mm(rig)
+        expected = range(1, target_count(hemisphere) + 1)
+        orientations = hemisphere.orientations
+        return evaluate(table, hemisphere.radius_mm, u_mm, where, expected, orientations)
+
+    def visits(self, table: RadialTable) -> Integers:
+        return np.stack([table.target, table.orientation], axis=1)
+
+
+KIND = Radial("radial")

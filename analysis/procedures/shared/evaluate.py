@@ -1,0 +1,105 @@
+"""From a table to the figures of its test: one function for measured and simulated tables alike; and what every
+evaluation refuses, each in one line with its remedy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.kinematics.joint_limits import impossible_rad
+from analysis.runs.noise.spectrum import LapNoise
+from analysis.runs.tables import Table
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+if TYPE_CHECKING:
+    from analysis.procedures.shared.quantity import Quantity
+    from analysis.procedures.shared.reduction import Reduced
+    from analysis.procedures.shared.result_curves import ResultCurve
+
+
+class Evaluated(Protocol):
+    """What a test found: figures by name, of so many samples, notes in words, and the curve or points behind them."""
+
+    @property
+    def figures(self) -> Mapping[str, Quantity]: ...
+    @property
+    def samples(self) -> int: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+    @property
+    def as_curve(self) -> ResultCurve: ...
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """What is known of the instruments beside a table. u_lag_s: standard uncertainty of the gauges' time against the
+    joints'; u_gauge_mm: of one reading, the rig file's where None; like: noise of the angle and of the distance in
+    another run, for a circle of a single lap; reduced: the readings of a circle, where its table has but some of its
+    rows."""
+
+    u_lag_s: float = 0.0
+    u_gauge_mm: float | None = None
+    like: tuple[LapNoise, LapNoise] | None = None
+    reduced: Reduced | None = None
+
+    def u_mm(self, rig: Rig) -> float:
+        """The standard uncertainty of one reading of a gauge."""
+        return rig.gauges.g1.accuracy_mm if self.u_gauge_mm is None else self.u_gauge_mm
+
+
+def evaluate(
+    table: Table,
+    rig: Rig,
+    u_lag_s: float,
+    where: str,
+    u_gauge_mm: float | None = None,
+    like: tuple[LapNoise, LapNoise] | None = None,
+    reduced: Reduced | None = None,
+) -> Evaluated:
+    """The figures of a table, with what is known of its instruments (`Instruments`).
+
+    Raises FileError where it is not a valid measurement of its test.
+    """
+    return table.kind.evaluate(table, rig, where, Instruments(u_lag_s, u_gauge_mm, like, reduced))
+
+
+def hold_joints(where: str, q: Array, remedy: str) -> None:
+    """Raise FileError for joints q (n, axes) rad that never moved, with what to do then, or are of another unit."""
+    if np.ptp(q, axis=0).max() < 1e-6:
+        raise FileError(where, "the robot stood still in all rows", remedy)
+    if most := impossible_rad(q):
+        angle = f"a joint at {np.degrees(most):.0f}° is impossible"
+        raise FileError(where, angle, "check the unit of q: files hold degrees")
+
+
+def hold_numbers(where: str, **columns: Array) -> None:
+    """Raises FileError where a column (n, …) has a value that is not a number."""
+    for name, values in columns.items():
+        if np.isfinite(values).all():
+            continue
+        bad = np.asarray(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+        if bad.all():
+            problem = f"{name} holds no valid number in any of its {len(bad)} rows"
+            raise FileError(where, problem, "check that its instrument measures and sends, and measure again")
+        row = int(np.argmax(bad)) + 1
+        raise FileError(where, f"{name} of row {row} is not a number ({bad.sum()} such rows)", "remove such rows")
+
+
+def hold_alive(where: str, **readings: Array) -> None:
+    """Raises FileError where a gauge read the same all along: nothing real stands so still."""
+    for name, values in readings.items():
+        if len(values) > 1 and np.ptp(values) == 0:
+            remedy = "check that the gauge touches and sends (a simulation needs noise), and measure again"
+            raise FileError(where, f"{name} reads {values[0]:g} mm in all {len(values)} rows", remedy)
+
+
+def hold_radius(where: str, radius_mm: float) -> None:
+    """Raises FileError for a radius that is not a positive number."""
+    if not (np.isfinite(radius_mm) and radius_mm > 0):
+        raise FileError(where, f"a radius of {radius_mm:g} mm is impossible", "correct radius_mm in the rig file")

@@ -1,0 +1,179 @@
+"""What several tests at stops have in common: one gauge at the targets of a hemisphere, or places of postures."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from analysis.procedures.checks.finding import Finding
+from analysis.procedures.checks.meanings import PLACE_UNKNOWN, Verdict, judged_by_path
+from analysis.procedures.checks.place import PLACE, Off, off_targets, place_findings
+from analysis.procedures.checks.units import target_units
+from analysis.procedures.shared.simulated_gauges import Simulation, hold_gauged, read_by_gauges
+from analysis.robot.geometry.driven_programs import hemisphere_of
+from analysis.robot.geometry.hemisphere import hemisphere_frame, target_angles
+from analysis.robot.kinematics.arm import Array, Integers, Mask
+from analysis.robot.model.predict import Model, Path, SetUp, gauged, stops
+from analysis.robot.model.scene import Scene, apply
+from analysis.runs.csv_tables import Rows, joint_cells
+from analysis.runs.stands import STANDS_MM
+from analysis.runs.table_format import SAME_RAD, Kind
+from analysis.runs.table_layout import RAIL, RAIL_FROM, came_from_columns
+from analysis.runs.tables import PlaceTable, TargetTable
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Hemisphere
+from rigs.schema.vocabulary import Direction
+
+H = TypeVar("H", bound=TargetTable)
+
+
+class TargetKind(Kind[H]):
+    """A test at targets."""
+
+    gauges = ("g1",)
+    part = "hemisphere"
+    finders = ((PLACE, place_findings),)
+
+    @abstractmethod
+    def directions(self, table: H, hemisphere: Hemisphere) -> tuple[Array, Array] | None:
+        """Return polar and azimuth (n,) rad of each row's target; None where the hemisphere has no such target."""
+
+    def readings(self, table: H) -> Array:
+        return table.g_mm[:, None]
+
+    @abstractmethod
+    def driven(self, rig: Rig) -> H:
+        """Return the table of the program, its readings still missing."""
+
+    def with_readings(self, table: H, values: Array) -> H:
+        return replace(table, g_mm=values[:, 0])
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> H:
+        hold_gauged(rig, self.test)
+        table = self.driven(rig)
+        return self.with_readings(table, read_by_gauges(rig, table, self.setup(rig), run))
+
+    def setup(self, rig: Rig) -> SetUp:
+        return SetUp(np.array(hemisphere_of(rig).centre_mm), np.zeros(1), np.eye(4), np.eye(4))
+
+    def path(self, model: Model, table: H) -> Path:
+        return stops(table.q, table.t_s)
+
+    def read(self, model: Model, table: H, path: Path, scene: Scene, setup: SetUp) -> Array:
+        """The reading of the gauge (m, 1) mm: the distance of ball and tool less the radius."""
+        to_tool = scene.T[:, :3, 3] - setup.ball
+        sphere = hemisphere_frame(hemisphere_of(model.rig))
+        contact = np.arctan2(to_tool @ sphere.v, to_tool @ sphere.u)
+        scene = apply(model.effects, "setup", replace(scene, contact=contact))
+        g_mm = (np.linalg.norm(to_tool, axis=1) - sphere.radius + scene.form_mm)[:, None]
+        return gauged(model, path, scene, setup, g_mm)
+
+    def unit_findings(self, table: H, rig: Rig, T_tool: Array) -> Iterable[Finding]:
+        return target_units(table.g_mm, rig.tests.hemisphere.radius_mm) if rig.tests.hemisphere else ()
+
+    def cannot_tell(self, table: H, rig: Rig) -> str:
+        return "" if rig.tests.hemisphere else PLACE_UNKNOWN
+
+    def judged_joints(self, table: H, rig: Rig) -> Verdict:
+        return judged_by_path(table, rig)
+
+    def off_path(self, table: H, rig: Rig, T_tool: Array) -> Off | None:
+        hemisphere = rig.tests.hemisphere
+        return off_targets(T_tool, self.targets(table, rig), hemisphere) if hemisphere else None
+
+    def targets(self, table: H, rig: Rig) -> Array | None:
+        hemisphere = rig.tests.hemisphere
+        angles = self.directions(table, hemisphere) if hemisphere else None
+        if hemisphere is None or angles is None:
+            return None
+        frame = hemisphere_frame(hemisphere)
+        return np.asarray(frame.centre + frame.radius * frame.direction(*angles))
+
+    def numbers_of(self, table: H) -> Integers:
+        return table.target
+
+    def rows_used(self, table: H, rig: Rig, where: str) -> Integers:
+        hold_targets(table, rig, where)
+        return np.arange(len(table.q))
+
+    def angles_of(self, table: H, rig: Rig) -> tuple[Array, Array]:
+        polar, azimuth = target_angles(hemisphere_of(rig))
+        return polar[table.target - 1], azimuth[table.target - 1]
+
+
+def hold_targets(table: TargetTable, rig: Rig, where: str) -> None:
+    """Raises FileError for a target number that the rig's hemisphere does not have."""
+    if rig.tests.hemisphere is None:
+        return
+    count = target_count(rig.tests.hemisphere)
+    unknown = (table.target < 1) | (table.target > count)
+    if unknown.any():
+        row = int(np.argmax(unknown))
+        what = f"target {table.target[row]} of row {row + 1} is not one of the {count} of the hemisphere"
+        raise FileError(where, what, "correct target, or tests.hemisphere in the rig file")
+
+
+def target_count(hemisphere: Hemisphere) -> int:
+    """How many targets a hemisphere has."""
+    return len(target_angles(hemisphere)[0])
+
+
+def another_visit(table: TargetTable, labels: Array) -> Mask:
+    """A mask (n - 1,) of the rows with other labels (n, k) than the row before, or another reading."""
+    return np.asarray((np.diff(labels, axis=0) != 0).any(axis=1) | (np.abs(np.diff(table.g_mm)) > STANDS_MM))
+
+
+def timed(t_s: Array) -> dict[str, Array]:
+    """The column of times t_s (n,) s, which is left out where it is zero throughout."""
+    return {"t_s": t_s} if t_s.any() else {}
+
+
+def came_from_of(rows: Rows) -> Array | None:
+    """Return from where joints came (n, axes) rad by the columns of a file, None where it does not say it; a rail of
+    which it is not said comes from where it stands."""
+    names = came_from_columns(rows.axes)
+    if not rows.has(names):
+        return None
+    return rows.with_rail(np.radians(rows.stack(names)), RAIL_FROM if rows.has((RAIL_FROM,)) else RAIL)
+
+
+def came_from_cells(table: PlaceTable) -> dict[str, Array]:
+    """Return the columns (n,) that say from where joints came, in degrees and mm, none where that is not known."""
+    if table.came_from is None:
+        return {}
+    return joint_cells(table.came_from, rail=table.rail, names=came_from_columns, rail_name=RAIL_FROM)
+
+
+P = TypeVar("P", bound=PlaceTable)
+
+
+class PlaceKind(Kind[P]):
+    """A test of places."""
+
+    of_places = True
+    example = ("rms_mm", 0.5, 1.0)
+
+    def readings(self, table: P) -> Array:
+        return table.xyz_mm
+
+    def setup(self, rig: Rig) -> SetUp:
+        return SetUp(np.zeros(3), np.zeros(1), np.eye(4), np.eye(4))
+
+    def path(self, model: Model, table: P) -> Path:
+        return replace(stops(table.q, came_from=table.came_from), alone=True)
+
+    def sides(self, table: P) -> Integers | None:
+        if table.came_from is None:
+            return None
+        way = table.q - table.came_from
+        return np.where(np.abs(way) > SAME_RAD, np.sign(way), 0).astype(np.int64)
+
+    def read(self, model: Model, table: P, path: Path, scene: Scene, setup: SetUp) -> Array:
+        """The target's T_instrument_target, (m, 16) row by row."""
+        T = setup.T_instrument_world @ path.at_readings(scene.T) @ setup.T_tool_target
+        return T.reshape(-1, 16)

@@ -1,0 +1,82 @@
+"""What gauges read while a robot with effects drives a program, with the noise of a good cell.
+
+The noise is white in each reading, a slow wander of tool and link, and from run to run a little scatter of every joint
+and of the ball.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate, islice
+
+import numpy as np
+
+from analysis.robot.geometry.driven_programs import hold_six
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.predict import SetUp, model_of, path_of, predict
+from analysis.runs.tables import GaugeTable
+from rigs.effects import Effect, turned
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import TestName
+
+_DWELL_S = 4.0
+"""The time from one target to the next."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations. White noise is the gauges' own, from the rig file."""
+
+    wander_mm: float = 0.001
+    wander_s: float = 0.5
+    scatter_deg: float = 0.0002
+    scatter_mm: float = 0.001
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What one simulated run is of. seed: None for no noise at all; effects: instead of those of the rig file; noise:
+    beside that of gauges."""
+
+    seed: int | None
+    effects: Sequence[Effect] | None = None
+    noise: Noise | None = None
+
+
+def hold_gauged(rig: Rig, test: TestName) -> None:
+    """Raise FileError for a rig that cannot drive a test of the ball link, or has no gauges to read it."""
+    hold_six(rig)
+    if not rig.gauges.recorded:
+        what = f"has no gauges, and a {test} test is measured with them"
+        raise FileError(f"rig {rig.name}", what, "add gauges and feedback to the rig file")
+
+
+def read_by_gauges(rig: Rig, program: GaugeTable, setup: SetUp, run: Simulation) -> Array:
+    """Return the readings (n, k) mm along a program, whose table has none yet."""
+    model = model_of(rig, run.effects)
+    if run.seed is None:
+        return predict(model, program, path_of(model, program), setup)
+    noise = run.noise or Noise()
+    rng = np.random.default_rng(run.seed)
+    # Joints and ball a little off, differently in each run.
+    off = rng.normal(0.0, noise.scatter_deg, 6)
+    scatter = tuple(turned(axis, float(deg)) for axis, deg in enumerate(off, start=1))
+    ball = setup.ball + rng.normal(0.0, noise.scatter_mm, 3)
+    model, setup = replace(model, effects=(*model.effects, *scatter)), replace(setup, ball=ball)
+    values = predict(model, program, path_of(model, program), setup)
+    white = np.array([gauge.accuracy_mm for _, gauge in rig.gauges])[: values.shape[1]]
+    values = values + rng.normal(0.0, 1.0, values.shape) * white
+    # Correlated noise (m,) mm common to all gauges, of an Ornstein-Uhlenbeck process.
+    kept = np.exp(-np.diff(program.t_s, prepend=program.t_s[0] - 1e9) / noise.wander_s)
+    kicks = rng.normal(0.0, noise.wander_mm, len(program.t_s)) * np.sqrt(1 - kept**2)
+    steps = zip(kept.tolist(), kicks.tolist(), strict=True)
+    levels = accumulate(steps, lambda level, step: step[0] * level + step[1], initial=0.0)
+    wandering = np.fromiter(islice(levels, 1, None), dtype=float, count=len(program.t_s))
+    return np.asarray(values + wandering[:, None])
+
+
+def visit_times(count: int) -> Array:
+    """Return times (count,) s of readings at targets."""
+    return np.linspace(0.0, _DWELL_S * (count - 1), count)

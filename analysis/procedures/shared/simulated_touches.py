@@ -1,0 +1,150 @@
+"""Touches as a person makes them: postures in which the ball is in a socket, and what the joints then read.
+
+A rig file does not say where its sockets stand, since a person puts them where there is room. For a plan and for
+simulations they are put within reach, around the base, each where the arm has many postures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.robot.geometry.pose_setup import moved_by
+from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward, forward_and_jacobian
+from analysis.robot.model.predict import model_of, moved, stops
+from analysis.runs.noise.cell_noise import SEAT_MM
+from analysis.runs.tables import TouchTable
+from rigs.effects import Effect
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Touch
+
+STOPS_MM = 0.02
+"""Scatter of a coordinate where a guided arm comes to rest: half of what programmed ones show at a target."""
+_CAME_RAD = (0.1, 0.4)
+"""How far each joint came to a touch, in one direction: a person swings the elbow or the wrist to the next posture."""
+_POSTURES, _TRIES, _STEPS, _LARGEST_RAD = 300, 20, 25, 0.3
+"""Postures tried at a time, how often, steps from each to the socket, and the longest step of a joint."""
+_THERE_MM = 1e-6
+_OFF_LIMIT = 0.05
+"""Share of a joint's range that stays free at either end."""
+_REACHED = (0.35, 0.7)
+"""Where sockets stand, in shares of the reach: near the base and at the end of the reach postures are few."""
+
+
+def touch_of(rig: Rig) -> Touch:
+    """Return the touch test of a rig. Raises FileError where the rig file has none."""
+    if rig.tests.touch is None:
+        raise FileError(f"rig {rig.name}", "has no tests.touch", "add it: touch: {sockets: [A, B]}")
+    return rig.tests.touch
+
+
+def planned_touches(rig: Rig, seed: int = 0) -> TouchTable:
+    """Return touches of the nominal arm, shared out over the sockets of the rig file. Raises FileError where it has
+    none, or where the arm finds no postures."""
+    return _standing(rig, _planned(rig, np.random.default_rng(seed))[0])
+
+
+def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> TouchTable:
+    """Return touches as an arm with effects makes them, `seed` None for touches without scatter; effects: instead of
+    those of the rig file. Raises FileError as `planned_touches` does."""
+    rng = np.random.default_rng(seed or 0)
+    table, sockets = _planned(rig, rng)
+    model = model_of(rig, effects)
+    scatter = 0.0 if seed is None else float(np.hypot(SEAT_MM, STOPS_MM))
+    places = sockets + rng.normal(0.0, 1.0, sockets.shape) * scatter
+    arm = _with_ball(model.arm, touch_of(rig))
+    for _ in range(_STEPS):
+        # Where a model has the ball (n, 3) mm of each touch, on the tool of an arm.
+        with_ball = replace(model, arm=arm)
+        path = stops(table.q, came_from=table.came_from)
+        away = places - np.asarray(moved(with_ball, path).T[path.rows, :3, 3])
+        if np.abs(away).max() < _THERE_MM:
+            break
+        _, jacobian = forward_and_jacobian(arm, table.q)
+        table = replace(table, q=table.q + np.einsum("nij,nj->ni", np.linalg.pinv(jacobian[:, :3]), away))
+    return _standing(rig, table)
+
+
+def _standing(rig: Rig, table: TouchTable) -> TouchTable:
+    """Touches of an arm on a rail that stands at 0; other ones as they are."""
+    if rig.robot.rail is None:
+        return table
+    assert table.came_from is not None  # noqa: S101 - planned touches say it
+    stands = np.zeros(len(table.q))
+    q, came_from = (np.column_stack([angles, stands]) for angles in (table.q, table.came_from))
+    return replace(table, q=q, came_from=came_from, rail=True)
+
+
+def _planned(rig: Rig, rng: np.random.Generator) -> tuple[TouchTable, Array]:
+    """Touches of the nominal arm, and where the socket of each is (n, 3) mm."""
+    touch, q, places, names = touch_of(rig), [], [], []
+    arm = _with_ball(arm_of(rig.robot), touch)
+    count = -(-touch.touches // len(touch.sockets))
+    where: dict[str, Array] = {}
+    for socket in touch.sockets:
+        # The sockets that have a place (3,) mm and a distance in mm from this one that is known.
+        pairs = {frozenset(stated.between): stated.distance_mm for stated in touch.distances}
+        distances = [
+            (place, pairs[pair]) for placed, place in where.items() if (pair := frozenset((socket, placed))) in pairs
+        ]
+        place, postures = _somewhere(arm, count, rng, rig.name, distances)
+        where[socket] = place
+        q.append(postures)
+        places += [place] * count
+        names += [socket] * count
+    order = np.concatenate(q)
+    swing = rng.choice([-1.0, 1.0], order.shape) * rng.uniform(*_CAME_RAD, order.shape)
+    return TouchTable(np.array(names), order, order + swing), np.array(places)
+
+
+def _somewhere(
+    arm: Arm, count: int, rng: np.random.Generator, where: str, distances: Sequence[tuple[Array, float]]
+) -> tuple[Array, Array]:
+    """A place (3,) mm for a socket with these distances from others, and postures (count, axes) rad in which the ball
+    is there."""
+    low, high = arm.limits.T
+    free = forward(arm, rng.uniform(low, high, (_POSTURES, arm.axes)))[:, :3, 3]
+    base = arm.T_world_base[:3, 3]
+    at = free
+    if distances:  # moved to where they have the distances that are known, those that can
+        others, apart_mm = np.array([place for place, _ in distances]), np.array([mm for _, mm in distances])
+        for _ in range(_STEPS):
+            away = at[:, None] - others
+            apart = np.linalg.norm(away, axis=2)
+            at = at + np.einsum("nij,nj->ni", np.linalg.pinv(away / apart[..., None]), apart_mm - apart)
+        misses = np.abs(np.linalg.norm(at[:, None] - others, axis=2) - apart_mm)
+        at = at[misses.max(axis=1) < _THERE_MM]
+    share = np.linalg.norm(at - base, axis=1) / np.linalg.norm(free - base, axis=1).max()
+    for place in at[(share > _REACHED[0]) & (share < _REACHED[1]) & (at[:, 2] > base[2])]:
+        postures = _postures_at(arm, place, count, rng)
+        if len(postures) == count:
+            return place, postures
+    remedy = "check tests.touch.distances, and limits_deg" if distances else "check limits_deg"
+    raise FileError(f"rig {where}", "the arm has no place for a socket with enough postures", remedy)
+
+
+def _postures_at(arm: Arm, place: Array, count: int, rng: np.random.Generator) -> Array:
+    """Postures (at most count, axes) rad in which the tool is at a place (3,) mm, whichever way it points."""
+    low, high = arm.limits.T
+    free = _OFF_LIMIT * (high - low)
+    postures = np.empty((0, arm.axes))
+    for _ in range(_TRIES):
+        q = rng.uniform(low, high, (_POSTURES, arm.axes))
+        for _ in range(_STEPS):
+            T, jacobian = forward_and_jacobian(arm, q)
+            step = np.einsum("nij,nj->ni", np.linalg.pinv(jacobian[:, :3]), place - T[:, :3, 3])
+            q = q + np.clip(step, -_LARGEST_RAD, _LARGEST_RAD)
+        at_place = np.linalg.norm(forward(arm, q)[:, :3, 3] - place, axis=1) < _THERE_MM
+        kept = q[at_place & (q > low + free).all(axis=1) & (q < high - free).all(axis=1)]
+        postures = np.concatenate([postures, kept])
+        if len(postures) >= count:
+            break
+    return postures[:count]
+
+
+def _with_ball(arm: Arm, touch: Touch) -> Arm:
+    ball = moved_by(np.eye(4), np.array(touch.ball_mm), np.zeros(3))
+    return replace(arm, T_flange_tool=arm.T_flange_tool @ ball)

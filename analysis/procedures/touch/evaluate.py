@@ -1,0 +1,231 @@
+"""Touch test: the ball on the tool seated in sockets, in many postures; how far the arm says it was from one place.
+
+The ball's place on the tool (3) and each socket's place (3) are least squares over all touches, linear in both.
+What is left is the arm's error at one point, and needs no instrument. ASME B89.4.22-2004 (single-point articulation):
+of each socket the largest distance from the mean, and 2 s of the distances, s² = Σ δ² / (n - 1).
+
+Uncertainties: the scatter of a seated ball and of a robot that stops as real ones do, through the fit. They hold the
+noise alone, since the arm's own errors are what is measured. The distance of two sockets takes part in these errors, so
+that what is left of the touches counts as noise for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.procedures.checks.lost_poses import WILDNESS, Far, far_touches, left_out, wild_touches
+from analysis.procedures.checks.place import Off, off_sockets
+from analysis.procedures.shared.evaluate import Instruments, hold_joints, hold_numbers
+from analysis.procedures.shared.lap_curve import SEED
+from analysis.procedures.shared.places_and_targets import PlaceKind, came_from_cells, came_from_of
+from analysis.procedures.shared.quantity import Quantity, figures_of
+from analysis.procedures.shared.result_curves import PoseCurve
+from analysis.procedures.shared.simulated_gauges import Simulation
+from analysis.procedures.shared.simulated_touches import simulated_touches
+from analysis.robot.geometry.pose_setup import socket_design
+from analysis.robot.kinematics.arm import Arm, Array, Integers, forward
+from analysis.robot.model.predict import Model, SetUp, model_of, moved, path_of
+from analysis.runs.csv_tables import Rows, joint_cells
+from analysis.runs.noise.cell_noise import SEAT_MM, TARGET_MM
+from analysis.runs.noise.readings import rms
+from analysis.runs.noise.spectrum import DRAWS
+from analysis.runs.table_layout import RAIL, RAIL_FROM, SOCKET, Layout, came_from_columns, joint_columns
+from analysis.runs.tables import TouchTable
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction
+
+_FEWEST = 6
+"""Touches of two sockets, or of one, that are more than the unknowns."""
+_BLIND = 1e-3
+"""Share of the largest singular value below which the ball's place on the tool is not determined along a direction."""
+
+
+@dataclass(frozen=True)
+class SocketDistance:
+    """The distance of two sockets, as the arm has it, and as the rig file knows it, None where it does not."""
+
+    between: tuple[str, str]
+    distance: Quantity
+    known: Quantity | None
+
+
+@dataclass(frozen=True)
+class TouchResult:
+    """position_mm (n, 3): of the ball from its socket, in the world; ball_mm (3,): the ball's place on the tool;
+    sockets by name, (3,) mm in the world; distances of pairs that the rig file knows, or of all of up to four
+    sockets."""
+
+    position_mm: Array
+    ball_mm: Array
+    sockets_mm: dict[str, Array]
+    distances: tuple[SocketDistance, ...]
+    figures: dict[str, Quantity]
+    samples: int
+    notes: tuple[str, ...]
+    rows: Integers
+
+    @property
+    def as_curve(self) -> PoseCurve:
+        """The errors in the order of the table."""
+        return PoseCurve(self.position_mm, None)
+
+
+def evaluate(table: TouchTable, model: Model, where: str = "the touch table") -> TouchResult:
+    """Return the figures of touches by a model of the arm: rms_mm and max_mm of the ball from its socket, spat_mm, and
+    socket_distance_mm where there are two sockets. Raises FileError for too few touches, and where the robot stood."""
+    hold_numbers(where, q=table.q)
+    count = len(np.unique(table.socket))
+    if 3 * len(table.q) <= 3 + 3 * count or len(table.q) < _FEWEST:
+        problem = f"has {len(table.q)} touches of {count} socket{'s' * (count > 1)}, too few to fit their places"
+        raise FileError(where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ")
+    hold_joints(where, table.q, "touch each socket in many postures")
+    T = forward(model.arm, table.q) if not model.effects else moved(model, path_of(model, table)).T
+    far = far_touches(table, T)
+    notes = (left_out(table, far.wild, far.far_mm),) if far.wild.any() else ()
+    rows, sockets_seen, T = table.rows[~far.wild] - 1, table.socket[~far.wild], T[~far.wild]
+    names, socket = np.unique(sockets_seen, return_inverse=True)
+    design = socket_design(T, socket.ravel(), len(names))
+    seen = -T[:, :3, 3].ravel()
+    solved = np.linalg.pinv(design)
+    terms = solved @ seen
+    off = (design @ terms - seen).reshape(-1, 3)
+    rng = np.random.default_rng(SEED)
+    level = np.hypot(SEAT_MM, TARGET_MM.low * (TARGET_MM.high / TARGET_MM.low) ** rng.uniform(size=(DRAWS, 1)))
+    noise = level * rng.standard_normal((DRAWS, len(seen)))
+    drawn_terms = terms + noise @ solved.T
+    drawn = off - (noise - noise @ solved.T @ design.T).reshape(DRAWS, -1, 3)
+    counted = socket.ravel(), len(names)
+    figures = figures_of(_plain(off, *counted), _plain(drawn, *counted), len(off), noise="assumed")
+    sockets = dict(zip(names.tolist(), terms[3:].reshape(-1, 3), strict=True))
+    errs_mm = rms(off)
+    spread = terms + np.hypot(level, errs_mm) / level * (drawn_terms - terms)
+    distances = _distances(model, names.tolist(), terms, spread, len(off))
+    if len(names) == 2:
+        figures["socket_distance_mm"] = distances[0].distance
+    singular = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
+    if singular[-1] <= _BLIND * singular[0]:
+        words = "the tool turned too little to distinguish the ball's place on it from the sockets: turn the wrist more"
+        notes = (*notes, words)
+    notes = (*notes, *known_otherwise(distances))
+    if once := ", ".join(names[np.bincount(socket.ravel()) < 2].tolist()):
+        notes = (*notes, f"{once} touched once only, which shows nothing: touch each in many postures")
+    return TouchResult(off, terms[:3], sockets, distances, figures, len(off), notes, rows)
+
+
+def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:
+    """Figures (...,) in mm of the ball's places from their sockets (..., n, 3) mm."""
+    distance = np.linalg.norm(off, axis=-1)
+    worst = np.zeros(distance.shape[:-1])
+    for number in range(sockets):
+        of_socket = off[..., socket == number, :]
+        if (count := of_socket.shape[-2]) > 1:
+            away = np.linalg.norm(of_socket - of_socket.mean(axis=-2, keepdims=True), axis=-1)
+            worst = np.maximum(worst, 2 * np.sqrt((away**2).sum(axis=-1) / (count - 1)))
+    return {"rms_mm": np.sqrt((distance**2).mean(axis=-1)), "max_mm": distance.max(axis=-1), "spat_mm": worst}
+
+
+def _distances(
+    model: Model, names: Sequence[str], terms: Array, drawn: Array, samples: int
+) -> tuple[SocketDistance, ...]:
+    """The distances of sockets whose places are among the terms (3 + 3 s,) mm, and in draws (m, 3 + 3 s) of them."""
+    declared = model.rig.tests.touch.distances if model.rig.tests.touch else ()
+    stated = {frozenset(pair.between): Quantity(pair.distance_mm, pair.u_mm, "mm") for pair in declared}
+    distances = []
+    for first, second in combinations(range(len(names)), 2):
+        pair = frozenset((names[first], names[second]))
+        if len(names) > _ALL_PAIRS and pair not in stated:
+            continue
+        places = [slice(3 + 3 * k, 6 + 3 * k) for k in (first, second)]
+        apart, draws = (np.linalg.norm(all_[..., places[0]] - all_[..., places[1]], axis=-1) for all_ in (terms, drawn))
+        figure = figures_of({"d_mm": apart}, {"d_mm": draws}, samples, noise="assumed")["d_mm"]
+        distances.append(SocketDistance((names[first], names[second]), figure, stated.get(pair)))
+    return tuple(distances)
+
+
+_ALL_PAIRS = 4
+"""Sockets up to which the distance of each pair is a figure; more have too many pairs to read."""
+
+
+def known_otherwise(distances: Sequence[SocketDistance]) -> tuple[str, ...]:
+    """Return what to say of distances that the arm has otherwise than they are known."""
+    return tuple(
+        f"sockets {pair.between[0]} and {pair.between[1]} are {pair.known} apart, and by the arm {pair.distance}: its "
+        "constants are wrong by a part of that, or the distance is not right"
+        for pair in distances
+        if pair.known
+        and abs(pair.distance.value - pair.known.value) > 2 * float(np.hypot(pair.distance.u, pair.known.u))
+    )
+
+
+class Touch(PlaceKind[TouchTable]):
+    """The touch test."""
+
+    finders = ((WILDNESS, wild_touches),)
+    constants_apart = True
+    part = "touch"
+    further = ("touch", "one place in many postures, without gauges")
+    setup_terms, frame_terms = 6, 3
+    setup_words = "the places of the sockets and of the ball on the tool"
+    assumed_sd_mm = 0.1
+    """A ball is seated by hand: a model of constants, gravity and curves leaves 0.1 to 0.2 mm of two Pandas and
+    an iiwa (Franzese et al., MUKCa, 2024). The readings say how much less or more it is; a search that begins with too
+    little explains scatter by the arm."""
+    never_twice = (
+        "no posture was touched twice: how much a seated ball scatters is judged by what the model leaves of it; "
+        "touch some postures again to measure it"
+    )
+    rows_called, away_from = "touches", "from its socket"
+    when_far = "check that the ball was seated when the joints were read"
+
+    def layout(self, axes: int = 6, *, rail: bool = False) -> Layout:
+        came_from = came_from_columns(axes)
+        return Layout((SOCKET, *joint_columns(axes), *[RAIL] * rail), (*came_from, *[RAIL_FROM] * rail), (came_from,))
+
+    def table_of(self, rows: Rows, direction: Direction | None, where: str) -> TouchTable:
+        return TouchTable(rows.words(SOCKET), rows.with_rail(rows.q), came_from_of(rows), rail=rows.rail)
+
+    def columns(self, table: TouchTable) -> Mapping[str, Array | Sequence[str]]:
+        return {SOCKET: table.socket.tolist(), **joint_cells(table.q, rail=table.rail), **came_from_cells(table)}
+
+    def setup(self, rig: Rig) -> SetUp:
+        setup = super().setup(rig)
+        if rig.tests.touch:
+            setup.T_tool_target[:3, 3] = rig.tests.touch.ball_mm
+        return setup
+
+    def cannot_tell(self, table: TouchTable, rig: Rig) -> str:
+        return "a touch has no place of its own"
+
+    def off_path(self, table: TouchTable, rig: Rig, T_tool: Array) -> Off | None:
+        return off_sockets(T_tool, table.socket)
+
+    def evaluate(self, table: TouchTable, rig: Rig, where: str, instruments: Instruments) -> TouchResult:
+        return evaluate(table, model_of(rig), where)
+
+    def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> TouchTable:
+        return simulated_touches(rig, run.seed, run.effects)
+
+    def parts(self, table: TouchTable) -> NDArray[np.str_]:
+        return table.socket
+
+    def far(self, table: TouchTable, arm: Arm) -> Far:
+        return far_touches(table, forward(arm, table.q))
+
+    def doubts(self, table: TouchTable, model: Model, where: str) -> tuple[str, ...]:
+        """Distances of sockets that are known otherwise; of a few touches they have no places."""
+        declared = model.rig.tests.touch
+        if declared is None or not declared.distances:
+            return ()
+        try:
+            return known_otherwise(evaluate(table, model, where).distances)
+        except FileError:
+            return ()
+
+
+KIND = Touch("touch")

@@ -1,0 +1,172 @@
+"""Acts in sentences: what to do, what it takes the error to and where that was found, and what speaks against it.
+
+The acts are values (`analysis.diagnosis.judge.acts`); nothing is decided here. Screen, page, session and history say
+them with these words.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+
+from analysis.diagnosis.judge.act_list import LEAST_SHARE
+from analysis.diagnosis.judge.acts import FOUND, Act
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.plan.naming_tests import JOINED
+from analysis.report.answer_words import AnswerWords
+from analysis.report.diagnosis_words import micrometres, percent, sure, with_uncertainty, within
+from analysis.report.texts import Texts, texts_of
+from rigs.effects import Effect, size_field
+from rigs.schema.effect import label_of, name_of
+from rigs.schema.vocabulary import WITHOUT_GAUGES
+
+
+@dataclass(frozen=True)
+class ActWords:
+    """The sentences of the acts of a diagnosis in a language."""
+
+    diagnosis: Diagnosis
+    texts: Texts = field(default_factory=partial(texts_of, "en"))
+
+    @property
+    def next(self) -> str:
+        """The first act, what it removes, and what speaks against it; empty where there is none."""
+        act = self.diagnosis.next_act
+        return self.sentence(act) if act else ""
+
+    def sentence(self, act: Act, *, corrected: bool = False) -> str:
+        """An act in full: what to do, what that removes, and what speaks against it; once the robot is `corrected`,
+        without what becomes of the correction, which is then said of all acts together."""
+        against, acts = self.against(act), self.diagnosis.acts
+        before = acts[: acts.index(act)] if act in acts else acts
+        # Whether it changes the arm that a correction before it in the list is made for
+        is_instead = act.kind in ("remaster", "enter", "repair", "mount") and any(
+            earlier.kind == "load" for earlier in before
+        )
+        instead = self.texts("act_instead") if is_instead and not corrected else ""
+        sentence = " ".join(filter(None, [self.what(act), self.removes(act), instead]))
+        return f"{sentence.removesuffix('.')} ({against})." if against else sentence
+
+    def what(self, act: Act) -> str:
+        """What to do, as a sentence."""
+        texts = self.texts
+        if act.kind == "none":
+            return texts(f"act_none_{act.why}", parts=self.parts(act))
+        if act.kind == "measure":
+            return self._measure(act)
+        if act.effect is None:
+            rig = self.diagnosis.rig
+            load = "act_load" if rig.takes_programs else "act_load_targets"
+            if act.command[:1] != ("correct",) or any(word.startswith(FOUND) for word in act.command):
+                load += "_unwritten"
+            keys = {"mount": self._of_places("act_mount_unexplained"), "wait": "act_wait_early", "load": load}
+            return texts(keys.get(act.kind, f"act_{act.kind}"), command=command(act), maker=rig.maker or "MAKER")
+        key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
+        if act.kind == "mount" and act.effect.part == "gravity":
+            key = "act_mount_base"
+        if act.kind == "approach" and self.diagnosis.rig.takes_programs and self.diagnosis.rig.gauges.recorded:
+            key = "act_approach_session"
+        axis = getattr(act.effect, "axis", None)
+        field = size_field(act.effect)
+        size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})
+        return texts(
+            key,
+            cause=self.noun(act.effect),
+            size=size if act.kind != "remaster" or size.startswith("-") else f"+{size}",
+            axis=texts.axis(self.diagnosis.rig.robot, axis) if axis else "",
+        )
+
+    def removes(self, act: Act) -> str:
+        """What the error falls to, ± its standard uncertainty, and where; empty for acts that remove nothing."""
+        if act.kind in ("none", "measure", "approach") or (act.effect is None and act.kind != "load"):
+            return ""
+        before = act.removes_um + act.remains_um
+        change = act.removes_um / before if before > 0 else 0.0
+        falls = f"act_{'load_' * (act.kind == 'load' and self.diagnosis.rig.takes_programs)}changes"
+        key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
+        sentences = []
+        if act.effect is not None and act.with_before_um is None:
+            # What the effect cancels in part shows whole once the effect is taken away.
+            words, label = AnswerWords(self.diagnosis, self.texts), label_of(act.effect)
+            lines = [line for k in act.parts for line in self.diagnosis.budget[k].shown_together]
+            others = [line for line in lines if line.label != label]
+            if 0 < len(others) < len(lines):
+                sentences.append(self.texts("act_uncovers", others="; ".join(words.alone(others))))
+        sentences += [
+            self.texts(
+                falls if act.removes else f"act_{key}", before=micrometres(before),
+                after=within(act.remains_um, act.remains_u_um), place=self.texts(f"place_{act.place}"),
+            )
+        ]  # fmt: skip
+        if act.with_before_um is not None:
+            after = within(act.with_before_um, act.with_before_u_um)
+            sentences.append(self.texts("act_with_before", after=after))
+        return " ".join(sentences)
+
+    def against(self, act: Act) -> str:
+        """What speaks against it, in a few words; empty where nothing does."""
+        texts, phrases = self.texts, []
+        rivals = [
+            rival.effect for named in self.diagnosis.effects if named.effect == act.effect for rival in named.rivals
+        ]
+        nouns = {name_of(effect): self.noun(effect) for effect in rivals}
+        for remark in act.against:
+            if act.kind == "measure" and act.test is None and remark.why == "no_place":
+                continue  # its own words say that
+            if remark.why == "doubt" and remark.doubt:
+                phrases.append(texts(f"doubt_{remark.doubt}"))
+            else:
+                names = texts("or").join(nouns.get(name, name) for name in remark.names)
+                count = "" if remark.runs is None else remark.runs
+                phrases.append(texts(f"against_{remark.why}", names=names, count=count))
+        return "; ".join(phrases)
+
+    def noun(self, effect: Effect) -> str:
+        """An effect as a person says it within a sentence."""
+        return AnswerWords(self.diagnosis, self.texts).noun(effect)
+
+    def parts(self, act: Act) -> str:
+        """The parts of the error that an act serves."""
+        words = AnswerWords(self.diagnosis, self.texts)
+        return ", ".join(words.part_name(self.diagnosis.budget[k]) for k in act.parts)
+
+    def _measure(self, act: Act) -> str:
+        texts, test = self.texts, act.test
+        if act.why in ("few_runs", "one_lap"):
+            cause = self.noun(act.effect) if act.effect else ""
+            return texts("next_repeat" if act.why == "few_runs" else "act_one_lap", cause=cause, count=act.runs)
+        if act.why == "not_visible":
+            return texts(self._of_places("next_plan"))
+        if act.why == "elsewhere":
+            return texts("act_elsewhere")
+        if test is None:
+            key = "next_elsewhere" if act.why == "rivals" else self._of_places("act_group_no_test")
+            return texts(key, parts=self.parts(act))
+        share = percent(sum(self.diagnosis.budget[k].share for k in act.parts))
+        if test.test == JOINED:
+            return texts("act_joined", parts=self.parts(act), odds=sure(test.odds_then), share=share)
+        minutes = texts("minutes", count=f"{act.cost.minutes:.0f}") if act.cost.minutes else texts("no_minutes")
+        which = "act_rivals" if act.why == "rivals" else "act_group"
+        return texts(
+            which, test=test.test, minutes=minutes, parts=self.parts(act),
+            odds=sure(test.odds_then), share=share,
+        )  # fmt: skip
+
+    def _of_places(self, key: str) -> str:
+        """The sentence of a key; where only poses or touches were measured, that for people without ball and gauges."""
+        tests = {name.split()[0].strip(",;") for name in self.diagnosis.setups}
+        return f"{key}_places" if tests and tests <= set(WITHOUT_GAUGES) else key
+
+
+def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:
+    """Every act of a diagnosis as a sentence, the first one first."""
+    words = ActWords(diagnosis, texts)
+    return [words.sentence(act) for act in diagnosis.acts]
+
+
+def command(act: Act) -> str:
+    """The command of an act as a person types it, of a model that is not written yet that which writes it; empty where
+    none does it."""
+    if any(word.startswith(FOUND) for word in act.command):
+        return "rig diagnose RUN… -o found"
+    return " ".join(["rig", *act.command]) if act.command else ""

@@ -1,0 +1,265 @@
+"""The answer of a diagnosis in sentences: condition, accuracy, what to do next, and the parts of the error.
+
+Which sentence is said is decided here, once; the words come from the texts of a language. Screen and picture say it in
+English, the page in its own language.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from analysis.diagnosis.judge.act_list import LEAST_SHARE
+from analysis.diagnosis.judge.result import (
+    CERTAIN_ODDS,
+    LARGE_SHARE,
+    BudgetPart,
+    Diagnosis,
+    Named,
+    is_sure,
+    is_there,
+    likely_rivals,
+)
+from analysis.report.diagnosis_words import (
+    LEAST_ODDS,
+    micrometres,
+    percent,
+    plain,
+    size,
+    sure,
+    within,
+)
+from analysis.report.texts import Texts, texts_of
+from rigs.effects import Effect
+from rigs.schema.effect import name_of, whole_order
+
+SMALL_SHARE = 0.001
+"""Share of the error below which parts that are not unusual are counted together."""
+_WIDELY = 2.0
+"""Times usual from which an effect of usual size that is sure is said beside what makes more. Chosen: one of twenty
+arms without a fault shows as much of it."""
+_MOST_NAMED = 3
+
+
+def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
+    """What makes more than a third of the error and is no fault, so that the condition does not say it: what is sure,
+    also where it may be one of a few, and groups of which the members are said."""
+    faults = [part_of(diagnosis, named) for named in diagnosis.standing]
+    return [
+        part
+        for part in diagnosis.budget
+        if part.share > LARGE_SHARE
+        and part.kind not in ("scatter", "unexplained")
+        and part not in faults
+        and (is_there(diagnosis, part) or part.members)
+    ]
+
+
+def sure_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
+    """Single effects that are sure, and larger than most arms show, though they are no fault and make less."""
+    large = large_parts(diagnosis)
+    return [
+        part
+        for part in diagnosis.budget
+        if part.index is not None
+        and part not in large
+        and not diagnosis.effects[part.index].stands
+        and is_sure(diagnosis, part)
+        and (part.times_usual or 0.0) >= _WIDELY
+    ]
+
+
+def shown_parts(diagnosis: Diagnosis) -> tuple[list[BudgetPart], list[BudgetPart]]:
+    """The parts of the error that have a line of their own, and the small ones that are counted together."""
+    small = [part for part in diagnosis.budget if part.share < SMALL_SHARE and part.rank != "unusual"]
+    return [part for part in diagnosis.budget if part not in small], small
+
+
+def _has_model(diagnosis: Diagnosis) -> bool:
+    """Whether the rig file holds effects or a calibration, which the robot drives without."""
+    return diagnosis.rig.calibrated is not None or bool(diagnosis.rig.effects)
+
+
+def is_complete(diagnosis: Diagnosis) -> bool:
+    """Whether nothing is missing in a model that was calibrated, or holds effects, before: scatter is all but less than
+    a tenth of what is left, from which a part has an act."""
+    scatter = sum(part.share for part in diagnosis.budget if part.kind == "scatter")
+    no_fault = diagnosis.condition in ("uncalibrated", "nothing_unusual")
+    return _has_model(diagnosis) and no_fault and scatter > 1 - LEAST_SHARE
+
+
+def fields_of(effect: Effect) -> dict[str, Any]:
+    """The parameters of an effect as a sentence says them, each in its own unit: the order of a gear as its teeth."""
+    fields = effect.model_dump()
+    return fields | ({"order": whole_order(fields["order"])} if "order" in fields else {})
+
+
+@dataclass(frozen=True)
+class AnswerWords:
+    """The sentences of a diagnosis in a language."""
+
+    diagnosis: Diagnosis
+    texts: Texts = field(default_factory=partial(texts_of, "en"))
+
+    @property
+    def headline(self) -> str:
+        """What is wrong, in a sentence: what makes most of the error before what makes less, what is sure before what
+        is open, and then what these runs do not show."""
+        diagnosis = self.diagnosis
+        (faults, open_too), large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
+        share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
+        first = any(part.share > share for part in large_parts(diagnosis))
+        wrong = [*large, *faults] if first else [*faults, *large]
+        sure_too = [self._measured(part) for part in sure_parts(diagnosis)]
+        measured = [self.texts("says_sure", parts=self._listed(sure_too))] if sure_too else []
+        clauses = "; ".join([*wrong, *open_too, *measured])
+        sentence = f"{clauses[:1].upper()}{clauses[1:]}." if clauses else ""
+        condition = self._condition()
+        parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
+        return " ".join(filter(None, parts))
+
+    @property
+    def accuracy(self) -> str:
+        """The error now, and what the calibration leaves of it where it had no part, or on the runs used."""
+        accuracy = self.diagnosis.accuracy
+        model = "error_corrected" if _has_model(self.diagnosis) else "error_now"
+        now = self.texts(model, now=micrometres(accuracy.now_um), largest=micrometres(accuracy.now_largest_um))
+        values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
+        if is_complete(self.diagnosis) and accuracy.place == "used":
+            return now
+        which = f"calibrated_{accuracy.place}" if self.diagnosis.is_testable else "calibrated_unknown"
+        return f"{now} {self.texts(which, **values)}"
+
+    @property
+    def judged(self) -> str:
+        """How the error stands against limits: of the arm as it drives, since no run was driven with corrections."""
+        accuracy = self.diagnosis.accuracy
+        if accuracy.standing is None or accuracy.limit is None:
+            return self.texts("accuracy_not_judged")
+        by = self.texts(f"limit_{accuracy.limit}")
+        which = "accuracy_uncorrected" if _has_model(self.diagnosis) else "accuracy_judged"
+        return self.texts(which, standing=self.texts(f"standing_{accuracy.standing}"), by=by)
+
+    def part_name(self, part: BudgetPart) -> str:
+        """A part of the budget as a person says it, with what cancels some of it."""
+        return self._with_cancelled(part, self.short_name(part))
+
+    def alone(self, parts: Sequence[BudgetPart]) -> list[str]:
+        """What parts of which some cancel others do, each alone, with its rms in µm."""
+        return [self.texts("alone", part=self.short_name(part), um=within(part.um, part.u_um)) for part in parts]
+
+    def _with_cancelled(self, part: BudgetPart, words: str) -> str:
+        others = ", ".join(map(self.short_name, part.shown_together[1:]))
+        return self.texts("with_cancelled", part=words, others=others) if others else words
+
+    def short_name(self, part: BudgetPart) -> str:
+        """A part of the budget as a person says it, where there is no room for what cancels some of it."""
+        if part.index is not None:
+            return self.noun(self.diagnosis.effects[part.index].effect)
+        if part.kind == "effect":
+            return part.name
+        joint = self.texts.axis(self.diagnosis.rig.robot, part.axis) if part.axis else ""
+        return self.texts(f"part_{part.kind}", joint=joint)
+
+    def size_of(self, part: BudgetPart) -> str:
+        """The size of a part that is an effect, ± its standard uncertainty; empty for others."""
+        return size(self.diagnosis.effects[part.index]) if part.index is not None else ""
+
+    def rank_of(self, part: BudgetPart) -> str:
+        """The class of a part; empty where it has none."""
+        return self.texts(f"rank_{part.rank}") if part.rank else ""
+
+    def times_usual(self, part: BudgetPart) -> str:
+        """How many times as much as usual a part does; empty where that has no meaning."""
+        times = part.times_usual
+        if times is None or not math.isfinite(times):
+            return ""
+        return self.texts("times_usual", times=f"{times:.1f}" if times >= 0.05 else "< 0.1")
+
+    def noun(self, effect: Effect) -> str:
+        """An effect as a person says it within a sentence."""
+        words = self.texts.nouns.get(name_of(effect), self.texts.nouns.get(effect.effect))
+        if words is None:
+            return plain(self.diagnosis.rig, effect)
+        axis = getattr(effect, "axis", None)
+        joint = self.texts.axis(self.diagnosis.rig.robot, axis) if axis else ""
+        return words.format(**fields_of(effect) | {"joint": joint})
+
+    def _condition(self) -> str:
+        """What these runs do not show, or that nothing was found; empty where faults say it all."""
+        diagnosis, texts = self.diagnosis, self.texts
+        values = {"um": micrometres(diagnosis.remainder.um), "share": percent(diagnosis.remainder.share)}
+        if diagnosis.condition in ("named", "ambiguous"):
+            return ""
+        single = any(part.index is not None for part in large_parts(diagnosis))
+        which: str = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
+        if is_complete(diagnosis):
+            largest = max((place.rms_um for place in diagnosis.where), default=0.0)
+            values |= {"count": str(len(diagnosis.where)), "largest": micrometres(largest)}
+            repeated = "nearly_complete" if diagnosis.where else "nothing_missing"
+            which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "nothing_shows"
+        # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
+        nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
+        already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
+        return " ".join(filter(None, [texts(f"says_{which}", **values), already_held]))
+
+    def _faults(self) -> tuple[list[str], list[str]]:
+        """The faults as a part of a sentence, and those that have rivals where others are sure as another."""
+        certain = [named for named in self.diagnosis.standing if named.posterior >= CERTAIN_ODDS]
+        open_ones = [named for named in self.diagnosis.standing if named not in certain]
+        which = "says_open" if certain else "says_ambiguous"
+        alternatives = [", ".join([self._with_rivals(named), *self._share(named)]) for named in open_ones]
+        ambiguous = [self.texts(which, faults=self._listed(alternatives))] if open_ones else []
+        if not certain:
+            return ambiguous, []
+        faults = [", ".join([self.noun(named.effect), size(named), *self._share(named)]) for named in certain]
+        which = "says_fault" if len(certain) == 1 else "says_faults"
+        sentence = self.texts(which, faults=self._listed(faults), count=len(certain))
+        return [sentence], ambiguous
+
+    def _large_part(self, part: BudgetPart) -> str:
+        share = percent(min(part.share, 1.0))
+        if part.index is not None and likely_rivals(named := self.diagnosis.effects[part.index]):
+            return self.texts("large_part", share=share, part=self._with_cancelled(part, self._with_rivals(named)))
+        likely = [member for member in part.members if member.odds >= LEAST_ODDS]
+        if not likely:
+            return self.texts("large_part", share=share, part=self._with_cancelled(part, self._measured(part)))
+        sizes = {id(part.cause): f"{size(part.cause)}, "} if part.cause else {}
+        members = ", ".join(
+            f"{self.noun(member.effect)} ({sizes.get(id(member), '')}{sure(member.odds)})" for member in likely
+        )
+        return self.texts("large_group", share=share, part=self.part_name(part), members=members)
+
+    def _measured(self, part: BudgetPart) -> str:
+        details = []
+        if part.index is not None:
+            odds = self.diagnosis.effects[part.index].posterior
+            details = [self.size_of(part), self.times_usual(part), sure(odds) if odds < CERTAIN_ODDS else ""]
+        in_brackets = ", ".join(filter(None, details))
+        return f"{self.short_name(part)} ({in_brackets})" if in_brackets else self.short_name(part)
+
+    def _listed(self, phrases: Sequence[str]) -> str:
+        ending = [self.texts("and_more", count=len(phrases) - _MOST_NAMED)] if len(phrases) > _MOST_NAMED else []
+        return "; ".join([*phrases[:_MOST_NAMED], *ending])
+
+    def _with_rivals(self, named: Named) -> str:
+        """A fault and those of its rivals that cannot be dismissed."""
+        effects = (named.effect, *(rival.effect for rival in likely_rivals(named)))
+        return self.texts("or").join(map(self.noun, effects))
+
+    def _share(self, named: Named) -> list[str]:
+        part = part_of(self.diagnosis, named)
+        if part is None:
+            return []
+        share = self.texts("share_of_error", share=percent(min(max(part.share, 0.0), 1.0)))
+        return [self._with_cancelled(part, share)]
+
+
+def part_of(diagnosis: Diagnosis, named: Named) -> BudgetPart | None:
+    """The part of the budget that an effect makes."""
+    return next(
+        (part for part in diagnosis.budget if part.index is not None and diagnosis.effects[part.index] is named), None
+    )

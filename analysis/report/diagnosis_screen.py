@@ -1,0 +1,184 @@
+"""A diagnosis on the screen, in the order in which a person thinks; 80 columns are enough for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT
+from analysis.diagnosis.fit.selection_state import FAULT
+from analysis.diagnosis.judge.acts import Doubt
+from analysis.diagnosis.judge.residuals import Place
+from analysis.diagnosis.judge.result import Condition, Diagnosis
+from analysis.report.act_words import ActWords, acts_in_words
+from analysis.report.answer_words import AnswerWords, shown_parts
+from analysis.report.diagnosis_words import (
+    beside_size,
+    beside_u,
+    closed,
+    percent,
+    remains_lines,
+    runs_of,
+    shortened,
+    size,
+    stretch,
+    sure,
+    with_uncertainty,
+)
+from analysis.report.plain_console import bare_table, right
+from analysis.report.stairs import stairs_of, stairs_table
+from analysis.report.texts import texts_of
+from rigs.schema.effect import label_of, name_of
+from rigs.schema.vocabulary import CIRCLES
+from rigs.text import counted
+
+_MOST_PLACES = 6
+
+
+def places_table(where: Sequence[Place]) -> list[RenderableType]:
+    """The worst places, each with the axis that turns back there."""
+    if not where:
+        return [Text("nowhere by more than the noise")]
+    table = bare_table("test", "part", "where", right("axis"), "how it differs", right("µm rms"), right("sigma"))
+    for place in sorted(where, key=lambda place_of_error: -place_of_error.sigma)[:_MOST_PLACES]:
+        row = (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why)
+        table.add_row(*row, f"{place.rms_um:.1f}", f"{place.sigma:.0f}")
+    unlisted = len(where) - _MOST_PLACES
+    circles = any(place.test in CIRCLES for place in where)
+    notes = [f"and {unlisted} more (all with --json)"] * (unlisted > 0)
+    notes += ["distance: mean of both gauges, angle: their difference; a jump is from one side to the other"] * circles
+    return [table, *(Text(note, style="dim") for note in notes)]
+
+
+_COLOUR: dict[Condition, str] = {
+    "named": "bold yellow",
+    "ambiguous": "bold yellow",
+    "outside_library": "bold red",
+    "undecided": "bold yellow",
+    "uncalibrated": "bold green",
+    "nothing_unusual": "bold green",
+    "not_testable_here": "bold yellow",
+}
+_MOST_GROUPS = 6
+_MOST_NAMES = 40
+"""Names of what cannot be seen here, before the rest is only counted."""
+
+
+def as_screen(diagnosis: Diagnosis) -> RenderableType:
+    """The two verdicts, the budget, the faults, the gap, remedies, next test, places and remarks."""
+    words = AnswerWords(diagnosis)
+    parts = [Text(words.headline, style=_COLOUR[diagnosis.condition])]
+    acts = ActWords(diagnosis)
+    parts += [Text(f"{words.accuracy} {words.judged}"), *([Text(f"Next: {acts.next}")] if acts.next else [])]
+    stairs = stairs_of(diagnosis)
+    unexplained = []
+    if diagnosis.is_testable:
+        remainder = diagnosis.remainder
+        unexplained = [Text(f"{remainder.um:.1f} µm ({percent(remainder.share)} of the gap): {remainder.words}")]
+        unexplained += [Text(f"{runs_of(band)}, {band.part}: {band.words}", style="dim") for band in diagnosis.left]
+        unexplained += map(Text, remains_lines(diagnosis.remains, texts_of("en")) if diagnosis.remains else ())
+    sections = (
+        ("What makes the error", _budget(diagnosis)),
+        ("Fitted effects" if diagnosis.given else "Faults", _faults(diagnosis)),
+        ("What to do", [Text(f"{k + 1}. {act}") for k, act in enumerate(acts_in_words(diagnosis, texts_of("en")))]),
+        ("How the gap shrinks", ([stairs_table(stairs)] if stairs else [])),
+        ("What the model leaves", _gaps(diagnosis)),
+        ("Still unexplained", unexplained),
+        ("What these tests cannot distinguish", _cannot(diagnosis)),
+        ("Where model and readings disagree", places_table(diagnosis.where)),
+        ("Remarks on the data", [Text(doubt, style="yellow") for doubt in diagnosis.doubts]),
+    )
+    shown: list[RenderableType] = [*parts]
+    for heading, body in sections:
+        if body:
+            shown += [Text(f"\n{heading}", style="bold"), *(Padding(part, (0, 0, 0, 2)) for part in body)]
+    runs = counted(len(diagnosis.runs), "run")
+    noise = "from repeats" if diagnosis.repeated else "from residuals" if diagnosis.shows_noise else "assumed"
+    footer = f"{diagnosis.rig.name} · {runs} · noise {noise} · {diagnosis.seconds:.1f} s"
+    return Group(*shown, Text(f"\n{footer}", style="dim"))
+
+
+def _budget(diagnosis: Diagnosis) -> list[RenderableType]:
+    """Every part of the error; those below a thousandth of it are counted together."""
+    if not diagnosis.budget:
+        return []
+    table = bare_table("part", *map(right, ("µm rms", "share", "× usual")), "class")
+    words, (large, small) = AnswerWords(diagnosis), shown_parts(diagnosis)
+    for part in large:
+        name = ", ".join(filter(None, [words.short_name(part), words.size_of(part)]))
+        times = f"{part.times_usual:.1f}" if part.times_usual is not None else ""
+        style = "bold" if part.rank == "unusual" else ""
+        table.add_row(name, beside_u(part.um, part.u_um), percent(part.share), times, words.rank_of(part), style=style)
+        for line in part.shown_together:  # where some cancel others, which that line has together
+            table.add_row(f"  {words.short_name(line)}, alone", beside_u(line.um, line.u_um), "", "", "", style="dim")
+    if small:
+        share = sum(part.share for part in small)
+        table.add_row(f"{len(small)} smaller parts (all with --json)", "", percent(share), "", "", style="dim")
+    cut_off = f"× usual: so many times what such an arm shows without a fault; unusual above {FAULT:g}"
+    return [table, Text(cut_off, style="dim")]
+
+
+def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
+    # The fitted effects that the diagnosis does not stand by for another reason than their usual size
+    by_reason: dict[Doubt, list[str]] = {}
+    for named in diagnosis.effects:
+        if named.doubt is not None and named.doubt != "usual":
+            by_reason.setdefault(named.doubt, []).append(f"{label_of(named.effect)} ({named.worth_um:.1f} µm)")
+    doubted = [
+        Text(f"no fault, {texts_of('en')(f'doubt_{why}')}: {', '.join(names)}", style="dim")
+        for why, names in by_reason.items()
+    ]
+    if not diagnosis.written:
+        return list(doubted)
+    times, bound = (2.0, "± 2u") if diagnosis.condition == "ambiguous" else (1.0, "± u")
+    numbers = (f"size {bound}", "µm rms", "how sure", "alone leaves")
+    table = bare_table("effect", *map(right, numbers))
+    for named in diagnosis.written:
+        name = " + ".join([name_of(named.effect), *(name_of(twin) for twin in named.twins)])
+        odds = "" if diagnosis.given else sure(named.posterior)
+        row = (size(named, times), f"{named.worth_um:.1f}", odds, _number(named.alone_um))
+        table.add_row(Text(name, style="bold"), *row)
+        for field in beside_size(named):
+            table.add_row(f"  {field}", with_uncertainty(named.effect, field, named.sd, times), "", "", "")
+        for rival in named.rivals:
+            cells = f"  or {name_of(rival.effect)}", size(rival, times), "", sure(rival.posterior), ""
+            table.add_row(*cells, style="dim")
+    likeliest = Text("the first of each is the likeliest, and the one that -o adds to the rig file", style="dim")
+    return [table, *([likeliest] if diagnosis.condition == "ambiguous" else []), *doubted]
+
+
+def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
+    effects = bool(diagnosis.standing)
+    last = ("calibrated", "noise floor") if diagnosis.is_testable else ("noise floor",)
+    headings = ("before", "after", *last, "closed") if effects else ("rms", *last)
+    table = bare_table("µm rms", *map(right, headings))
+    places = (("runs used", diagnosis.train), ("held-out runs", diagnosis.held_out), ("unseen place", diagnosis.unseen))
+    for name, gap in places:
+        if gap is not None:
+            ends = (gap.calibrated_um, gap.noise_floor_um) if diagnosis.is_testable else (gap.noise_floor_um,)
+            cells = (gap.before_um, gap.after_um, *ends) if effects else (gap.before_um, *ends)
+            how = "" if gap.keeps_setup else ", own set-up"
+            share = closed(gap)
+            percents = [f"{100 * share:.1f} %" if math.isfinite(share) else ""] if effects else []
+            table.add_row(f"{name}{how}", *map(_number, cells), *percents)
+    return [table]
+
+
+def _number(value: float) -> str:
+    return f"{value:.1f}" if math.isfinite(value) else ""
+
+
+def _cannot(diagnosis: Diagnosis) -> list[RenderableType]:
+    lines = [Text(f"{' or '.join(group)}: alike here") for group in diagnosis.groups[:_MOST_GROUPS]]
+    others = len(diagnosis.groups) - _MOST_GROUPS
+    lines += [Text(f"and {others} more groups (all with --json)", style="dim")] if others > 0 else []
+    if names := diagnosis.not_testable:
+        unnamed = len(names) - _MOST_NAMES
+        told_all = shortened(names[:_MOST_NAMES]) + (f", and {unnamed} more" if unnamed > 0 else "")
+        unseen = f"not detectable by these tests, even at {LARGEST_FAULT:g} times healthy sizes: {told_all}"
+        lines.append(Text(unseen, style="dim"))
+    return list(lines)

@@ -1,0 +1,183 @@
+"""A diagnosis on the page: its faults in sentences (what is wrong, where it shows, what it makes of the error), and
+tables with a bar in each row: the parts of the error, the largest first, and the staircase of the gap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from analysis.diagnosis.judge.result import Diagnosis, Named, Rival, likely_rivals
+from analysis.report.answer_words import AnswerWords, fields_of, part_of, shown_parts
+from analysis.report.diagnosis_words import beside_u, micrometres, percent, size, sure
+from analysis.report.stairs import left_words, stairs_of
+from analysis.report.texts import Texts
+from rigs.effects import Effect
+from rigs.schema.vocabulary import CIRCLES
+
+_MOST_GROUPS = 3
+_SAME_DEG = 15.0
+"""Places on the circle nearer than this are one reversal, seen in two runs."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fault in sentences: what is wrong and how much, where it shows, what it makes of the error, and what it could
+    be instead or together with. What to do stands in the acts."""
+
+    what: str
+    where: str
+    share: str
+    others: tuple[str, ...]
+    sure: str
+
+
+def findings_of(diagnosis: Diagnosis, texts: Texts) -> list[Finding]:
+    """The faults of a diagnosis, the one that makes most of the error first."""
+    words, findings = AnswerWords(diagnosis, texts), []
+    for named in sorted(diagnosis.standing, key=lambda named: -named.worth_um):
+        rivals = " · ".join(_sentence(words, rival.effect, rival) for rival in likely_rivals(named))
+        twins = texts("and").join(words.noun(twin) for twin in named.twins)
+        others = [texts("rivals", others=rivals)] if rivals else []
+        others += [texts("twins", others=twins)] if twins else []
+        part = part_of(diagnosis, named)  # what it makes of the error, where that is known
+        made = ""
+        if part is not None and math.isfinite(part.um):
+            made = texts("made_of_error", share=percent(part.share), um=micrometres(part.um))
+        finding = Finding(
+            what=_sentence(words, named.effect, named),
+            where=_where(diagnosis, named, texts),
+            share=made,
+            others=tuple(others),
+            sure=texts("sure", share=sure(named.posterior)),
+        )
+        findings.append(finding)
+    return findings
+
+
+def _sentence(words: AnswerWords, effect: Effect, named: Named | Rival) -> str:
+    """The sentence of an effect; one for which the language has none is said as what it is called, and its size."""
+    template = words.texts.effects.get(effect.effect)
+    if template is None:
+        noun = words.noun(effect)
+        return f"{noun[:1].upper()}{noun[1:]}: {size(named)}."
+    axis = getattr(effect, "axis", None)
+    joint = words.texts.axis(words.diagnosis.rig.robot, axis) if axis else ""
+    sentence = template.format(**fields_of(effect) | {"size": size(named), "joint": joint})
+    return f"{sentence[:1].upper()}{sentence[1:]}"
+
+
+def _where(diagnosis: Diagnosis, named: Named, texts: Texts) -> str:
+    """At which places of the circle the fault's joint turns back and the readings disagree."""
+    axis = getattr(named.effect, "axis", None)
+    places = [place for place in diagnosis.where if axis is not None and place.joint == axis and place.test in CIRCLES]
+    if not places:
+        return ""
+    middles: list[float] = []
+    for place in sorted(places, key=lambda place: -place.sigma):
+        middle = (place.from_deg + ((place.to_deg - place.from_deg) % 360.0) / 2) % 360.0
+        if all(abs((middle - known_deg + 180.0) % 360.0 - 180.0) > _SAME_DEG for known_deg in middles):
+            middles.append(middle)
+    listed = texts("and").join(f"{middle:.0f}°" for middle in sorted(middles))
+    return texts("where", places=listed)
+
+
+def diagnosis_words(diagnosis: Diagnosis) -> str:
+    """What remains unexplained, what these tests cannot distinguish, and which test to run next, in the diagnosis' own
+    words."""
+    remainder = diagnosis.remainder
+    lines = [f"Unexplained: {micrometres(remainder.um)}, {remainder.words}."]
+    lines += [f"These tests cannot distinguish {' from '.join(group)}." for group in diagnosis.groups[:_MOST_GROUPS]]
+    if diagnosis.next_test:
+        lines.append(f"Next test: {diagnosis.next_test.test}, {diagnosis.next_test.why}.")
+    return " ".join(lines)
+
+
+_TENTHS = 1000
+"""Tenths of a percent in a whole."""
+
+
+@dataclass(frozen=True)
+class BudgetRow:
+    """A part of the error. beside: its size and why it is no fault; share: in percent; width: of its bar in percent of
+    the column; rank: its class, empty where it has none; rank_words: the class in words; times: how many times as much
+    as usual it does."""
+
+    part: str
+    beside: tuple[str, ...]
+    um: str
+    share: str
+    width: float
+    rank: str
+    rank_words: str
+    times: str
+
+
+def budget_rows(diagnosis: Diagnosis, texts: Texts) -> list[BudgetRow]:
+    """The rows of the parts of a diagnosis, and of the small ones together; the shares that are shown add up to 100."""
+    large, small = shown_parts(diagnosis)
+    shares = [part.share for part in large] + ([sum(part.share for part in small)] if small else [])
+    words, rows = AnswerWords(diagnosis, texts), []
+    for k, (share, tenths) in enumerate(zip(shares, _tenths(shares), strict=True)):
+        width, shown = 100 * share / max(shares), f"{tenths / 10:.1f} %"
+        if k == len(large):
+            rows.append(BudgetRow(texts("smaller_parts", count=len(small)), (), "", shown, width, "", "", ""))
+            continue
+        part = large[k]
+        doubt = [texts(f"doubt_{part.doubt}")] if part.doubt and part.doubt != "usual" else []
+        row = BudgetRow(
+            part=words.part_name(part),
+            beside=tuple(filter(None, [words.size_of(part), *doubt, *words.alone(part.shown_together)])),
+            um=beside_u(part.um, part.u_um),
+            share=shown,
+            width=width,
+            rank=part.rank or "",
+            rank_words=words.rank_of(part),
+            times=words.times_usual(part),
+        )
+        rows.append(row)
+    return rows
+
+
+def _tenths(shares: Sequence[float]) -> list[int]:
+    """Shares that add up to 1 in whole tenths of a percent that add up to 1000: what rounding leaves goes to those that
+    lost most by it."""
+    exact = [_TENTHS * share for share in shares]
+    whole = [math.floor(tenths) for tenths in exact]
+    lost = _TENTHS - sum(whole)
+    for k in sorted(range(len(exact)), key=lambda k: whole[k] - exact[k])[:lost]:
+        whole[k] += 1
+    return whole
+
+
+@dataclass(frozen=True)
+class StepRow:
+    """A step: its name, what is left at each place in words, the width of each place's bar in percent of the column,
+    and the step in a sentence, which a screen reader says."""
+
+    name: str
+    left: tuple[str, ...]
+    widths: tuple[float, ...]
+    sentence: str
+
+
+@dataclass(frozen=True)
+class StepTable:
+    """The rows, and the headings of the places of their figures."""
+
+    places: tuple[str, ...]
+    rows: tuple[StepRow, ...]
+
+
+def step_table(diagnosis: Diagnosis, texts: Texts) -> StepTable | None:
+    """The table of the staircase of a diagnosis; None where it has none."""
+    stairs = stairs_of(diagnosis, texts)
+    if stairs is None:
+        return None
+    rows = []
+    for number, step in enumerate(stairs.steps):
+        widths = tuple(100 * residue.um / stairs.largest_um for residue in step.left)
+        sentence = texts("step_now", number=number, count=len(stairs.steps) - 1, name=step.name)
+        rows.append(StepRow(step.name, tuple(map(left_words, step.left)), widths, sentence))
+    return StepTable(tuple(texts(f"runs_{place}") for place in stairs.places), tuple(rows))

@@ -1,0 +1,242 @@
+"""The page as one HTML file: rendered from templates, pictures and plotting library inside, no request to anywhere. At
+its head and end: whom and what it is for, who measured what, when, with which instruments and programs, and the hashes
+of the files.
+
+A Content-Security-Policy allows the two scripts of the page by their SHA-256 and nothing else. plotly's script is
+large, so it lies in the page compressed, as it lies in this package (`scripts/dev plotting_script` puts it there, with
+version and licence beside it), and the browser unpacks it; what needs no script (text, tables, the still
+pictures) is plain HTML and SVG.
+"""
+
+from __future__ import annotations
+
+import base64
+import datetime as dt
+import gzip
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from analysis.api import Result
+from analysis.diagnosis.fit.selection_state import FAULT
+from analysis.diagnosis.judge.acts import is_done
+from analysis.report.act_words import ActWords
+from analysis.report.answer_words import AnswerWords
+from analysis.report.chart import Picture
+from analysis.report.diagnosis_words import micrometres, remains_lines, remains_rows
+from analysis.report.html_page import environment, is_pdf, write_html, write_pdf
+from analysis.report.live_chart import colours, live
+from analysis.report.model_charts import diagnosis_charts
+from analysis.report.page.findings import budget_rows, diagnosis_words, findings_of, step_table
+from analysis.report.page.page_content import Report, example_limits, judge, named, rule, verdict_sentence
+from analysis.report.page.sections import sections_of
+from analysis.report.still_chart import still
+from analysis.report.texts import Language, Texts, texts_of
+from rigs.distribution import version
+from rigs.errors import UseError
+from rigs.rig import Rig
+from rigs.schema.probe import Certificate
+
+_LONGEST = 200
+"""Characters of a field, as the name of an operator may have: a name fits, a page that was pasted does not."""
+
+
+@dataclass(frozen=True)
+class Heading:
+    """What a person gives for the head of a report; a field that is empty is left out."""
+
+    serial: str = ""
+    customer: str = ""
+    order: str = ""
+
+    def check(self) -> None:
+        """Raise UseError for a field that does not fit in one line of the page."""
+        for name, text in vars(self).items():
+            if len(text) > _LONGEST:
+                raise UseError(f"--{name}", f"has {len(text)} characters", f"write at most {_LONGEST}")
+            if not text.isprintable():
+                raise UseError(f"--{name}", "holds control characters", "write it in one line")
+
+
+NO_HEADING = Heading()
+
+
+def fields_of(heading: Heading, results: Sequence[Result], texts: Texts) -> list[tuple[str, str]]:
+    """Return the fields of the head as name and value: what was given, then what rig file and runs say.
+
+    The serial number is that of the rig files of the runs where none is given, since the model may be of another robot.
+    """
+    serials = dict.fromkeys(result.measured.rig.robot.serial for result in results)
+    operators = dict.fromkeys(result.measured.run.manifest.operator for result in results)
+    fields = [
+        ("serial", heading.serial or ", ".join(filter(None, serials))),
+        ("customer", heading.customer),
+        ("order", heading.order),
+        ("operator", ", ".join(filter(None, operators))),
+    ]
+    return [(texts(name), value) for name, value in fields if value]
+
+
+@dataclass(frozen=True)
+class RunTrace:
+    """A run: where it lies, when and by whom it was measured, with which program, and its files with their SHA-256."""
+
+    name: str
+    title: str
+    path: str
+    started: str
+    operator: str
+    host: str
+    software: str
+    source: str
+    rig_sha256: str
+    files: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """A gauge, the ball or the link, with its certificate."""
+
+    name: str
+    kind: str
+    certificate: str
+    calibrated: str
+    due: str
+
+
+def runs_of(results: Sequence[Result]) -> list[RunTrace]:
+    """The runs of a report, in its order."""
+    return [
+        RunTrace(
+            name=result.name,
+            title=result.title,
+            path=str(result.measured.path),
+            started=manifest.started,
+            operator=manifest.operator,
+            host=manifest.host,
+            software=", ".join(f"{name} {version}" for name, version in manifest.software.items()),
+            source=manifest.table.file if manifest.table else "",
+            rig_sha256=manifest.rig_sha256,
+            files=tuple((chunk.file, chunk.sha256) for chunk in manifest.chunks),
+        )
+        for result in results
+        for manifest in [result.measured.run.manifest]
+    ]
+
+
+def instruments_of(rig: Rig) -> list[Instrument]:
+    """The gauges of a rig, its ball and its link."""
+    parts = [_instrument(name, gauge.interface, gauge.certificate, gauge.calibrated) for name, gauge in rig.gauges]
+    others = (("ball", rig.ball), ("link", rig.link))
+    return parts + [_instrument(name, "", part, None) for name, part in others if part is not None]
+
+
+def _instrument(name: str, kind: str, certificate: Certificate | None, calibrated: dt.date | None) -> Instrument:
+    if certificate is None:
+        return Instrument(name, kind, "", str(calibrated or ""), "")
+    return Instrument(name, kind, certificate.number, str(certificate.date), str(certificate.due or ""))
+
+
+def write_page(report: Report, file: Path, language: Language = "en", heading: Heading = NO_HEADING) -> Path:
+    """Write the page of a report, in place of a file that is there, which stays until the new one is whole; as a PDF
+    where the name of the file is one.
+
+    Raises FileError where nothing can be written, and CellError where a PDF cannot be made.
+    """
+    write = write_pdf if is_pdf(file) else write_html
+    write(rendered(report, texts_of(language), heading), file)
+    return file
+
+
+def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str:
+    """The page as HTML; all text in it is plain and escaped."""
+    pages = environment()
+    pages.filters["um"] = micrometres
+    sections, runs = sections_of(report, texts), runs_of(report.results)
+    gaps = diagnosis_charts(report.found, texts) if report.found else []
+    pictures = [picture for section in sections for picture in section.pictures] + list(gaps)
+    verdict = judge(report.results, report.rig.limits, report.found)
+    days = sorted(run.started[:10] for run in runs)
+    span = days[0] if days[0] == days[-1] else f"{days[0]} – {days[-1]}"
+    return pages.get_template("report.html").render(
+        t=texts,
+        measured_on=texts("measured_on", days=span, count=len(runs)),
+        heading=fields_of(heading, report.results, texts),
+        report=report,
+        verdict=verdict,
+        sentence_of=lambda verdict: verdict_sentence(verdict, texts),
+        named=named,
+        answer=AnswerWords(report.found, texts) if report.found else None,
+        acts=_acts(report, texts),
+        cut_off=f"{FAULT:g}",
+        budget=budget_rows(report.found, texts) if report.found else None,
+        remains=remains_rows(report.found.remains, texts) if report.found and report.found.remains else [],
+        remains_lines=remains_lines(report.found.remains, texts) if report.found and report.found.remains else [],
+        steps=step_table(report.found, texts) if report.found else None,
+        example_limits=example_limits(verdict) if verdict.overall == "unjudged" else "",
+        has_data_sheet=report.rig.limits.data_sheet_rp_mm is not None,
+        rule=rule(texts),
+        findings=findings_of(report.found, texts) if report.found else [],
+        sections=sections,
+        gaps=gaps,
+        still=_still_uri,
+        runs=runs,
+        instruments=instruments_of(report.rig),
+        diagnosis_words=diagnosis_words(report.found) if report.found else "",
+        simulated_only=all(result.measured.is_simulated for result in report.results),
+        version=version(),
+        written=dt.datetime.now(dt.UTC),
+        style=_template("report.css"),
+        **_scripts(pictures),
+    )
+
+
+def _acts(report: Report, texts: Texts) -> list[str]:
+    """What is to be done, the first act first; of a robot that was corrected without the correction, which is done."""
+    if report.found is None:
+        return []
+    after, words = report.after, ActWords(report.found, texts)
+    way = after.way if after and after.driven else None
+    elsewhere = bool(way or (after and after.joined))
+    acts = (act for act in report.found.acts if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere))
+    return [words.sentence(act, corrected=bool(way)) for act in acts]
+
+
+def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:
+    """The page's script, plotly and the data of the pictures, and the hashes by which the browser allows the first
+    two."""
+    packed = (resources.files("analysis") / "templates" / "plotly.min.js.gz").read_bytes()
+    script = _template("report.js")
+    drawn = {
+        "pictures": {f"p{number}": live(picture) for number, picture in enumerate(pictures)},
+        "colours": {"light": colours(dark=False), "dark": colours(dark=True)},
+    }
+    places = {id(picture): f"p{number}" for number, picture in enumerate(pictures)}
+    return {
+        "script": script,
+        "script_hashes": Markup(f"{_hash(script)} {_hash(gzip.decompress(packed).decode())}"),  # noqa: S704 - base64 of a hash
+        "plotly": base64.b64encode(packed).decode(),
+        "data": base64.b64encode(gzip.compress(json.dumps(drawn).encode(), 9, mtime=0)).decode(),
+        "place": lambda picture: places[id(picture)],
+    }
+
+
+def _hash(script: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+
+
+def _still_uri(picture: Picture) -> str:
+    """The still picture as the address of an image, in which no script can run."""
+    return "data:image/svg+xml;base64," + base64.b64encode(still(picture).encode()).decode()
+
+
+def _template(name: str) -> Markup:
+    """A file of the page's own style or script, which goes into the page as it is."""
+    text = (resources.files("analysis") / "templates" / name).read_text(encoding="utf-8")
+    return Markup(text)  # noqa: S704 - a file of this package

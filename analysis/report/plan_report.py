@@ -1,0 +1,220 @@
+"""A plan on the screen and as JSON: what shows and from which size on, what looks alike, and what would help."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Column, Table
+from rich.text import Text
+
+from analysis.diagnosis.fit.candidates import LARGEST_FAULT
+from analysis.diagnosis.fit.selection_state import FAULT
+from analysis.diagnosis.judge.result import ODDS
+from analysis.diagnosis.plan.detectability import Detectability, Plan, SeparatingTest
+from analysis.diagnosis.plan.expected import (
+    ASSUMED_JOINT_DEG,
+    DETECTABLE,
+    SEPARABLE,
+    assumed_um,
+    is_detectable,
+    is_separable,
+)
+from analysis.procedures.shared.quantity import quantity_of
+from analysis.report.plain_console import right, whole
+from rigs.effects import Effect, healthy_size, size_field
+from rigs.schema.effect import name_of
+from rigs.schema.vocabulary import CIRCLES, TestName
+
+_TITLE: dict[str, Any] = {"title_style": "bold", "title_justify": "left"}
+_MOST = 3
+"""Further tests that are listed for one pair."""
+_MOST_PAIRS = 6
+"""Pairs that are listed of names that hang together, the nearest first."""
+
+
+def as_table(plan: Plan) -> RenderableType:
+    """What a person asks first: what shows, what looks alike, what does not show, which test to add."""
+    tests = ", ".join(plan.tests)
+    ways = ", circles in both directions" if set(CIRCLES) & set(plan.tests) else ""
+    head = Text(f"{tests}: {plan.runs} run{'s' * (plan.runs > 1)} each{ways}", style="bold")
+    unseen = len(plan.undetectable)
+    small = sum(all(map(_small, forms)) for forms in plan.names.values())
+    words = f"{len(plan.names)} names: {small} are detected as soon as they are faults (gears at every order), "
+    words += f"{len(plan.names) - small - unseen} at more, {unseen} at none; {len(plan.pairs)} pairs look alike\n"
+    columns = ("effect", "unit", right("healthy"), right("shows from"))
+    table = Table(*columns, title=_title("the rest"), header_style="bold", **_TITLE)
+    for kind, seats in _by_seat(plan, joints=False).items():
+        for seat, sights in seats.items():
+            effect = sights[0].effect
+            table.add_row(f"{kind} {seat}".rstrip(), _unit(effect), f"{healthy_size(effect):g}", _limit(sights))
+    advice = [Text(f"not possible here: {test}: {reason}", style="dim") for test, reason in plan.impossible]
+    best = next((gain for gain in plan.gains if gain.parts + gain.shows), None)
+    if best is None:
+        none = "no further test would add information" if plan.gains else "no further test is set up in the rig file"
+        advice.append(Text(none))
+    else:
+        text = f"most useful further test: {best.test}: distinguishes {best.parts} of {len(plan.pairs)} pairs"
+        text += f", detects {best.shows} of {len(plan.undetectable)} hidden names; {best.why}"
+        advice.append(Text(text, style="bold"))
+    assumed = (Text(noise_in_words(plan.tests)), Text(arm_in_words(plan.level)))
+    tables = (_axes(plan), Text(), whole(table), _alike(plan), _hidden(plan))
+    return Group(head, *assumed, Text(words), *tables, *advice)
+
+
+def noise_in_words(tests: Sequence[TestName]) -> str:
+    """The noise that a plan of these tests assumes."""
+    um = ", ".join(f"{name} {um:.1f} µm" for name, um in assumed_um(tests).items())
+    return f"noise assumed, rms of one run: {um}, each joint, from run to run {ASSUMED_JOINT_DEG:.4f}°"
+
+
+def arm_in_words(level: float) -> str:
+    """What a plan assumes of everything else that may be wrong with the arm, among which an effect has to show."""
+    if level == 1:
+        return (
+            "arm assumed: everything else is as wrong as such arms usually are; --level is for an arm whose level a "
+            "diagnosis has found, and for an emulated one, which has no errors but its hidden effects"
+        )
+    return f"arm assumed: everything else is {level:g} times as wrong as such arms usually are"
+
+
+def _small(sight: Detectability) -> bool:
+    """Whether it shows from the size on at which it is a fault."""
+    return not sight.hidden and sight.limit <= FAULT * healthy_size(sight.effect)
+
+
+def _axes(plan: Plan) -> Table:
+    """Smallest sizes of the effects of joints, an axis a column; 80 columns are enough for all of their digits."""
+    kinds = _by_seat(plan, joints=True)
+    most = max([6, *(int(axis) for by_axis in kinds.values() for axis in by_axis)])
+    axes = range(1, most + 1)
+    table = Table(
+        "effect", right("healthy"), *(right(f"axis {axis}") for axis in axes),
+        title=_title("joints and links"), header_style="bold", box=box.SIMPLE_HEAD, padding=0, show_edge=False,
+        **_TITLE,
+    )  # fmt: skip
+    for kind, by_axis in kinds.items():
+        first = next(iter(by_axis.values()))[0]
+        cells = [_limit(by_axis.get(str(axis), ()), "\n") for axis in axes]
+        below = "\n  its worst order" if any("\n" in cell.plain for cell in cells) else ""
+        table.add_row(f"{kind} {_unit(first.effect)}{below}", f"{healthy_size(first.effect):g}", *cells)
+    return whole(table)
+
+
+def _unit(effect: Effect) -> str:
+    return quantity_of(effect, size_field(effect), {}).sign
+
+
+def _title(of: str) -> str:
+    return f"{of}: smallest size that shows at {DETECTABLE:g} σ"
+
+
+def _by_seat(plan: Plan, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
+    """Sights by effect (link constants by field too) and by axis, gauge or none; orders of one gear together."""
+    sights_by_kind: dict[str, dict[str, list[Detectability]]] = {}
+    for sight in plan.detectabilities:
+        kind, _, seat = name_of(sight.effect).partition(" ")
+        axis, _, field = seat.partition(".")
+        if axis.isdigit() == joints:
+            sights_by_kind.setdefault(f"{kind} {field}".rstrip(), {}).setdefault(axis, []).append(sight)
+    return sights_by_kind
+
+
+def _limit(sights: Sequence[Detectability], between: str = " … ") -> Text:
+    seen = [sight.limit for sight in sights if not sight.hidden]
+    if not seen:
+        return Text("–" if sights else "", style="red")
+    low, high = f"{min(seen):.2g}", f"{max(seen):.2g}"
+    style = "green" if all(map(_small, sights)) else "yellow"
+    return Text(low if low == high else f"{low}{between}{high}", style=style)
+
+
+def _alike(plan: Plan) -> RenderableType:
+    if not plan.pairs:
+        return Text("all detectable effects can be distinguished", style="green")
+    title = f"cannot be distinguished ({ODDS:g} to 1, at the size at which they show as faults)"
+    table = Table("names", right("distance"), Column("separated by", ratio=1), title=title, **_TITLE)
+    symbols = {sight.name: sight.effect.symbol for sight in plan.detectabilities if sight.effect.symbol}
+    for group in plan.groups:
+        pairs = [pair for pair in plan.pairs if _kind(pair.names[0]) in group]
+        for pair in pairs[:_MOST_PAIRS]:
+            names = "\n".join((f"{name} ({symbols[name]})" if name in symbols else name) for name in pair.names)
+            names += f"\n(and {pair.others} more)" if pair.others else ""
+            helps = [parting for parting in pair.further if is_separable(parting.sigma)]
+            if helps:
+                parted = Text("\n".join(f"{parting.test}: {parting.sigma:.0f} σ" for parting in helps[:_MOST]))
+            elif pair.further and pair.further[0].sigma > 0.05:
+                parted = Text(f"none; best {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow")
+            else:
+                none = "none of the further tests" if pair.further else "no further test is set up"
+                parted = Text(none, style="yellow")
+            table.add_row(names, f"{pair.sigma:.1f} σ", parted)
+        if len(pairs) > _MOST_PAIRS:
+            kinds = ", ".join(group)
+            table.add_row("", "", Text(f"{len(pairs) - _MOST_PAIRS} more pairs, with --json, of {kinds}", style="dim"))
+        table.add_section()
+    return whole(table)
+
+
+def _kind(name: str) -> str:
+    """A name without the order of its gear."""
+    return name.partition(" order ")[0]
+
+
+def _hidden(plan: Plan) -> RenderableType:
+    if not plan.hidden:
+        return Text("every effect is detected", style="green")
+    columns = ("names", Column("why", ratio=1), Column("shown by", ratio=1))
+    table = Table(*columns, title=f"not seen at {LARGEST_FAULT:g} healthy sizes", **_TITLE)
+    together: dict[tuple[str, str], list[Detectability]] = {}
+    for sight in plan.hidden:
+        helps = [parting.test for parting in sight.further if parting.sigma and is_detectable(1 / parting.sigma)]
+        together.setdefault((sight.hidden, helps[0] if helps else ""), []).append(sight)
+    for (why, test), sights in together.items():
+        orders = Counter(_kind(sight.name) for sight in sights)
+        names = [name if count == 1 else f"{name}, {count} forms" for name, count in orders.items()]
+        text = "no test here"
+        if test:
+            sigmas = [sight.further[0].sigma for sight in sights]
+            ends = dict.fromkeys((f"{min(sigmas):.2g}", f"{max(sigmas):.2g}"))  # one where both are alike
+            text = f"{test}, {' … '.join(ends)} σ at a healthy size"
+        table.add_row("\n".join(names), why, text)
+    return whole(table)
+
+
+def as_object(plan: Plan) -> dict[str, Any]:
+    """The same for scripts; sizes in their own units."""
+    return {
+        "tests": list(plan.tests),
+        "runs": plan.runs,
+        "noise": {"source": "assumed", "um": assumed_um(plan.tests), "joint_deg": ASSUMED_JOINT_DEG},
+        "alike_below_sigma": SEPARABLE,
+        "effects": [
+            {
+                "name": sight.name,
+                "unit": sight.effect.unit(size_field(sight.effect)),
+                "healthy": healthy_size(sight.effect),
+                "sd": sight.sd if np.isfinite(sight.sd) else None,
+                "limit": None if sight.hidden else sight.limit,
+                **({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {}),
+            }
+            for sight in plan.detectabilities
+        ],
+        "groups": [list(group) for group in plan.groups],
+        "pairs": [
+            {"names": list(pair.names), "sigma": pair.sigma, "others": pair.others, "further": _partings(pair.further)}
+            for pair in plan.pairs
+        ],
+        "further": [
+            {"test": gain.test, "why": gain.why, "parts": gain.parts, "shows": gain.shows} for gain in plan.gains
+        ],
+        "not_possible": [{"test": test, "reason": reason} for test, reason in plan.impossible],
+    }
+
+
+def _partings(partings: Sequence[SeparatingTest]) -> list[dict[str, Any]]:
+    return [{"test": parting.test, "sigma": parting.sigma} for parting in partings]

@@ -1,0 +1,137 @@
+"""A proposal on the screen, as an object, and as rig files with the proposed circles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Column, Table
+from rich.text import Text
+
+from analysis.diagnosis.plan.detectability import Judgement
+from analysis.diagnosis.plan.proposal import SET_UP_MIN, Proposal, ProposedCircle
+from analysis.report.plain_console import right, whole
+from analysis.report.plan_report import noise_in_words
+from analysis.runs.written_files import refuse_existing
+from rigs.edit import Keys, Value, with_values
+from rigs.rig import Rig
+from rigs.schema.vocabulary import CIRCLES
+
+_MOST_REASONS = 3
+_MOST_NAME = 63
+"""Length of a rig's name, by its schema."""
+_MOST_DIGITS = 2
+"""Digits of the number of a circle."""
+
+
+def as_table(proposal: Proposal) -> RenderableType:
+    """The proposed circles, what they add, and what stays untestable."""
+    head = f"beside {', '.join(proposal.tests)}, {proposal.runs} runs each: circles within {proposal.minutes:g} min"
+    parts: list[RenderableType] = [Text(head, style="bold"), Text(noise_in_words(CIRCLES))]
+    reasons = ", ".join(f"{count} {reason}" for reason, count in list(proposal.refused.items())[:_MOST_REASONS])
+    tried = proposal.feasible + sum(proposal.refused.values())
+    parts.append(Text(f"{proposal.feasible} of {tried} circles can be driven" + (f" ({reasons})" if reasons else "")))
+    if proposal.circles:
+        title = f"{proposal.used_min:.0f} min in all, with {SET_UP_MIN:g} min to set up each"
+        columns = ("circle", right("min"), Column("makes testable", ratio=1), Column("separates", ratio=1))
+        table = Table(*columns, title=title, title_style="dim")
+        for number, circle in enumerate(proposal.circles, start=1):
+            pairs = ", ".join(" and ".join(pair) for pair in _separated(proposal, circle))
+            names = ", ".join(_testable(proposal, circle))
+            table.add_row(
+                f"{number}. {circle.candidate.words}", f"{circle.candidate.minutes:.0f}", names or "–", pairs or "–"
+            )
+        parts.append(whole(table))
+    else:
+        parts.append(Text("no circle within this time makes anything else testable", style="yellow"))
+    judgements = {"before": proposal.before} | ({"with them": proposal.after} if proposal.circles else {})
+    for when, judgement in judgements.items():
+        count, hidden = len(judgement.names), len(judgement.undetectable)
+        alike = "1 pair looks" if len(judgement.pairs) == 1 else f"{len(judgement.pairs) or 'no'} pairs look"
+        parts.append(Text(f"{when}: {count - hidden} of {count} names are testable, {alike} alike"))
+    if proposal.after.undetectable:
+        parts.append(Text(f"still not testable: {', '.join(proposal.after.undetectable)}", style="yellow"))
+    return Group(*parts)
+
+
+def _testable(proposal: Proposal, circle: ProposedCircle) -> list[str]:
+    """Names that a circle makes testable, as far as the judgement with all circles, which fits shapes, agrees."""
+    return [name for name in circle.testable if name not in proposal.after.undetectable]
+
+
+def _separated(proposal: Proposal, circle: ProposedCircle) -> list[tuple[str, str]]:
+    alike = {frozenset(pair.names) for pair in proposal.after.pairs}
+    return [pair for pair in circle.separated if frozenset(pair) not in alike]
+
+
+def as_object(proposal: Proposal, written: list[Path]) -> dict[str, Any]:
+    """The same for scripts."""
+    return {
+        "tests": list(proposal.tests),
+        "runs": proposal.runs,
+        "minutes": proposal.minutes,
+        "driveable": proposal.feasible,
+        "refused": dict(proposal.refused),
+        "circles": [
+            {
+                "words": circle.candidate.words,
+                "minutes": circle.candidate.minutes,
+                "testable": _testable(proposal, circle),
+                "separated": [list(pair) for pair in _separated(proposal, circle)],
+                "tool_xyz_mm": list(circle.candidate.rig.robot.tool.xyz_mm),
+                "circle": _circle(circle.candidate.rig),
+            }
+            for circle in proposal.circles
+        ],
+        "before": _judgement(proposal.before),
+        "after": _judgement(proposal.after),
+        "files": [str(path) for path in written],
+    }
+
+
+def _judgement(judgement: Judgement) -> dict[str, Any]:
+    return {
+        "not_testable": list(judgement.undetectable),
+        "alike": [list(pair.names) for pair in judgement.pairs],
+        "effects": [
+            {"name": sight.name, "sd": sight.sd if not sight.hidden else None} for sight in judgement.detectabilities
+        ],
+    }
+
+
+def _circle(rig: Rig) -> dict[str, Any]:
+    assert rig.tests.circle is not None  # noqa: S101 - a proposed circle
+    return rig.tests.circle.model_dump(mode="json")
+
+
+def hold_free(rig: Rig, directory: Path) -> None:
+    """Raise FileError where a directory holds proposed circles of a rig already: a proposal takes minutes."""
+    for path in sorted(directory.glob(f"{_stem(rig, '')}*.yaml")):
+        refuse_existing(path)
+
+
+def write(proposal: Proposal, text: str, directory: Path) -> list[Path]:
+    """Write a rig file for each proposed circle: the given text with the circle's values. Raises FileError where one is
+    there already."""
+    from analysis.runs.written_files import holding, write_all_new  # noqa: PLC0415 - slow to import
+
+    files = {}
+    for number, circle in enumerate(proposal.circles, start=1):
+        rig = circle.candidate.rig.model_copy(update={"name": _stem(proposal.rig, str(number))})
+        name = f"{rig.name}.yaml"
+        # The values in which a rig with a proposed circle differs from the rig that it comes from
+        before, after = _circle(proposal.rig), _circle(rig)
+        changes: dict[Keys, Value] = {("name",): rig.name}
+        changes |= {("tests", "circle", key): value for key, value in after.items() if value != before[key]}
+        if proposal.rig.robot.tool != rig.robot.tool:
+            changes["robot", "tool", "xyz_mm"] = list(rig.robot.tool.xyz_mm)
+        changed = with_values(text, changes, rig, str(directory / name))
+        files[name] = holding(changed.encode())
+    return write_all_new(directory, files)
+
+
+def _stem(rig: Rig, number: str) -> str:
+    """Return the name of a rig with a proposed circle; without its number, what all of them begin with."""
+    room = _MOST_NAME - len("-circle-") - _MOST_DIGITS
+    return f"{rig.name[:room]}-circle-{number}"

@@ -1,0 +1,207 @@
+"""What scripts read of analysed runs: the JSON object, figures beside the truth that an emulated cell wrote down
+(`truth.json`), and sentences: what uncertainties mean, and acw against cw. Nothing of a screen is imported for it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.procedures.circle.evaluate import CircleResult
+from analysis.procedures.pooled import ONE_RUN, BetweenRuns, Pairs, Pooled, pairs_of, pooled
+from analysis.procedures.results import Result, by_test
+from analysis.procedures.shared.quantity import Quantity
+from analysis.report.texts import in_order, whole_label
+from analysis.runs.tabular import for_json
+from rigs.errors import FileError
+from rigs.files import read_bytes
+
+_LARGEST_OF_NOISE = ("hysteresis_max_deg", "hysteresis_max_mm")
+_BEYOND = 4.0
+"""Standard uncertainties beyond which two eccentricities are not of one ball by chance. Chosen: odds of 10 000 to 1."""
+
+
+def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
+    """What the uncertainties of a group mean: of means, and of runs that nothing repeats."""
+    if not repeated:
+        return ONE_RUN
+    runs = " and ".join(f"{len(mean.runs)} runs {mean.title}" for mean in repeated)
+    means = f"{runs}: mean ± standard uncertainty of the mean, sd between the runs"
+    titles = dict.fromkeys(result.title for result in group)
+    single = [title for title in titles if title not in {mean.title for mean in repeated}]
+    return f"{means}; {' and '.join(single)}: {ONE_RUN}" if single else means
+
+
+def figure_in_words(name: str, figure: Quantity | BetweenRuns) -> str:
+    """A figure as people read it. Where the largest hysteresis is smaller than u it is noise, and no more than u is
+    known of it."""
+    value = figure.mean if isinstance(figure, BetweenRuns) else figure
+    if name in _LARGEST_OF_NOISE and value.value < value.u < np.inf:
+        return f"≤ {value.rounded_u} {value.sign}"
+    return str(figure)
+
+
+def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
+    """Why the eccentricities by angle and by distance differ, in a line, where they do by more than noise explains."""
+    apart = []
+    for result in group:
+        angle, distance = (result.figures.get(f"{by}eccentricity_mm") for by in ("", "distance_"))
+        if angle is None or distance is None:
+            continue
+        u = float(np.hypot(angle.u, distance.u))
+        away = abs(angle.value - distance.value)
+        if np.isfinite(u) and away > _BEYOND * u:
+            apart.append((away, away / u))
+    if not apart:
+        return []
+    away, times = max(apart)
+    return [
+        f"the eccentricities by angle and by distance differ by up to {away:.3f} mm, {times:.0f} u: u holds the noise "
+        "of the readings, and not the arm's own error once a lap, which turns the tool and shifts its circle by "
+        "different amounts; the ball's own place is known to about that difference"
+    ]
+
+
+def pairs_in_words(both: Pairs | None) -> list[str]:
+    """acw against cw in a line, if there is such a pair."""
+    if both is None or both.lag is None:
+        return []
+    figures = "; ".join(
+        f"{whole_label(name)} {figure_in_words(name, both.figures[name])}" for name in in_order(both.figures)
+    )
+    count = f" ({len(both.runs)} pairs)" if len(both.runs) > 1 else ""
+    return [f"acw against cw{count}: {figures}"]
+
+
+def lag_in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
+    """The lag of the gauges, and which runs are not a pair, one line each."""
+    if not isinstance(group[0].found, CircleResult):
+        return []
+    if both is None:
+        return ["one direction cannot show a lag between gauges and robot: analyse acw and cw together"]
+    lag, lines = both.lag, list(both.refused)
+    if lag is None:
+        return lines
+    if abs(lag.value) < 2 * lag.u:
+        return [*lines, f"a lag of the gauges behind the robot is not detected: {lag}"]
+    driven = both.runs[0][0].found
+    rad_s = abs(driven.curve.rate) if isinstance(driven, CircleResult) else 0.0
+    words = f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by "
+    words += (
+        f"{np.degrees(rad_s * abs(lag.value) / 1000):.2g}° in opposite directions, which their u does not include; "
+    )
+    return [*lines, words + "describe the gauge by `timing` in the rig file, or run rig diagnose"]
+
+
+def warmth_in_words(group: Sequence[Result]) -> list[str]:
+    """How warm the joints of each run were, where its robot showed it, one line each."""
+    lines = []
+    for result in group:
+        if warmth := result.measured.condition.warmth:
+            means, rises = ([getattr(warming, key) for warming in warmth.values()] for key in ("mean_c", "rise_c"))
+            most = max(rises, key=abs)
+            line = f"{result.title}, {result.name}: joints {min(means):.1f} to {max(means):.1f} °C in the mean"
+            lines.append(f"{line}; axis {list(warmth)[rises.index(most)]} changed by {most:+.1f} °C within the run")
+    return lines
+
+
+_MOST_BYTES = 1_000_000
+
+
+@dataclass(frozen=True)
+class TruthComparison:
+    """One figure of one run: the truth, and how many standard uncertainties the measured one lies from it."""
+
+    truth: float
+    deviation_u: float
+
+
+def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthComparison]]:
+    """For each result, its figures by name beside the truth, none for a test that it lacks. Raises FileError."""
+    try:
+        truth = json.loads(read_bytes(path, _MOST_BYTES))
+        comparisons = []
+        for result in results:
+            manifest = result.measured.run.manifest
+            if truth["rig"] != manifest.rig_name:
+                raise KeyError(manifest.rig_name)
+            values = truth[manifest.test][manifest.direction] if manifest.test in truth else {}
+            figures = ((name, result.figures[name], float(value)) for name, value in values.items())
+            comparisons.append(
+                {name: TruthComparison(true, (seen.value - true) / seen.u) for name, seen, true in figures}
+            )
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "give the truth.json that rig emulate wrote") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise FileError(
+            str(path), "is not the truth of these runs", "give the truth.json that rig emulate wrote"
+        ) from None
+    if not any(comparisons):
+        raise FileError(str(path), f"does not cover the {results[0].test} test", "leave --truth out")
+    return comparisons
+
+
+def all_agree(comparisons: Sequence[dict[str, TruthComparison]]) -> bool:
+    """Whether every figure lies within two standard uncertainties of the truth."""
+    return all(abs(comparison.deviation_u) <= 2 for by_name in comparisons for comparison in by_name.values())
+
+
+def verdict(comparisons: Sequence[dict[str, TruthComparison]]) -> str:
+    """The number of figures that agree with the truth within two standard uncertainties, in one line."""
+    every = [comparison for by_name in comparisons for comparison in by_name.values()]
+    within = sum(abs(comparison.deviation_u) <= 2 for comparison in every)
+    return f"{within} of {len(every)} figures agree with the truth within 2 u"
+
+
+def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
+    """The same for scripts; angles in degrees, lengths in mm, u the standard uncertainty, null where it is unknown."""
+    runs = [result.to_dict() for result in results]
+    for run, truth in zip(runs, truths, strict=False):
+        run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}
+    groups = by_test(results)
+    plain: dict[str, Any] = for_json(
+        {
+            "runs": runs,
+            "between_runs": [_pooled_object(runs_mean) for group in groups for runs_mean in pooled(group)],
+            "remarks": [
+                what_u_is(group, [runs_mean for runs_mean in pooled(group) if runs_mean.figures]) for group in groups
+            ],
+            "acw_against_cw": [
+                {
+                    "rig": group[0].measured.rig.name,
+                    "test": group[0].test,
+                    "runs": [str(result.measured.path) for acw_and_cw in both.runs for result in acw_and_cw],
+                    "figures": {name: _between_object(figure) for name, figure in both.figures.items()},
+                    "lag": None if both.lag is None else asdict(both.lag),
+                    "refused": list(both.refused),
+                }
+                for group in groups
+                if (both := pairs_of(group))
+            ],
+        }
+    )
+    return plain
+
+
+def _pooled_object(runs_mean: Pooled) -> dict[str, Any]:
+    """u of the mean, sd between the runs: what no single run can show."""
+    every = runs_mean.runs or tuple(result for result, _ in runs_mean.left_out)
+    return {
+        "rig": every[0].measured.rig.name,
+        "test": every[0].test,
+        "direction": every[0].measured.run.manifest.direction,
+        "runs": [str(result.measured.path) for result in runs_mean.runs],
+        "left_out": {str(result.measured.path): why for result, why in runs_mean.left_out},
+        "figures": {name: _between_object(figure) for name, figure in runs_mean.figures.items()},
+    }
+
+
+def _between_object(figure: BetweenRuns | Quantity) -> dict[str, Any]:
+    if isinstance(figure, Quantity):
+        return asdict(figure)
+    return asdict(figure.mean) | {"sd_between_runs": figure.sd, "runs": figure.runs}

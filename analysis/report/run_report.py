@@ -1,0 +1,121 @@
+"""What people read of analysed runs: tables.
+
+What is said of analysed runs of one test: what their uncertainties mean, and acw against cw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.table import Table
+from rich.text import Text
+
+from analysis.procedures.pooled import Pooled, pairs_of, pooled
+from analysis.procedures.results import Result, by_test
+from analysis.report.plain_console import right, whole
+from analysis.report.run_object import (
+    TruthComparison,
+    all_agree,
+    eccentricities_in_words,
+    lag_in_words,
+    pairs_in_words,
+    verdict,
+    warmth_in_words,
+    what_u_is,
+)
+from analysis.report.texts import LEADING, in_order, label
+
+
+@dataclass(frozen=True)
+class _Abreast:
+    """Runs of one test side by side, as many as the screen holds without breaking a number."""
+
+    results: Sequence[Result]
+    truth_of: dict[int, dict[str, TruthComparison]]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        boundless = console.options.update(max_width=10_000)
+        remaining = self.results
+        while remaining:
+            tables = (_table(remaining[:count], self.truth_of) for count in range(len(remaining), 0, -1))
+            fits = (table for table in tables if console.measure(table, options=boundless).maximum <= options.max_width)
+            shown = next(fits, _table(remaining[:1], self.truth_of))
+            yield shown
+            remaining = remaining[len(shown.columns) - 1 :]
+
+
+def as_tables(
+    results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = (), *, each: bool = False
+) -> RenderableType:
+    """A rich table for each test, the truth below a figure where it is known, doubts last.
+
+    A column for each direction, the mean of its runs; for each run where it is asked for or the truth is known, or
+    where nothing was repeated."""
+    truth_of = {id(result): truth for result, truth in zip(results, truths, strict=False)}
+    parts: list[RenderableType] = []
+    doubts = [(result, doubt) for result in results for doubt in result.doubts]
+    for group in by_test(results):
+        together = pooled(group)
+        repeated = [means for means in together if means.figures]
+        if repeated and not truths:
+            parts.append(_means(repeated))
+        if each or truths or len(repeated) < len({result.title for result in group}):
+            parts.append(_Abreast(group, truth_of))
+        each_word = "; ± of single runs with --each" if repeated and not each else ""
+        parts.append(Text(what_u_is(group, repeated) + each_word, style="dim"))
+        both = pairs_of(group)
+        lines = (
+            *pairs_in_words(both),
+            *lag_in_words(both, group),
+            *eccentricities_in_words(group),
+            *warmth_in_words(group),
+        )
+        parts += [Text(line, style="dim") for line in lines]
+        doubts += [(result, why) for means in together for result, why in means.left_out]
+    if truths:
+        parts.append(Text(verdict(truths), style="green" if all_agree(truths) else "bold red"))
+    parts += [Text(f"{result.title}, {result.name}: {doubt}", style="yellow") for result, doubt in doubts]
+    return Group(*parts)
+
+
+def _means(repeated: Sequence[Pooled]) -> Table:
+    """Means over runs, a column for each direction."""
+    rig = repeated[0].runs[0].measured.rig.name
+    title = f"{rig} · mean over runs ± standard uncertainty of the mean"
+    columns = (right(_over(mean.title, f"{len(mean.runs)} runs")) for mean in repeated)
+    table = Table("", *columns, title=title, title_style="dim", header_style="bold")
+    for name in in_order(name for mean in repeated for name in mean.figures):
+        figures = [mean.figures.get(name) for mean in repeated]
+        cells = [
+            _over(str(figure.mean), f"sd {figure.in_sd} {figure.mean.sign}") if figure else "" for figure in figures
+        ]
+        table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
+    return whole(table)
+
+
+def _over(text: str, below: str, style: str = "dim") -> Text:
+    """Return a text with another in its own style below it."""
+    return Text.assemble(text, "\n", (below, style))
+
+
+def _table(group: Sequence[Result], truth_of: dict[int, dict[str, TruthComparison]]) -> Table:
+    title = f"{group[0].measured.rig.name} · value ± standard uncertainty"
+    columns = (right(_over(result.title, result.name)) for result in group)
+    table = Table("", *columns, title=title, title_style="dim", header_style="bold")
+    for name in in_order(name for result in group for name in result.figures):
+        cells: list[str | Text] = []
+        for result in group:
+            figure, comparison = result.figures.get(name), truth_of.get(id(result), {}).get(name)
+            cell: str | Text = "" if figure is None else str(figure)
+            if figure is not None and comparison is not None:
+                true = f"truth {figure.rounded(comparison.truth)} ({comparison.deviation_u:+.1f}u)"
+                cell = _over(str(figure), true, "green" if abs(comparison.deviation_u) <= 2 else "red")
+            cells.append(cell)
+        table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
+    table.add_row("samples", *(str(result.found.samples) for result in group), style="dim")
+    if any(result.measured.u_lag_s for result in group):  # how well the gauges' time is known against the robot's
+        lags = (f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group)
+        table.add_row("time, gauges to robot", *lags, style="dim")
+    return whole(table)

@@ -1,0 +1,87 @@
+"""The staircase of the gap as people see it: the name of each step and what it leaves, in words and on the screen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich.table import Column, Table
+
+from analysis.diagnosis.judge.disagreement import Disagreement
+from analysis.diagnosis.judge.result import Diagnosis
+from analysis.diagnosis.judge.staircase import Left, Staircase
+from analysis.report.answer_words import AnswerWords
+from analysis.report.diagnosis_words import plain
+from analysis.report.plain_console import bare_table, right
+from analysis.report.texts import Texts, texts_of
+
+_BAR = 16
+"""Letters of the longest bar on the screen."""
+
+
+@dataclass(frozen=True)
+class Stair:
+    """A step by name, and what it leaves at each place of the stairs."""
+
+    name: str
+    left: tuple[Left, ...]
+
+
+@dataclass(frozen=True)
+class Stairs:
+    """All steps; `places` are the keys of the texts of where something is left, the runs used first."""
+
+    places: tuple[str, ...]
+    steps: tuple[Stair, ...]
+
+    @property
+    def largest_um(self) -> float:
+        """The most that a step leaves anywhere."""
+        return max(1e-9, *(residue.um for step in self.steps for residue in step.left))
+
+
+def stairs_of(diagnosis: Diagnosis, texts: Texts | None = None) -> Stairs | None:
+    """The stairs of a diagnosis; None where it has none."""
+    if diagnosis.staircase is None:
+        return None
+    texts = texts or texts_of("en")
+    words = AnswerWords(diagnosis, texts)
+    names = []
+    for step in diagnosis.staircase.steps[1:]:
+        count = len(step.parts)
+        part = texts("smaller_parts", count=count) if count > 1 else words.part_name(diagnosis.budget[step.parts[0]])
+        names.append(texts("step_with", part=part))
+    return _named(diagnosis.staircase, [texts("step_first"), *names])
+
+
+def stairs_of_model(disagreement: Disagreement) -> Stairs | None:
+    """The stairs of a rig file's effects and its calibration; None where its model has none."""
+    if disagreement.staircase is None:
+        return None
+    texts, rig = texts_of("en"), disagreement.rig
+    parts = [*(plain(rig, effect) for effect in rig.effects), texts("step_calibration")]
+    names = [texts("step_with", part=parts[step.parts[0]]) for step in disagreement.staircase.steps[1:]]
+    return _named(disagreement.staircase, [texts("step_bare"), *names])
+
+
+def _named(staircase: Staircase, names: Sequence[str]) -> Stairs:
+    lefts = [tuple(filter(None, (step.used, step.held_out, step.unseen))) for step in staircase.steps]
+    return Stairs(staircase.places, tuple(map(Stair, names, lefts)))
+
+
+def left_words(residue: Left) -> str:
+    """What is left ± its standard uncertainty, in µm; what is far below that, as less than it."""
+    if residue.um < residue.u_um / 2:
+        return f"< {residue.u_um:.1f}"
+    return f"{residue.um:.1f} ± {residue.u_um:.1f}" if residue.u_um > 0 else f"{residue.um:.1f}"
+
+
+def stairs_table(stairs: Stairs) -> Table:
+    """The stairs on the screen, a bar for what is left on the runs used."""
+    texts = texts_of("en")
+    places = (right(texts(f"runs_{place}")) for place in stairs.places)
+    table = bare_table("µm rms left", *places, Column("", no_wrap=True))
+    for step in stairs.steps:
+        width = max(1, round(_BAR * step.left[0].um / stairs.largest_um))
+        table.add_row(step.name, *map(left_words, step.left), "█" * width)
+    return table

@@ -1,0 +1,149 @@
+"""Modified Denavit-Hartenberg constants of joint axes that are known as lines in space.
+
+What a source writes as frames and turns, its axes say without: each joint turns about a line. Two lines have a common
+normal, which is Craig's a and alpha; where they are parallel or nearly so, that normal runs away, and the next axis is
+met in the plane through the origin of the one before, turned by Hayati's beta (S. Hayati, M. Mirmirani, Improving the
+Absolute Positioning Accuracy of Robot Manipulators, 1985). Both are exact: no axis is moved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.robot.kinematics.arm import Array
+from rigs.schema.robot import Rail
+
+_PARALLEL = 0.1
+"""Sine of the angle between axes below which beta is used: 6 degrees. A common normal further than ten times the
+distance of two axes is no length of a robot; between nominal angles of 0 and 90 degrees it decides nothing."""
+_MEET_MM = 1e-6
+"""Distance of axes below which they meet; sources round to a micrometre or finer."""
+
+
+@dataclass(frozen=True)
+class AxisLines:
+    """The axes of an arm in the base frame, all joints at zero.
+
+    points (axes, 3) mm: a point of each; directions (axes, 3): unit vectors about which positive angles turn;
+    T_base_flange (4, 4), lengths in mm. rail: what carries them.
+    """
+
+    points: Array
+    directions: Array
+    T_base_flange: Array
+    rail: Rail | None = None
+
+
+@dataclass(frozen=True)
+class DenavitHartenberg:
+    """a, d (axes,) mm, alpha, beta, offset (axes,) rad, senses (axes,) of 1 and -1: theta = senses · q + offset.
+
+    base_mm (3,): where the first axis begins in the base frame. T_base_link (axes, 4, 4): each joint's frame with all
+    joints at zero. T_last_flange (4, 4): what lies beyond the last joint and is no turn about it, nor a way along it.
+    """
+
+    a: Array
+    alpha: Array
+    beta: Array
+    d: Array
+    offset: Array
+    senses: Array
+    base_mm: Array
+    T_base_link: Array
+    T_last_flange: Array
+
+
+@dataclass(frozen=True)
+class _Step:
+    """One link: alpha, beta (rad), a (mm), and the frame in which the next joint turns, before it does."""
+
+    alpha: float
+    a: float
+    beta: float
+    origin: Array
+    x: Array
+
+
+def denavit_hartenberg(axes: AxisLines) -> DenavitHartenberg:
+    """Return the constants of an arm's axes, joint by joint from the base.
+
+    The first axis is taken to point as the base's z and the last as the flange's, with the joint's sense in `senses`;
+    x axes are chosen so that the offsets are the smallest.
+    """
+    senses = np.ones(len(axes.directions))
+    senses[0] = -1.0 if axes.directions[0, 2] < 0 else 1.0
+    senses[-1] = -1.0 if axes.directions[-1] @ axes.T_base_flange[:3, 2] < 0 else 1.0
+    z = axes.directions * senses[:, None]
+    base = axes.points[0] - (axes.points[0] @ z[0]) * z[0]
+    step = _turned(base, np.eye(3), z[0], a=0.0)
+    steps, offsets, ds, frames = [step], [], [], []
+    for axis in range(len(z) - 1):
+        origin, x, step = _linked(step, z[axis], axes.points[axis], z[axis + 1], axes.points[axis + 1])
+        ds.append((origin - steps[-1].origin) @ z[axis])
+        offsets.append(_angle(steps[-1].x, x, z[axis]))
+        frames.append(_frame(x, z[axis], origin))
+        steps.append(step)
+    # On the last axis origin and x are as the flange has them, or as near as the axis allows.
+    flange_x, flange = axes.T_base_flange[:3, 0], axes.T_base_flange[:3, 3]
+    x = flange_x - (flange_x @ z[-1]) * z[-1]
+    length = float(np.linalg.norm(x))
+    origin, x = step.origin + ((flange - step.origin) @ z[-1]) * z[-1], x / length if length > _PARALLEL else step.x
+    ds.append((origin - step.origin) @ z[-1])
+    offsets.append(_angle(step.x, x, z[-1]))
+    frames.append(_frame(x, z[-1], origin))
+    return DenavitHartenberg(
+        a=np.array([link.a for link in steps]),
+        alpha=np.array([link.alpha for link in steps]),
+        beta=np.array([link.beta for link in steps]),
+        d=np.array(ds),
+        offset=np.array(offsets),
+        senses=senses,
+        base_mm=base,
+        T_base_link=np.array(frames),
+        T_last_flange=np.linalg.inv(frames[-1]) @ axes.T_base_flange,
+    )
+
+
+def _linked(before: _Step, z: Array, point: Array, z_next: Array, point_next: Array) -> tuple[Array, Array, _Step]:
+    """Origin (3,) mm and x axis (3,) on a joint's axis z through point, and the step from there to the next axis."""
+    normal = np.cross(z, z_next)
+    sine = float(np.linalg.norm(normal))
+    if sine < _PARALLEL:
+        along = ((before.origin - point_next) @ z) / (z_next @ z)
+        way = point_next + along * z_next - before.origin
+        length = float(np.linalg.norm(way))
+        x = _towards(before.x, way / length) if length > _MEET_MM else before.x
+        turn = np.column_stack([x, np.cross(z, x), z])
+        return before.origin, x, _turned(before.origin, turn, z_next, a=float(way @ x))
+    x = _towards(before.x, normal / sine)
+    apart = point_next - point
+    foot = point + (np.cross(apart, z_next) @ normal) / sine**2 * z
+    foot_next = point_next + (np.cross(apart, z) @ normal) / sine**2 * z_next
+    alpha = float(np.arctan2(normal @ x, z @ z_next))
+    return foot, x, _Step(alpha, float((foot_next - foot) @ x), 0.0, foot_next, x)
+
+
+def _turned(origin: Array, R: Array, z_next: Array, a: float) -> _Step:
+    """The step by a along x of a frame (3, 3) at origin (3,) mm, to an axis z_next (3,) that it meets there."""
+    x, y, z = R.T @ z_next
+    beta, alpha = float(np.arcsin(np.clip(x, -1.0, 1.0))), float(np.arctan2(-y, z))
+    x_next = R @ [np.cos(beta), np.sin(alpha) * np.sin(beta), -np.cos(alpha) * np.sin(beta)]
+    return _Step(alpha, a, beta, origin + a * R[:, 0], x_next)
+
+
+def _towards(before: Array, x: Array) -> Array:
+    """Whichever of x and -x (3,) asks for the smaller turn from the direction before."""
+    return -x if before @ x < -_MEET_MM else x
+
+
+def _angle(start: Array, end: Array, z: Array) -> float:
+    """Angle (rad) from start to end, directions (3,), about z."""
+    return float(np.arctan2(np.cross(start, end) @ z, start @ end))
+
+
+def _frame(x: Array, z: Array, origin: Array) -> Array:
+    T = np.eye(4)
+    T[:3] = np.column_stack([x, np.cross(z, x), z, origin])
+    return T

@@ -1,0 +1,109 @@
+"""An arm as a model of MuJoCo (MJCF), with the play, the friction and the compliance that were measured of each joint.
+
+A play is a hinge beside the joint's own, on the same axis and body, that turns freely within half the play to either
+side, and a compliance is a hinge that a spring holds: the position of the joint's own hinge is what the controller
+reports. Friction is that hinge's `frictionloss`. Source of the format: MuJoCo's XML reference, joint (range,
+stiffness, frictionloss, armature) and body/inertial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from analysis.robot.description.urdf_text import (
+    RAIL_JOINT,
+    add_remarks,
+    joint_origins,
+    joint_senses,
+    numbers_text,
+    rail_way,
+    require_names,
+    xml_text,
+)
+from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array
+from rigs.schema.robot import Robot
+
+_DENSITY = 2700.0
+"""kg/m³ of aluminium. Moments of inertia are not known: those of a ball of the link's mass are written."""
+_LEAST_KG = 1e-3
+"""MuJoCo simulates no body without a mass. Chosen: a gram, where the rig file has none."""
+_ARMATURE = 1e-3
+"""kg m² that several hinges of one axis need beside the body's, without which their motion is not determined. Chosen:
+a rotor behind a gear has some tenths (MuJoCo Menagerie, universal_robots_ur10e: 0.1)."""
+_HEAD = (
+    "Lengths are in metres and angles in radians. The hinge with a joint's name turns by the angle that the controller "
+    "reports. Moments of inertia are not known: each link is a ball of aluminium of its mass."
+)
+
+
+@dataclass(frozen=True)
+class JointTraits:
+    """What was measured of the joints, by axis from 1: play_deg, the whole width; compliance_deg_per_nm;
+    friction_nm, Coulomb's."""
+
+    play_deg: Mapping[int, float] = field(default_factory=dict)
+    compliance_deg_per_nm: Mapping[int, float] = field(default_factory=dict)
+    friction_nm: Mapping[int, float] = field(default_factory=dict)
+
+
+def mjcf_text(robot: Robot, arm: Arm, traits: JointTraits, where: str, remarks: Sequence[str] = ()) -> str:
+    """Return the MJCF of an arm, with the names, limits and masses of a robot; the site `tool` is its tool.
+
+    where: the rig file, for errors. remarks: sentences at the head. Raises FileError for a coupling, or for names that
+    no model can have.
+    """
+    senses = joint_senses(arm, where, "MJCF")
+    require_names(robot, where)
+    root = ElementTree.Element("mujoco", model=robot.name)
+    add_remarks(root, (_HEAD, *remarks))
+    ElementTree.SubElement(root, "compiler", angle="radian")
+    body = _body(ElementTree.SubElement(root, "worldbody"), "base_link", arm.T_world_base)
+    if robot.rail:
+        limits_m = numbers_text([end / RAIL_MM for end in robot.rail.limits_mm])
+        slide = {"name": RAIL_JOINT, "type": "slide", "axis": numbers_text(rail_way(arm)), "limited": "true"}
+        ElementTree.SubElement(body, "joint", slide | {"range": limits_m})
+        _inertia(body, _LEAST_KG)
+    for number, (axis, sense, T) in enumerate(zip(robot.axes, senses, joint_origins(arm), strict=True), start=1):
+        body = _body(body, f"link_{number}", T)
+        payload_kg = robot.payload_kg if number == len(robot.axes) else 0.0
+        kg = max(axis.mass_kg + payload_kg, _LEAST_KG)
+        _inertia(body, kg, np.array(axis.centre_mm) / 1000.0 * axis.mass_kg / kg)
+        # The hinge of the joint, and those of its play and its compliance where they were measured.
+        friction = {"frictionloss": repr(float(nm))} if (nm := traits.friction_nm.get(number)) else {}
+        limits = numbers_text([float(np.radians(limit)) for limit in axis.limits_deg])
+        hinges = {axis.name: {"limited": "true", "range": limits} | friction}
+        if width_deg := traits.play_deg.get(number):
+            half = float(np.radians(width_deg)) / 2.0
+            hinges[f"{axis.name}_play"] = {"limited": "true", "range": numbers_text([-half, half])}
+        if soft := traits.compliance_deg_per_nm.get(number):
+            hinges[f"{axis.name}_compliance"] = {"limited": "false", "stiffness": repr(1.0 / float(np.radians(soft)))}
+        along = {"type": "hinge", "axis": f"0 0 {sense}", "armature": repr(_ARMATURE)}
+        for name, keys in hinges.items():
+            ElementTree.SubElement(body, "joint", {"name": name} | along | keys)
+    ElementTree.SubElement(body, "site", {"name": "tool"} | _place(arm.T_flange_tool))
+    return xml_text(root)
+
+
+def _body(parent: ElementTree.Element, name: str, T: Array) -> ElementTree.Element:
+    """Add a body at T (4, 4) mm in its parent, and return it."""
+    return ElementTree.SubElement(parent, "body", {"name": name} | _place(T))
+
+
+def _place(T: Array) -> dict[str, str]:
+    """Position in m and quaternion, the real part first, of a frame (4, 4) mm."""
+    quaternion = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+    return {"pos": numbers_text(T[:3, 3] / 1000.0), "quat": numbers_text(quaternion)}
+
+
+def _inertia(body: ElementTree.Element, kg: float, centre_m: Array | Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+    """Add the mass of a link, with a payload at its origin, as a ball."""
+    radius_m = (3.0 * kg / (4.0 * np.pi * _DENSITY)) ** (1.0 / 3.0)
+    moment = repr(float(0.4 * kg * radius_m**2))
+    ElementTree.SubElement(
+        body, "inertial", pos=numbers_text(centre_m), mass=repr(float(kg)), diaginertia=" ".join([moment] * 3)
+    )

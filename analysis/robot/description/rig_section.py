@@ -1,0 +1,171 @@
+"""The `robot:` section of a rig file from computed constants, and as text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import yaml
+from pydantic import ValidationError
+
+from analysis.robot.description.axis_lines import AxisLines, DenavitHartenberg, denavit_hartenberg
+from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of, forward, roll_pitch_yaw
+from rigs.errors import FileError
+from rigs.schema.robot import JointAxis, Pose, Rail, Robot, identity
+from rigs.text import plain
+from rigs.yaml_text import flow
+
+_DECIMALS = 13
+"""Decimals of mm and degrees as written: rounding by 1e-13 degrees moves a flange 3 m away by less than 1e-11 mm."""
+_CENTRE_DECIMALS = 3
+"""Decimals of a centre of mass in mm: no source knows it to a micrometre."""
+TOLERANCE = 1e-9
+"""mm and rad that a section as written may differ from its source."""
+_POSTURES = 200
+"""Enough to move each joint through its range; the URDF library takes a millisecond for each."""
+_ZERO = 1e-11
+"""mm and degrees below which a constant is the rounding of zero: doubles of some metres hold 1e-12 mm."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """What a source says of a joint beside its axis: limits (degrees) in its own sense, degrees/s, kg, and the centre
+    of that mass (3,) mm in the base frame with all joints at zero."""
+
+    name: str
+    limits_deg: tuple[float, float]
+    speed_deg_s: float
+    mass_kg: float = 0.0
+    centre_mm: Array = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Section:
+    """A robot and the text of its section.
+
+    largest_mm, largest_rad: between its poses, as written, and those of its source, on random postures.
+    """
+
+    robot: Robot
+    text: str
+    largest_mm: float
+    largest_rad: float
+
+
+def robot_of(name: str, constants: DenavitHartenberg, joints: Sequence[Joint], rail: Rail | None = None) -> Robot:
+    """Return the robot with these constants and joints.
+
+    What lies beyond the last joint is its `tool`: a flange that stands on axis 6 leaves none.
+    """
+    dh, axes = constants, list[JointAxis]()
+    columns = zip(dh.a, dh.alpha, dh.beta, dh.d, dh.offset, dh.T_base_link, joints, strict=True)
+    for a, alpha, beta, d, offset, T, joint in columns:
+        centre_mm = (joint.centre_mm - T[:3, 3]) @ T[:3, :3] if joint.mass_kg else np.zeros(3)  # in the link's frame
+        axes.append(
+            JointAxis(
+                name=joint.name,
+                a_mm=_written(a),
+                alpha_deg=_degrees(alpha),
+                beta_deg=_degrees(beta),
+                d_mm=_written(d),
+                offset_deg=_degrees(offset),
+                limits_deg=joint.limits_deg,
+                speed_deg_s=joint.speed_deg_s,
+                mass_kg=joint.mass_kg,
+                centre_mm=_vector(centre_mm.round(_CENTRE_DECIMALS)),
+            )
+        )
+    coupling = tuple(tuple(float(ratio) for ratio in row) for row in np.diag(dh.senses))
+    roll, pitch, yaw = (_degrees(angle) for angle in roll_pitch_yaw(dh.T_last_flange))
+    tool = Pose(xyz_mm=_vector(dh.T_last_flange[:3, 3]), rpy_deg=(roll, pitch, yaw))
+    base = Pose(xyz_mm=_vector(dh.base_mm))
+    return Robot(name=name, axes=tuple(axes), coupling=coupling, base=base, rail=rail, tool=tool)
+
+
+def robot_text(robot: Robot) -> str:
+    """Return the section as YAML: one line an axis, defaults left out."""
+    fields = robot.model_dump(mode="json", exclude_defaults=True)
+    if robot.coupling == identity(len(robot.axes)):
+        fields.pop("coupling", None)
+    lines = ["robot:", f"  name: {flow(fields.pop('name'))}", "  axes: # modified Denavit-Hartenberg (Craig)"]
+    lines += [f"    - {flow(axis)}" for axis in fields.pop("axes")]
+    for key, value in fields.items():
+        rows = [f"    - {flow(row)}" for row in value] if key == "coupling" else []
+        lines += [f"  {key}:", *rows] if rows else [f"  {key}: {flow(value)}"]
+    return "\n".join(lines) + "\n"
+
+
+def checked_section(
+    name: str,
+    axes: AxisLines,
+    joints: Sequence[Joint],
+    head: Sequence[str],
+    source: Callable[[Array], Array],
+    path: Path,
+    tolerance_mm: float = TOLERANCE,
+) -> Section:
+    """Return the section of axes and joints, under lines of comment, after a comparison with its source.
+
+    source: poses (n, 4, 4) mm of the flange at joint angles (n, axes) rad, and where a rail stands in m, computed
+    without the axes. Raises FileError that names path where the section cannot be written, or differs by more than
+    the tolerance.
+    """
+    try:
+        section = robot_text(robot_of(name, denavit_hartenberg(axes), joints, axes.rail))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise FileError(str(path), f"{place}: {first['msg']}", "correct it: its units are metres and radians") from None
+    text = "".join(f"# {plain(line)}\n" for line in head) + section
+    robot = parsed(text)
+    q = random_postures(robot)
+    largest_mm, largest_rad = largest_difference(flange_poses(robot, q), source(q))
+    if not (largest_mm <= tolerance_mm and largest_rad <= TOLERANCE):
+        problem = f"as modified Denavit-Hartenberg it differs by {largest_mm:.1e} mm and {largest_rad:.1e} rad"
+        raise FileError(str(path), problem, "nothing is written; please report it with this file")
+    return Section(robot, text, largest_mm, largest_rad)
+
+
+def parsed(text: str) -> Robot:
+    """Return the robot that a text of the section stands for."""
+    return Robot.model_validate(yaml.safe_load(text)["robot"])
+
+
+def random_postures(robot: Robot) -> Array:
+    """Return joint angles (200, axes) rad within the limits, the same at each call; of an arm on a rail a column more,
+    where it stands in m."""
+    limits = np.radians([axis.limits_deg for axis in robot.axes])
+    if robot.rail:
+        limits = np.vstack([limits, np.array(robot.rail.limits_mm) / RAIL_MM])
+    low, high = limits.T
+    return np.random.default_rng(0).uniform(low, high, (_POSTURES, len(low)))
+
+
+def flange_poses(robot: Robot, q: Array) -> Array:
+    """Return the poses (n, 4, 4) of the flange in the base frame, lengths in mm, at joint angles q (n, axes) rad."""
+    return forward(arm_of(robot), q)
+
+
+def largest_difference(T: Array, its_T: Array) -> tuple[float, float]:
+    """Return how far apart two stacks of poses (n, 4, 4) are at most: mm, and rad."""
+    # The chord of the turn between, since the arc cosine of its trace has no digits near zero.
+    chord = np.linalg.norm(T[:, :3, :3] - its_T[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
+    return float(np.linalg.norm(T[:, :3, 3] - its_T[:, :3, 3], axis=1).max()), float(chord.max())
+
+
+def _written(value: float) -> float:
+    """A number as it is written: to 13 decimals, and the rounding of zero as zero."""
+    return 0.0 if abs(value) < _ZERO else round(float(value), _DECIMALS)
+
+
+def _degrees(angle: float) -> float:
+    """An angle (rad) in degrees as it is written; -180 degrees are 180."""
+    degrees = _written(float(np.degrees(angle)))
+    return -degrees if degrees == -180.0 else degrees
+
+
+def _vector(values: Array) -> tuple[float, float, float]:
+    x, y, z = (_written(value) for value in values)
+    return x, y, z

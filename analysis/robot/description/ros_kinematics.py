@@ -1,0 +1,159 @@
+"""A UR's own calibration: the differences of its calibration.conf, in the `robot:` section of its kind.
+
+The file holds what the maker measured on this one arm, as differences to the classic Denavit-Hartenberg constants of
+its kind (metres and radians): T(i-1,i) = RotZ(theta) TransZ(d) TransX(a) RotX(alpha). Axes 2, 3 and 4 are nearly
+parallel, and the file describes them by lengths of hundreds of metres that almost cancel, as common normals of such
+axes have. The axes that this says are written with Hayati's beta instead: the same lines in space, and no such lengths.
+"""
+
+from __future__ import annotations
+
+import configparser
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from analysis.robot.description.axis_lines import AxisLines
+from analysis.robot.description.rig_section import (
+    TOLERANCE,
+    Joint,
+    Section,
+    checked_section,
+    flange_poses,
+    largest_difference,
+    random_postures,
+)
+from analysis.robot.kinematics.arm import Array, arm_of, link_frames
+from rigs.arms import Arm
+from rigs.errors import FileError
+from rigs.files import read_text
+
+MAKER = "Universal Robots"
+_ROUNDING = 1e-14
+"""Share of the largest length in the file: its lengths are doubles, some ten times rounded where they cancel."""
+_LARGEST = 1e6
+"""No file has so many metres or radians; common normals of nearly parallel axes have some hundred."""
+_MOST_BYTES = 100_000
+"""A calibration.conf has some 2000."""
+_REMEDY = "give calibration.conf of the controller, unchanged"
+ROS_KINEMATICS = "kinematics:"
+"""The first key of the YAML that ur_calibration of ROS writes: frames of its URDF, not differences of constants."""
+_NOT_CALIBRATED = "0"
+"""calibration_status; 1 and 2 are an arm that was measured."""
+_LARGE_MM = 50.0
+"""No arm is bent so far: the file is of another model."""
+
+
+@dataclass(frozen=True)
+class Differences:
+    """What calibration.conf adds to the classic constants: theta, alpha (6,) rad, a, d (6,) mm."""
+
+    theta: Array
+    a: Array
+    d: Array
+    alpha: Array
+    is_calibrated: bool
+
+
+@dataclass(frozen=True)
+class CalibratedArm:
+    """An arm with its own calibration. doubts: what a person should look at.
+
+    moved_mm: how far the flange is from that of the published arm at most, on random postures.
+    """
+
+    section: Section
+    doubts: tuple[str, ...]
+    moved_mm: float
+
+
+def calibrated(arm: Arm, path: Path) -> CalibratedArm:
+    """Return an arm of the library with the calibration of a file. Raises FileError."""
+    if arm.maker != MAKER:
+        raise FileError(arm.name, "has no calibration.conf: only the arms of Universal Robots do", "leave it out")
+    by, nominal = read_calibration(path), arm_of(arm.robot)
+    # The classic constants are the modified ones of the link before each joint.
+    a, alpha = np.append(nominal.a[1:], 0.0), np.append(nominal.alpha[1:], 0.0)
+    classic = _Classic(nominal.offset + by.theta, a + by.a, nominal.d + by.d, alpha + by.alpha)
+    # Names, limits and masses are as published; the centres of mass stay where they are with all joints at zero.
+    links = link_frames(nominal, np.zeros((1, 6)))[0]
+    centres = [T[:3, 3] + T[:3, :3] @ np.array(axis.centre_mm) for axis, T in zip(arm.robot.axes, links, strict=True)]
+    section = checked_section(
+        f"{arm.robot.name}, calibrated",
+        classic.axes(),
+        [
+            Joint(axis.name, axis.limits_deg, axis.speed_deg_s, axis.mass_kg, centre_mm)
+            for axis, centre_mm in zip(arm.robot.axes, centres, strict=True)
+        ],
+        [f"{arm.maker} {arm.model} with its own calibration: {path.name}"],
+        lambda q: classic.frames(q)[:, 6],
+        path,
+        TOLERANCE + _ROUNDING * float(np.abs(by.d).max()),
+    )
+    q = random_postures(arm.robot)
+    moved_mm, _ = largest_difference(flange_poses(section.robot, q), flange_poses(arm.robot, q))
+    doubts = [] if by.is_calibrated else ["calibration_status is 0: the arm was not calibrated"]
+    if moved_mm > _LARGE_MM:
+        doubts.append(f"that is more than {_LARGE_MM:g} mm; check that the file is of this model")
+    return CalibratedArm(section, tuple(doubts), moved_mm)
+
+
+def read_calibration(path: Path) -> Differences:
+    """Return the differences that a calibration.conf holds. Raises FileError."""
+    parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#",))
+    try:
+        text = read_text(path, _MOST_BYTES)
+        if text.lstrip().startswith(ROS_KINEMATICS):
+            raise FileError(str(path), "is the YAML of ur_calibration of ROS, which holds frames of a URDF", _REMEDY)
+        parser.read_string(text, source=path.name)
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), _REMEDY) from None
+    except configparser.Error as error:
+        raise FileError(str(path), error.message.splitlines()[0].rstrip("."), _REMEDY) from None
+    if "mounting" not in parser:
+        raise FileError(str(path), "has no section [mounting]", _REMEDY)
+    section = dict(parser["mounting"])
+    deltas = []
+    for key in ("delta_theta", "delta_a", "delta_d", "delta_alpha"):
+        if key not in section:
+            raise FileError(str(path), f"has no {key}", _REMEDY)
+        try:
+            values = np.array(json.loads(section[key]), dtype=float)
+        except (ValueError, TypeError, RecursionError, OverflowError):
+            values = np.array([])
+        if values.shape != (6,) or not (np.abs(values) < _LARGEST).all():
+            raise FileError(str(path), f"{key} is not a list of six numbers", _REMEDY)
+        deltas.append(values)
+    theta, a, d, alpha = deltas
+    is_calibrated = section.get("calibration_status") != _NOT_CALIBRATED
+    return Differences(theta, 1000.0 * a, 1000.0 * d, alpha, is_calibrated)
+
+
+@dataclass(frozen=True)
+class _Classic:
+    """Classic constants: theta at zero, alpha (6,) rad, a, d (6,) mm."""
+
+    theta: Array
+    a: Array
+    d: Array
+    alpha: Array
+
+    def frames(self, q: Array) -> Array:
+        """The base frame and the frames that follow each joint, (n, 7, 4, 4) mm, at q (n, 6) rad."""
+        frames = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
+        for theta, a, d, alpha in zip((q + self.theta).T, self.a, self.d, self.alpha, strict=True):
+            c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+            T = np.zeros((len(q), 4, 4))
+            T[:, 0] = np.stack([c, -s * ca, s * sa, a * c], axis=1)
+            T[:, 1] = np.stack([s, c * ca, -c * sa, a * s], axis=1)
+            T[:, 2] = [0.0, sa, ca, d]
+            T[:, 3, 3] = 1.0
+            frames.append(frames[-1] @ T)
+        return np.stack(frames, axis=1)
+
+    def axes(self) -> AxisLines:
+        """The axes that the joints turn about: each the z axis of the frame before it."""
+        T = self.frames(np.zeros((1, 6)))[0]
+        return AxisLines(T[:6, :3, 3], T[:6, :3, 2], T[6])

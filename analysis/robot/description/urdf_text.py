@@ -1,0 +1,218 @@
+"""An arm as a URDF, `world` → `base_link` → `link_1` … `link_n` → `flange` → `tool`, and as a macro of xacro.
+
+Joints have the names, senses and limits of the rig file and turn by the angles that the controller reports: each about
+z of a frame that stands fixed in the frame before, as in the files of ROS drivers (`driver_kinematics`). A rail is a
+prismatic joint between `rail_base`, which stands in the world, and `base_link`. A rig file knows masses and their
+centres, and no moments of inertia or torques: these are written as zero, and say so.
+
+By the macro another description includes the arm under a prefix and on a parent of its own. It is the same URDF without
+its world: an empty description that includes and calls it has the same joints.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from itertools import product
+from xml.etree import ElementTree
+
+import numpy as np
+
+from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, roll_pitch_yaw
+from rigs.errors import FileError
+from rigs.schema.robot import Robot
+
+RAIL_JOINT = "rail"
+"""The name of the joint that is a rail."""
+_ZERO = 1e-15
+"""Metres and rad below which a number is the rounding of zero; a thousandth of what a file may differ from its arm."""
+
+
+def joint_senses(arm: Arm, where: str, kind: str) -> list[int]:
+    """Return 1 or -1 for each joint (6): the sense in which its axis turns with the controller's angle.
+
+    Raises FileError where an axis turns with the angle of another joint, or by another ratio. kind: of file.
+    """
+    senses = np.sign(np.diag(arm.coupling))
+    if not np.array_equal(arm.coupling, np.diag(senses)) or not senses.all():
+        wrong = (arm.coupling != np.diag(senses)).any(axis=1) | (senses == 0)
+        axis = int(np.flatnonzero(wrong)[0]) + 1
+        problem = f"axis {axis} does not turn with joint {axis} alone and one to one, and {kind} has no way to say so"
+        remedy = (
+            "in a copy, set coupling to its signs, and turn the controller's angles into those of the axes beforehand"
+        )
+        raise FileError(f"{where}, robot.coupling", problem, remedy)
+    return [int(sense) for sense in senses]
+
+
+def joint_origins(arm: Arm) -> Array:
+    """Return the frames (6, 4, 4) of the joints, in mm, each in the frame that the joint before it moves; all joint
+    angles zero."""
+    c, s = np.cos(arm.offset), np.sin(arm.offset)
+    turned = np.tile(np.eye(4), (len(arm.a), 1, 1))
+    turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = c, -s, s, c
+    return np.asarray(arm.links_at_zero @ turned)
+
+
+def rail_way(arm: Arm) -> Array:
+    """Return the direction (3,) of an arm's rail in the frame of its base."""
+    assert arm.rail is not None  # noqa: S101 - asked for rails alone
+    way: Array = arm.T_world_base[:3, :3].T @ arm.rail
+    return way / np.linalg.norm(way)
+
+
+def metres_and_rpy(T: Array) -> tuple[list[float], list[float]]:
+    """Return x, y, z in metres and roll, pitch, yaw in rad of a frame (4, 4) in mm."""
+    xyz, rpy = T[:3, 3] / 1000.0, roll_pitch_yaw(T)
+    return [_written(value) for value in xyz], [_written(value) for value in rpy]
+
+
+def _written(value: float) -> float:
+    return 0.0 if abs(value) < _ZERO else float(value)
+
+
+_RAIL_M_S = 1.0
+"""What is written as the rail's speed, which a rig file does not know and a URDF must have."""
+_HYPHENS = re.compile("-(?=-)")
+"""Two in a row end a comment of XML."""
+_HEAD = (
+    "Lengths are in metres and angles in radians. Joints turn by the angles that the controller reports. Moments of "
+    "inertia and torques are not known: they are written as 0."
+)
+_RAIL_HEAD = f"The joint {RAIL_JOINT} moves the arm in metres. Its speed is not known: it is written as 1 m/s."
+
+
+def urdf_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
+    """Return the URDF of an arm, with the names, limits and masses of a robot.
+
+    where: the rig file, for errors. remarks: sentences at the head. Raises FileError for a coupling or for names that
+    no URDF can have.
+    """
+    senses = joint_senses(arm, where, "a URDF")
+    require_names(robot, where)
+    fixed = _fixed_joints(robot)
+    root = ElementTree.Element("robot", name=robot.name)
+    add_remarks(root, (_HEAD, *([_RAIL_HEAD] if robot.rail else []), *remarks))
+    _link(root, "world")
+    _link(root, stands := "rail_base" if robot.rail else "base_link")
+    _joint(root, fixed[0], "fixed", ("world", stands), arm.T_world_base)
+    if robot.rail:
+        _link(root, "base_link")
+        slide = _joint(root, RAIL_JOINT, "prismatic", (stands, "base_link"), np.eye(4))
+        low, high = (end / RAIL_MM for end in robot.rail.limits_mm)
+        _limited(slide, rail_way(arm).tolist(), low, high, _RAIL_M_S)
+    before = "base_link"
+    for k, (axis, sense, T) in enumerate(zip(robot.axes, senses, joint_origins(arm), strict=True), start=1):
+        _link(root, link := f"link_{k}", axis.mass_kg, axis.centre_mm)
+        turns = _joint(root, axis.name, "revolute", (before, link), T)
+        low, high, speed = np.radians([*axis.limits_deg, axis.speed_deg_s]).tolist()
+        _limited(turns, (0, 0, sense), low, high, speed)
+        before = link
+    _link(root, "flange", robot.payload_kg)
+    _joint(root, fixed[1], "fixed", (before, "flange"), np.eye(4))
+    _link(root, "tool")
+    _joint(root, fixed[2], "fixed", ("flange", "tool"), arm.T_flange_tool)
+    return xml_text(root)
+
+
+def require_names(robot: Robot, where: str) -> None:
+    """Raise FileError for names that XML cannot hold, or that would be those of two joints. where: the rig file."""
+    names = [axis.name for axis in robot.axes]
+    for k, name in enumerate(names, start=1):
+        if not name.strip() or not name.isprintable():
+            problem = f"axis {k} has the name {name!r}, which no joint of a URDF can have"
+            raise FileError(f"{where}, robot.axes", problem, "give it a name of printable characters")
+        if name in (*names[: k - 1], *_fixed_joints(robot), *([RAIL_JOINT] if robot.rail else [])):
+            raise FileError(f"{where}, robot.axes", f"two joints would be named {name!r}", "rename one of them")
+    if not robot.name.isprintable():
+        problem = f"{robot.name!r} is a name that no URDF can have"
+        raise FileError(f"{where}, robot.name", problem, "give it a name of printable characters")
+
+
+def _fixed_joints(robot: Robot) -> tuple[str, str, str]:
+    """The names of the joints that do not turn."""
+    return "world-base_link", f"link_{len(robot.axes)}-flange", "flange-tool"
+
+
+def _link(root: ElementTree.Element, name: str, kg: float = 0.0, centre_mm: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+    """Add a link, with its mass where it has one."""
+    link = ElementTree.SubElement(root, "link", name=name)
+    if kg > 0:
+        inertial = ElementTree.SubElement(link, "inertial")
+        ElementTree.SubElement(inertial, "origin", xyz=numbers_text([x / 1000.0 for x in centre_mm]), rpy="0.0 0.0 0.0")
+        ElementTree.SubElement(inertial, "mass", value=repr(float(kg)))
+        moments = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0.0")
+        ElementTree.SubElement(inertial, "inertia", moments)
+
+
+def _joint(
+    root: ElementTree.Element, name: str, kind: str, links: tuple[str, str], T_parent_joint: Array
+) -> ElementTree.Element:
+    """Add a joint between a parent and a child link at T_parent_joint (4, 4) mm, and return it."""
+    joint = ElementTree.SubElement(root, "joint", name=name, type=kind)
+    xyz, rpy = metres_and_rpy(T_parent_joint)
+    ElementTree.SubElement(joint, "origin", xyz=numbers_text(xyz), rpy=numbers_text(rpy))
+    ElementTree.SubElement(joint, "parent", link=links[0])
+    ElementTree.SubElement(joint, "child", link=links[1])
+    return joint
+
+
+def _limited(joint: ElementTree.Element, way: Sequence[float], lower: float, upper: float, speed: float) -> None:
+    """Add the axis (3,) and the limits of a joint that moves."""
+    ElementTree.SubElement(joint, "axis", xyz=" ".join(map(repr, way)))
+    limit = {"lower": repr(lower), "upper": repr(upper), "velocity": repr(speed), "effort": "0.0"}
+    ElementTree.SubElement(joint, "limit", limit)
+
+
+def numbers_text(values: Sequence[float] | Array) -> str:
+    """Return numbers (n,) with all their digits."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def xml_text(root: ElementTree.Element) -> str:
+    """Return an element as a file, a line for each element in it."""
+    ElementTree.indent(root)
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+
+
+def add_remarks(root: ElementTree.Element, remarks: Iterable[str]) -> None:
+    """Add comments to an element; two hyphens in a row would end one."""
+    for remark in remarks:
+        root.append(ElementTree.Comment(f" {_HYPHENS.sub('- ', remark)} "))
+
+
+_XACRO = "http://www.ros.org/wiki/xacro"
+_EXPANDS = re.compile(r"\$+[{(]")
+"""What xacro takes for an expression to be computed."""
+
+
+def macro_name(robot: Robot) -> str:
+    """Return the name of the macro: the robot's, with what xacro knows as a name."""
+    letters = re.sub(r"\W+", "_", robot.name.casefold(), flags=re.ASCII).strip("_")
+    return letters if letters and not letters[0].isdigit() else f"arm_{letters}".rstrip("_")
+
+
+def xacro_text(robot: Robot, arm: Arm, where: str, remarks: Sequence[str] = ()) -> str:
+    """Return a file of xacro with a macro of an arm, with parameters prefix (of all names) and parent (a link).
+
+    where: the rig file, for errors. Raises FileError as `urdf_text` does, and for names that xacro would compute.
+    """
+    for name in (robot.name, *(axis.name for axis in robot.axes)):
+        if _EXPANDS.search(name):
+            raise FileError(f"{where}, robot", f"xacro would compute the name {name!r}", "take the $ from it")
+    ElementTree.register_namespace("xacro", _XACRO)
+    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))  # noqa: S314 - it is ours
+    urdf = ElementTree.fromstring(urdf_text(robot, arm, where, remarks).encode(), parser)  # noqa: S314
+    root = ElementTree.Element("robot")
+    name = macro_name(robot)
+    root.append(ElementTree.Comment(f' include this file, then: <xacro:{name} prefix="left_" parent="table"/> '))
+    macro = ElementTree.SubElement(root, f"{{{_XACRO}}}macro", name=name, params="prefix:='' parent:=world")
+    for part in urdf:
+        if part.get("name") == "world" and part.tag == "link":
+            continue
+        # The prefix before the names of links and joints, and the parent in the place of the world.
+        for element, key in product(part.iter(), ("name", "link")):
+            if called := element.get(key):
+                element.set(key, "${parent}" if called == "world" else "${prefix}" + called)
+        (root if callable(part.tag) else macro).append(part)
+    return xml_text(root)

@@ -1,0 +1,345 @@
+"""What a robot program of each test makes the controller do: nominal poses, turned into reported joint angles; and in
+words, which of the tests that a rig file names its robot can do.
+
+The controller moves along the nominal path, so the reported angles follow it exactly; effects are what the link
+side adds to that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from analysis.robot.geometry.circle import SENSE, CircleFrame, frame_of, reversals
+from analysis.robot.geometry.hemisphere import hemisphere_frame, target_angles, target_poses
+from analysis.robot.geometry.iso_cube import cube_of
+from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of
+from analysis.robot.kinematics.follow import follow
+from analysis.robot.kinematics.newton import newton
+from rigs.errors import FileError, PathError, RigPlace
+from rigs.load import named_by
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability
+from rigs.schema.vocabulary import DRIVEN_AXES, Direction
+
+_ACCELERATION_MM_S2 = 200.0
+"""Acceleration of a controller on a calibration circle, a gentle one."""
+_CONTROL_PERIOD_S = 0.004
+_BACK = 2.0
+"""A program drives back to the start of the next lap at so many times the speed of a lap."""
+PAUSE_S = 0.5
+"""Standing where a program turns back."""
+JOINT_SPEED = np.radians(30.0)
+"""Speed of the fastest joint between targets, rad/s."""
+_SHORTEST_MOVE_S = 0.6
+
+
+def hold_six(rig: Rig) -> None:
+    """Raise FileError for an arm that cannot drive the tests of the ball link."""
+    if (axes := len(rig.robot.axes)) != DRIVEN_AXES:
+        problem = f"is an arm of {axes} axes, and circles, hemispheres and their programs are of {DRIVEN_AXES}"
+        raise FileError(RigPlace.of(rig.name), problem, "measure it by poses or touches: docs/any-arm.md")
+    if rig.robot.rail:
+        problem = "is an arm on a rail, and circles, hemispheres and their programs are of one that stands"
+        raise FileError(RigPlace.of(rig.name), problem, "measure it by poses or touches, or leave out robot.rail")
+
+
+def circle_of(rig: Rig) -> Circle:
+    """The circle of a rig. Raises FileError for a rig without one."""
+    hold_six(rig)
+    if rig.tests.circle is None:
+        raise FileError(RigPlace.of(rig.name), "the rig file has no tests.circle", "add it: centre, posture, radius")
+    return rig.tests.circle
+
+
+def hemisphere_of(rig: Rig) -> Hemisphere:
+    """The hemisphere of a rig. Raises FileError for a rig without one."""
+    if rig.tests.hemisphere is None:
+        where = RigPlace.of(rig.name)
+        raise FileError(where, "the rig file has no tests.hemisphere", "add it: centre, posture, radius")
+    return rig.tests.hemisphere
+
+
+@dataclass(frozen=True)
+class CircleProgram:
+    """Laps with lead-in and lead-out, and the ways back between them, at the controller's period. t_s (n,); phi (n,)
+    rad; q (n, 6) rad."""
+
+    t_s: Array
+    phi: Array
+    q: Array
+
+
+@dataclass(frozen=True)
+class Laps:
+    """The laps of a circle from rest to rest, all alike, and the ways back between them at `back` times the speed.
+
+    Of one lap with its lead-in and lead-out: t_s (n,); phi (n,) rad; q (n, 6) rad.
+    """
+
+    t_s: Array
+    phi: Array
+    q: Array
+    count: int
+    back: float
+
+    @property
+    def round_s(self) -> float:
+        """From the start of a lap to that of the next, with a pause before and after the way back."""
+        return float(self.t_s[-1] * (1 + 1 / self.back) + 2 * PAUSE_S)
+
+    @property
+    def end_s(self) -> float:
+        """The end of the last lap."""
+        return float((self.count - 1) * self.round_s + self.t_s[-1])
+
+    def at(self, t_s: Array) -> Array:
+        """Reported angles (m, 6) rad at moments t_s (m,) s of the program."""
+        lap_s = self.t_s[-1]
+        since = t_s - self.round_s * np.clip(np.floor(t_s / self.round_s), 0, self.count - 1)
+        driven_back = np.maximum(since - lap_s - PAUSE_S, 0.0) * self.back
+        on_lap = np.clip(np.minimum(since, lap_s) - driven_back, 0.0, lap_s)
+        k = np.clip(np.searchsorted(self.t_s, on_lap, side="right") - 1, 0, len(self.t_s) - 2)
+        share = (on_lap - self.t_s[k]) / (self.t_s[k + 1] - self.t_s[k])
+        q: Array = self.q[k]
+        q += share[:, None] * (self.q[k + 1] - q)
+        return q
+
+
+def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
+    """The circle of a rig, all its laps, from rest to rest. Raises FileError where the robot cannot drive it."""
+    laps = circle_laps(rig, direction)
+    t_s, back_s = laps.t_s, laps.t_s / laps.back
+    times, rows = [t_s], [np.arange(len(t_s))]
+    for done in range(1, laps.count):
+        times += [t_s[-1] + PAUSE_S + back_s + (done - 1) * laps.round_s, t_s + done * laps.round_s]
+        rows += [rows[0][::-1], rows[0]]
+    order = np.concatenate(rows)
+    return CircleProgram(np.concatenate(times), laps.phi[order], laps.q[order])
+
+
+def circle_laps(rig: Rig, direction: Direction) -> Laps:
+    """What a circle's program drives. Raises FileError where the robot cannot drive it.
+
+    Between two laps the robot drives back along the circle, since few arms have two turns of the wrist to give; twice
+    as fast where its joints can."""
+    circle = circle_of(rig)
+    arm, frame = arm_of(rig.robot), frame_of(circle)
+    t_s, phi = lap(circle, direction)
+    where = RigPlace.of(rig.name, "tests.circle")
+    q = drive(arm, frame, phi, np.radians(circle.posture_deg), where)
+    fastest = fastest_joints(t_s, q)
+    for axis in np.flatnonzero(fastest > arm.speed):
+        most, speed = np.degrees(arm.speed[axis]), np.degrees(fastest[axis])
+        problem = f"axis {axis + 1} would move at {speed:.0f}°/s, it can do {most:.0f}°/s"
+        raise PathError(where, problem, "lower speed_mm_s, or move the circle away from the singularity", "speed")
+    return Laps(t_s, phi, q, circle.laps, way_back(arm, fastest))
+
+
+def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) -> Array:
+    """Reported angles (n, 6) rad along monotone circle angles phi (n,), of either direction.
+
+    The posture is that of the acw start. A cw program drives the same joint angles back: a joint that
+    makes the full turn begins where the acw lap ends, since most have no second turn to give.
+    """
+    order = slice(None) if phi[-1] > phi[0] else slice(None, None, -1)
+    return follow(arm, frame.poses(phi[order]), posture, where)[order]
+
+
+def lap(circle: Circle, direction: Direction) -> tuple[Array, Array]:
+    """Time (n,) s and circle angle (n,) rad: lead-in, one lap at constant speed, lead-out, from rest to rest."""
+    arc = np.radians(360.0 + 2 * circle.lead_deg)
+    speed = circle.speed_mm_s / circle.radius_mm
+    acceleration = _ACCELERATION_MM_S2 / circle.radius_mm
+    ramp_s = min(speed / acceleration, np.sqrt(arc / acceleration))
+    cruise_s = max(0.0, arc / speed - ramp_s)
+    t = np.arange(0.0, cruise_s + 2 * ramp_s + _CONTROL_PERIOD_S, _CONTROL_PERIOD_S)
+    # Distance of a trapezoid: the integral of a ramp up less that of a ramp down begun at its time.
+    driven = acceleration / 2 * (_ramp(t, 0, ramp_s) - _ramp(t, ramp_s + cruise_s, 2 * ramp_s + cruise_s))
+    start = np.radians(circle.start_deg) - SENSE[direction] * np.radians(circle.lead_deg)
+    return t, start + SENSE[direction] * np.minimum(driven, arc)
+
+
+def _ramp(t: Array, begin: float, end: float) -> Array:
+    """Twice the distance of a unit acceleration from begin to end, the speed held afterwards."""
+    inside = np.clip(t, begin, end) - begin
+    return np.asarray(inside**2 + 2 * (end - begin) * np.maximum(t - end, 0.0))
+
+
+def way_back(arm: Arm, fastest: Array) -> float:
+    """How many times as fast as a lap, in which the joints reach `fastest` (6,) rad/s, the robot drives back."""
+    return _BACK if (_BACK * fastest < arm.speed).all() else 1.0
+
+
+def fastest_joints(t_s: Array, q: Array) -> Array:
+    """Greatest speed (6,) rad/s of each joint along angles q (n, 6) rad at times t_s (n,)."""
+    return np.asarray(np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0))
+
+
+@dataclass(frozen=True)
+class TargetProgram:
+    """Targets of the hemisphere in the order they are visited. All (n,) or (n, 6); angles in rad, numbers from 1."""
+
+    target: Integers
+    polar: Array
+    azimuth: Array
+    orientation: Integers
+    q: Array
+
+
+def radial_program(rig: Rig) -> TargetProgram:
+    """Every target of the rig's hemisphere in each of its orientations, and all of that `visits` times, so that the
+    visits of one target lie minutes apart. Raises FileError where one is out of reach.
+    """
+    hemisphere = hemisphere_of(rig)
+    polar, azimuth = target_angles(hemisphere)
+    count = hemisphere.orientations
+    target = np.repeat(np.arange(1, len(polar) + 1), count)
+    orientation = np.tile(np.arange(1, count + 1), len(polar))
+    polar, azimuth = np.repeat(polar, count), np.repeat(azimuth, count)
+    poses = target_poses(hemisphere_frame(hemisphere), polar, azimuth, orientation, count)
+    names = [f"target {t}, orientation {o}" for t, o in zip(target, orientation, strict=True)]
+    q = _reach(rig, hemisphere, poses, names)
+    rows = np.tile(np.arange(len(target)), hemisphere.visits)
+    return TargetProgram(target[rows], polar[rows], azimuth[rows], orientation[rows], q[rows])
+
+
+def repeatability_program(rig: Rig) -> TargetProgram:
+    """The rig's repeatability targets in their middle orientation, one row each. Raises FileError as above."""
+    hemisphere, target = hemisphere_of(rig), repeatability_targets(rig)
+    polar, azimuth = target_angles(hemisphere)
+    polar, azimuth = polar[target - 1], azimuth[target - 1]
+    middle = np.full(len(target), (hemisphere.orientations + 1) // 2)
+    poses = target_poses(hemisphere_frame(hemisphere), polar, azimuth, middle, hemisphere.orientations)
+    q = _reach(rig, hemisphere, poses, [f"target {number}" for number in target])
+    return TargetProgram(target, polar, azimuth, middle, q)
+
+
+def repeatability_targets(rig: Rig) -> Integers:
+    """The numbers (n,) of the targets of the rig's repeatability test, from 1. Raises FileError for one that its
+    hemisphere does not have."""
+    target, count = np.array(repeatability_of(rig).targets, dtype=np.int64), len(target_angles(hemisphere_of(rig))[0])
+    if (unknown := target[target > count]).size:
+        problem = f"target {unknown[0]} is not one of the {count} targets of the hemisphere"
+        raise FileError(RigPlace.of(rig.name, "tests.repeatability"), problem, "correct targets")
+    return target
+
+
+def repeatability_of(rig: Rig) -> Repeatability:
+    """The rig's repeatability test, or the paper's where the file says nothing of it."""
+    return rig.tests.repeatability or Repeatability()
+
+
+def stops(q: Array, *, dwell_s: float) -> tuple[Array, Array]:
+    """Time (n,) s and reported angles (n, 6) rad of a program that stops at each of q (m, 6) for `dwell_s`.
+
+    Between stops all joints move together, smoothly, from rest to rest; the slowest way decides the time.
+    """
+    t, path = [np.zeros(1)], [q[:1]]
+    for begin, end in pairwise(q):
+        seconds = max(_SHORTEST_MOVE_S, float(np.abs(end - begin).max() / JOINT_SPEED))
+        share = np.arange(_CONTROL_PERIOD_S, seconds, _CONTROL_PERIOD_S) / seconds
+        smooth = (1 - np.cos(np.pi * share)) / 2
+        t += [t[-1][-1] + np.array([dwell_s]), t[-1][-1] + dwell_s + seconds * share]
+        path += [begin[None], begin + smooth[:, None] * (end - begin)]
+        t.append(t[-2] + seconds)
+        path.append(end[None])
+    t.append(t[-1] + dwell_s)
+    path.append(q[-1:])
+    return np.concatenate(t), np.concatenate(path)
+
+
+def radial_stops(rig: Rig) -> Array:
+    """Joint angles (m, 6) rad at which a radial program stops."""
+    return radial_program(rig).q
+
+
+def repeatability_stops(rig: Rig) -> Array:
+    """Joint angles (m, 6) rad of a repeatability program: each target, then out and back, in and back, in rounds."""
+    program, plan = repeatability_program(rig), repeatability_of(rig)
+    radius = hemisphere_frame(hemisphere_of(rig)).direction(program.polar, program.azimuth)
+    arm = arm_of(rig.robot)
+    out = beside(arm, program.q, plan.approach_mm * radius)
+    back = beside(arm, program.q, -plan.approach_mm * radius)
+    at = program.q
+    rounds = np.stack([out, at, back, at], axis=1)
+    return np.concatenate([at[:, None], *[rounds] * plan.rounds], axis=1).reshape(-1, 6)
+
+
+def beside(arm: Arm, q: Array, offset_mm: Array) -> Array:
+    """Joint angles (n, 6) with the tool moved by offset (n, 3) mm from where q (n, 6) has it, its orientation kept."""
+    from analysis.robot.kinematics.arm import forward  # noqa: PLC0415
+
+    poses = forward(arm, q)
+    poses[:, :3, 3] += offset_mm
+    return newton(arm, poses, q)[0]
+
+
+def _reach(rig: Rig, hemisphere: Hemisphere, poses: Array, names: list[str]) -> Array:
+    arm = arm_of(rig.robot)
+    posture = np.radians(hemisphere.posture_deg)
+    q, good = newton(arm, poses, np.tile(posture, (len(poses), 1)))
+    good &= (q >= arm.limits[:, 0]).all(axis=1) & (q <= arm.limits[:, 1]).all(axis=1)
+    if not good.all():
+        bad = [name for name, reached in zip(names, good, strict=True) if not reached]
+        problem = f"{len(bad)} of {len(poses)} poses are out of reach or limits, first {bad[0]}"
+        remedy = "move centre_mm, lower polar_max_deg, or set posture_deg near the pole"
+        raise PathError(RigPlace.of(rig.name, "tests.hemisphere"), problem, remedy, "reach")
+    return q
+
+
+def feasible_tests(rig: Rig, file: str | Path) -> tuple[list[str], list[FileError]]:
+    """A line for each test that the robot can drive, and for each that it cannot an error which names the file of the
+    rig; a repeatability test needs targets that the hemisphere has."""
+    lines, errors = [], []
+    for test in (_circle_lines, _hemisphere_lines, _repeatability_lines, _iso9283_lines):
+        try:
+            with named_by(file, rig):
+                lines += test(rig)
+        except FileError as error:
+            errors.append(error)
+    return lines, errors
+
+
+def _circle_lines(rig: Rig) -> list[str]:
+    circle = rig.tests.circle
+    if circle is None:
+        return ["no circle is declared"] if rig.gauges.recorded else []
+    seconds = circle_program(rig, "acw").t_s[-1]
+    laps = "1 lap" if circle.laps == 1 else f"{circle.laps} laps and the ways back"
+    turns = reversals(circle, arm_of(rig.robot), RigPlace.of(rig.name, "tests.circle"))
+    by_axis: dict[int, list[str]] = {}
+    for turn in turns:
+        by_axis.setdefault(turn.axis, []).append(f"{np.degrees(turn.phi):.0f}°")
+    listed = "; ".join(f"{rig.robot.axis_words(axis)} {' '.join(marks)}" for axis, marks in by_axis.items())
+    return [
+        f"circle of {circle.radius_mm:g} mm: reachable, {seconds:.0f} s for {laps} in one direction",
+        f"axes turn back: {listed}",
+    ]
+
+
+def _hemisphere_lines(rig: Rig) -> list[str]:
+    hemisphere = rig.tests.hemisphere
+    if hemisphere is None:
+        return []
+    named, program = f"hemisphere of {hemisphere.radius_mm:g} mm", radial_program(rig)
+    return [f"{named}: {program.target.max()} targets in {program.orientation.max()} orientations, all reachable"]
+
+
+def _repeatability_lines(rig: Rig) -> list[str]:
+    if rig.tests.hemisphere is None:
+        return ["repeatability: needs tests.hemisphere, which its targets are of"] if rig.tests.repeatability else []
+    repeatability_targets(rig)
+    return []
+
+
+def _iso9283_lines(rig: Rig) -> list[str]:
+    if rig.tests.iso9283 is None:
+        return []
+    cube = cube_of(rig)
+    where = ", ".join(f"{coordinate:.6g}" for coordinate in cube.centre_mm)
+    origin = ", found where there is room" if cube.found else ""
+    return [f"ISO 9283 cube of {cube.side_mm:g} mm about {where} mm: reachable on its whole plane{origin}"]

@@ -1,0 +1,235 @@
+"""Least squares over the places of poses: where a tracker stood and its target sat on the tool, or a ball on it and the
+sockets in which that sat; or all constants of an arm.
+
+Rigid motions between two sets of points, and small changes of a frame, are what all of them are made of.
+
+Of the constants unknown are a, alpha, beta, d and the zero of each axis, where the instrument stands, and the place of
+its target; what the places do not distinguish stays as it was nominally, or moves least (Marquardt). What a controller
+computed comes out to its last digit, what an instrument measured does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.robot.kinematics.arm import Arm, Array, Integers, forward
+
+
+def socket_design(T: Array, socket: Integers, sockets: int) -> Array:
+    """Return the slopes (3 n, 3 + 3 s) of the ball's place from its socket by its place on the tool and by the places
+    of so many sockets, at tool poses T (n, 4, 4) mm; socket (n,): the number of each, from 0."""
+    design = np.zeros((len(T), 3, 3 + 3 * sockets))
+    design[:, :, :3] = T[:, :3, :3]
+    for axis in range(3):
+        design[np.arange(len(T)), axis, 3 + 3 * socket + axis] = -1.0
+    return design.reshape(3 * len(T), -1)
+
+
+def left_in_sockets(T: Array, names: NDArray[np.str_]) -> Array:
+    """Return how far (n, 3) mm the ball is from its socket at tool poses T (n, 4, 4) mm, with the ball's place on the
+    tool and those of the sockets, named (n,), fitted."""
+    sockets, socket = np.unique(names, return_inverse=True)
+    design, seen = socket_design(T, socket.ravel(), len(sockets)), -T[:, :3, 3].ravel()
+    return np.asarray((design @ np.linalg.lstsq(design, seen)[0] - seen).reshape(-1, 3))
+
+
+def best_rigid(points: Array, targets: Array) -> Array:
+    """Return T (4, 4) that maps points (n, 3) mm to targets (n, 3) mm with least squares (Kabsch 1976)."""
+    middle, goal = points.mean(axis=0), targets.mean(axis=0)
+    u, _, vt = np.linalg.svd((points - middle).T @ (targets - goal))
+    flip = np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)])
+    T = np.eye(4)
+    T[:3, :3] = vt.T @ flip @ u.T
+    T[:3, 3] = goal - T[:3, :3] @ middle
+    return T
+
+
+def in_frame(T: Array, points: Array) -> Array:
+    """Return points (n, 3) mm as the frame T (4, 4), in mm, puts them."""
+    return np.asarray(points @ T[:3, :3].T + T[:3, 3])
+
+
+def moved_by(T: Array, shift: Array, turn: Array) -> Array:
+    """Return a frame T (4, 4) shifted by (3,) mm and rotated by a rotation vector (3,) rad about its own origin."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    moved = T.copy()
+    moved[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ T[:3, :3]
+    moved[:3, 3] += shift
+    return moved
+
+
+_STEPS = 100
+"""Largest number of steps of Levenberg and Marquardt. Chosen: right arms need five, wrong ones forty."""
+_CONVERGED = 1e-12
+"""Relative change of the misfit below which it is the least, as near as numbers hold it."""
+_LEAST_DAMPING, _MOST_DAMPING = 1e-12, 1e6
+
+
+@dataclass(frozen=True)
+class PoseSetUp:
+    """T_world_base and T_flange_tool (4, 4), fitted; the world is the tracker's."""
+
+    T_world_base: Array
+    T_flange_tool: Array
+    design: Array
+    """Slopes (3 n, 9) mm of the errors by base turn and place and tool place, at the solution."""
+
+
+def fit_setup(T: Array, xyz_mm: Array, steps: int = _STEPS) -> PoseSetUp:
+    """Return base and tool that bring the flanges T (n, 4, 4) of the bare arm to the places xyz_mm (n, 3), by at most
+    so many steps."""
+    start = best_rigid(T[:, :3, 3], xyz_mm)
+    reach = float(np.linalg.norm(T[:, :3, 3], axis=1).max()) or 1.0
+    R, origin, tool = start[:3, :3], start[:3, 3], np.zeros(3)
+    residual = _left(T, xyz_mm, R, origin, tool)
+    damping = 1e-6
+    for _ in range(steps):
+        design = _design(T, R, tool, reach)
+        normal, gradient = design.T @ design, design.T @ residual
+        while damping < _MOST_DAMPING:
+            damped = normal + damping * np.diag(np.maximum(np.diag(normal), 1e-9))
+            step = np.asarray(-np.linalg.solve(damped, gradient), dtype=float)
+            tried = (_turn(step[:3] / reach) @ R, origin + step[3:6], tool + step[6:])
+            new = _left(T, xyz_mm, *tried)
+            if new @ new <= residual @ residual:
+                break
+            damping *= 10
+        else:
+            break
+        gained = residual @ residual - new @ new
+        R, origin, tool = tried
+        residual = new
+        damping = max(damping / 10, _LEAST_DAMPING)
+        if gained <= _CONVERGED * (residual @ residual):
+            break
+    return PoseSetUp(frame(R, origin), frame(np.eye(3), tool), _design(T, R, tool, reach))
+
+
+def position_error(T: Array, xyz_mm: Array, setup: PoseSetUp) -> Array:
+    """Return the position errors (n, 3) mm, measured less fitted, in the arm's base, of flanges T (n, 4, 4) of the bare
+    arm at the measured places xyz_mm (n, 3)."""
+    base = setup.T_world_base
+    tool = T[:, :3, 3] + T[:, :3, :3] @ setup.T_flange_tool[:3, 3]
+    return np.asarray((xyz_mm - base[:3, 3]) @ base[:3, :3] - tool)
+
+
+def frame(R: Array, origin: Array) -> Array:
+    """Return the frame (4, 4) of a rotation (3, 3) and an origin (3,) mm."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, origin
+    return T
+
+
+def _left(T: Array, xyz_mm: Array, R: Array, origin: Array, tool: Array) -> Array:
+    """What is left (3 n,) mm of places beside a base and a tool."""
+    values: Array = xyz_mm - ((T[:, :3, 3] + T[:, :3, :3] @ tool) @ R.T + origin)
+    return values.ravel()
+
+
+def _design(T: Array, R: Array, tool: Array, reach: float) -> Array:
+    """Slopes (3 n, 9) mm of what is left, by the base's turn at `reach` mm, its place and the tool's."""
+    x, y, z = ((T[:, :3, 3] + T[:, :3, :3] @ tool) @ R.T).T
+    none = np.zeros_like(x)
+    turn = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3) / reach
+    place = np.tile(-np.eye(3), (len(T), 1, 1))
+    slopes: Array = np.concatenate([turn, place, -R @ T[:, :3, :3]], axis=2)
+    return slopes.reshape(-1, 9)
+
+
+def _turn(vector: Array) -> Array:
+    """The rotation (3, 3) by a rotation vector (3,) rad (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector / angle if angle > 0 else vector
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
+
+
+_STEP = 1e-5
+_ROUNDS = 30
+REACH_MM = 500.0
+"""A turn counts as the way at this distance, so that all unknowns are lengths in mm."""
+_LEAST_DAMPING_OF_ARM, _MOST_DAMPING_OF_ARM = 1e-10, 1e2
+_ENOUGH = 1e-3
+"""Share of the misfit that a further step must gain."""
+DETERMINED = 1e-6
+"""Share of the largest singular value from which on a direction is an unknown."""
+_FIELDS = (("a", 1.0), ("alpha", REACH_MM), ("beta", REACH_MM), ("d", 1.0), ("offset", REACH_MM))
+
+
+@dataclass(frozen=True)
+class FittedArm:
+    """An arm of which all constants are fitted. left_mm (n,): what remains of the readings; design (n, unknowns): their
+    derivatives by the unknowns; spare: readings beyond the unknowns."""
+
+    arm: Arm
+    left_mm: Array
+    design: Array
+    spare: int
+
+    @property
+    def rms_mm(self) -> float:
+        """The root mean square of a place's distance, three readings, corrected for the unknowns."""
+        return float(np.sqrt(3 * (self.left_mm**2).sum() / max(self.spare, 1)))
+
+
+def fit_arm(bare: Arm, q: Array, xyz_mm: Array) -> FittedArm:
+    """Return the arm, from its nominal constants, whose target is at places xyz_mm (n, 3) at joints q (n, axes) rad;
+    its T_world_base has where the instrument stands, its T_flange_tool the target."""
+    start = fit_setup(forward(bare, q), xyz_mm)
+    begin = replace(bare, T_world_base=start.T_world_base, T_flange_tool=start.T_flange_tool)
+
+    def changed(change: Array) -> Arm:
+        shift, turn, target = change[-9:-6], change[-6:-3] / REACH_MM, change[-3:]
+        T_flange_tool = begin.T_flange_tool @ frame(np.eye(3), target)
+        arm = _with_constants(begin, change[:-9])
+        return replace(arm, T_world_base=moved_by(arm.T_world_base, shift, turn), T_flange_tool=T_flange_tool)
+
+    return _fitted(changed, len(_FIELDS) * bare.axes + 9, lambda arm: (xyz_mm - forward(arm, q)[:, :3, 3]).ravel())
+
+
+def fit_constants(arm: Arm, q: Array, xyz_mm: Array, R: Array | None) -> FittedArm:
+    """Return the arm with constants by which its tool is at places xyz_mm (n, 3), and turned as R (n, 3, 3) where
+    given, at joints q (n, axes) rad: base and tool stay as they are."""
+
+    def misfit(candidate: Arm) -> Array:
+        T = forward(candidate, q)
+        parts = [(xyz_mm - T[:, :3, 3]).ravel()]
+        return np.concatenate(parts if R is None else [*parts, REACH_MM * (R - T[:, :3, :3]).ravel() / np.sqrt(3)])
+
+    return _fitted(lambda change: _with_constants(arm, change), len(_FIELDS) * arm.axes, misfit)
+
+
+def _with_constants(arm: Arm, change: Array) -> Arm:
+    """An arm with its constants changed by (5 axes,) mm."""
+    parts = change.reshape(len(_FIELDS), arm.axes)
+    return replace(
+        arm, **{name: getattr(arm, name) + part / reach for (name, reach), part in zip(_FIELDS, parts, strict=True)}
+    )
+
+
+def _fitted(changed: Callable[[Array], Arm], count: int, misfit: Callable[[Arm], Array]) -> FittedArm:
+    """The arm of so many changes in mm that leaves least, in mm."""
+    change, damping = np.zeros(count), _LEAST_DAMPING_OF_ARM
+    residual, J = misfit(changed(change)), np.empty((0, count))
+    for _ in range(_ROUNDS):
+        J = np.stack([(misfit(changed(change + step)) - residual) / _STEP for step in _STEP * np.eye(count)], axis=1)
+        normal, gradient = J.T @ J, J.T @ residual
+        before, gained = float(residual @ residual), 0.0
+        while damping <= _MOST_DAMPING_OF_ARM and gained <= 0:
+            damped = normal + damping * float(np.trace(normal)) / count * np.eye(count)
+            tried = change - np.linalg.solve(damped, gradient)
+            new = misfit(changed(tried))
+            gained = before - float(new @ new)
+            damping *= 10 if gained <= 0 else 0.1
+        if gained <= 0:
+            break
+        change, residual, damping = tried, new, max(damping, _LEAST_DAMPING_OF_ARM)
+        if gained < _ENOUGH * before:
+            break
+    sizes = np.linalg.svd(J, compute_uv=False)
+    return FittedArm(changed(change), residual, J, residual.size - int((sizes > DETERMINED * sizes[0]).sum()))

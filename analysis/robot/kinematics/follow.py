@@ -1,0 +1,136 @@
+"""Inverse kinematics along a path: joint angles that follow a sequence of tool poses without a jump.
+
+Strategy: the first pose is solved by damped Newton from the posture, or, where this does not reach it, begins at the
+branch nearest to the posture. An arm that has a closed form, or is near one, keeps that branch over all poses at once,
+and Newton refines it. Where the branch does not go on without a jump, and for an arm of no known kind, a coarse subset
+of the poses is walked one after the other, each solved by Newton from the one before; what lies between is interpolated
+and refined. Where the walk fails, all branches of that pose show whether it is out of reach or behind a singularity.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.robot.kinematics.arm import Arm, Array, blocks, pose_error
+from analysis.robot.kinematics.closed_form import branches, canonical
+from analysis.robot.kinematics.inverse import inverse
+from analysis.robot.kinematics.joint_limits import SAME_RAD, within_limits, wrapped
+from analysis.robot.kinematics.newton import LENGTH_MM, REACHED_MM, cancelling_axes, conditioning, from_nearby, newton
+from rigs.errors import PathError
+
+Indices = NDArray[np.intp]
+
+_KNOT_TURN = np.radians(4.0)
+_JUMP = 10 * _KNOT_TURN
+"""How far a joint may leave the straight line between knots."""
+
+
+def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
+    """Joint angles (n, 6) rad whose tool follows `poses` (n, 4, 4), starting nearest to `posture` (6,).
+
+    `where` names the path in errors. Raises PathError where a pose cannot be reached, at a singularity
+    that the arm cannot pass without a jump, or where a joint would leave its limits.
+    """
+    solution, good = newton(arm, poses[:1], posture[None])
+    start = solution[0] if good[0] else _nearest_branch(arm, poses[:1], posture)
+    if start is None:
+        raise _out_of_reach(poses, 0, where)
+    knots = _knots(poses)
+    path = _on_one_branch(arm, poses, knots, start)
+    if path is None:
+        path = _walked(arm, poses, knots, start, where)
+    low, high = path.min(axis=0), path.max(axis=0)
+    for axis in range(6):
+        if low[axis] < arm.limits[axis, 0] or high[axis] > arm.limits[axis, 1]:
+            raise PathError(
+                where,
+                f"axis {axis + 1} would move {np.degrees(low[axis]):.1f}° … {np.degrees(high[axis]):.1f}°, "
+                f"its limits are {np.degrees(arm.limits[axis]).round(1).tolist()}°",
+                "move the path or choose another posture_deg",
+                "limits",
+            )
+    return path
+
+
+def _knots(poses: Array) -> Indices:
+    """Indices at which the tool turned or moved by a few degrees (of arm length) since the knot before. What it takes
+    to find them, twice as much as the poses (n, 4, 4), goes before the path is made."""
+    steps = [pose_error(poses[:-1][block], poses[1:][block]) for block in blocks(len(poses) - 1)]
+    motion = np.abs(np.concatenate([np.zeros((1, 6)), *steps]) / ([LENGTH_MM] * 3 + [1.0] * 3)).sum(axis=1)
+    counts = np.floor(np.cumsum(motion) / _KNOT_TURN)
+    return np.unique([0, *(np.flatnonzero(np.diff(counts) > 0) + 1), len(poses) - 1]).astype(np.intp)
+
+
+def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Array | None:
+    """The branch (n, 6) rad of the closed form on which the first pose has angles start (6,), refined for the true arm;
+    None where there is no such branch, or it does not go on."""
+    form = canonical(arm)
+    if form is None:
+        return None
+    theta = arm.coupling @ start + arm.offset
+    slot = int(np.abs(wrapped(branches(form, poses[:1])[:, :, 0] - theta)).max(axis=1).argmin())
+    path = np.concatenate([branches(form, poses[block], slot=slot)[0].T for block in blocks(len(poses))])
+    path = np.unwrap(path, axis=0)
+    path += 2 * np.pi * np.rint((theta - path[0]) / (2 * np.pi))
+    path, off_mm, _ = from_nearby(arm, poses, (path - arm.offset) @ np.linalg.inv(arm.coupling).T)
+    if not (off_mm < REACHED_MM).all() or np.abs(path[0] - start).max() > SAME_RAD:
+        return None
+    # What turns by less than a jump from knot to knot leaves the straight line between them by less.
+    swing = np.maximum.reduceat(path, knots) - np.minimum.reduceat(path, knots)
+    step = np.abs(np.diff(path, axis=0)).max(initial=0.0)
+    return path if max(swing.max(), step) < _JUMP else None
+
+
+def _walked(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) -> Array:
+    """Angles (n, 6) rad by Newton from knot to knot, from start (6,) rad at the first, and then in between."""
+    walked = np.empty((len(knots), 6))
+    q = walked[0] = start
+    for row, knot in enumerate(knots[1:].tolist(), start=1):
+        pose = poses[knot : knot + 1]
+        solution, good = newton(arm, pose, q[None])
+        if not good[0]:
+            reachable = _nearest_branch(arm, pose, q) is not None
+            raise _flips(arm, poses, knot, q, where) if reachable else _out_of_reach(poses, knot, where)
+        q = walked[row] = solution[0]
+    guess = np.stack([np.interp(np.arange(len(poses)), knots, column) for column in walked.T], axis=1)
+    path, good = newton(arm, poses, guess)
+    jump = np.where(good, np.abs(path - guess).max(axis=1), np.inf)
+    if jump.max() > _JUMP:
+        index = int(jump.argmax())
+        raise _flips(arm, poses, index, guess[index], where)
+    return path
+
+
+def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
+    """The angles (6,) rad, of all branches and turns for a pose (1, 4, 4), nearest to q (6,) rad and within the limits
+    where any is."""
+    solutions = inverse(arm, pose)
+    postures = solutions.q[solutions.found]
+    allowed, _ = within_limits(arm, postures)
+    candidates = allowed if len(allowed) else postures
+    if not len(candidates):
+        return None
+    nearest: Array = candidates[np.abs(candidates - q).max(axis=1).argmin()]
+    return nearest
+
+
+def _out_of_reach(poses: Array, index: int, where: str) -> PathError:
+    what = f"{_named(poses, index)} is out of reach of the arm in every posture"
+    return PathError(where, what, "move the centre", "reach")
+
+
+def _flips(arm: Arm, poses: Array, index: int, q: Array, where: str) -> PathError:
+    axes = " and ".join(str(axis) for axis in cancelling_axes(arm, q))
+    return PathError(
+        where,
+        f"the arm changes its posture near {_named(poses, index)}: a singularity, where axes {axes} cancel each other "
+        f"(conditioning {conditioning(arm, q[None])[0]:.1g} at {np.degrees(q).round(1).tolist()}°)",
+        "move the circle or choose another posture_deg",
+        "singularity",
+    )
+
+
+def _named(poses: Array, index: int) -> str:
+    point = [float(x) for x in np.round(poses[index][:3, 3], 1)]
+    return f"pose {index + 1} of {len(poses)} at {point} mm"

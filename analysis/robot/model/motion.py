@@ -1,0 +1,84 @@
+"""Memory of direction: where a joint turns back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.runs.stands import standing
+from rigs.schema.scene import play
+
+_TURN_RAD = np.radians(0.003)
+"""Less than this is an encoder's noise, not a reversal."""
+_STANDS_S = 0.1
+"""The robot stands where no joint turns by an encoder's noise within this time: every program drives faster."""
+_NEAR_S = 0.25
+_LEAST = 5
+_NONE: Integers = np.empty(0, dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Reported angles q (n, axes) rad at t_s (n,). Where its joints turn back is computed once and shared."""
+
+    t_s: Array
+    q: Array
+    _reversals: dict[int, list[tuple[float, float]]] = field(default_factory=dict, init=False, repr=False)
+
+    def reversals(self, axis: int) -> list[tuple[float, float]]:
+        """When a joint (from 1) turns back, s, and the direction (±1) it takes then."""
+        if axis not in self._reversals:
+            self._reversals[axis] = turns(self.t_s, self.q[:, axis - 1], self._stand_ends)
+        return self._reversals[axis]
+
+    @cached_property
+    def _stand_ends(self) -> Integers:
+        """The last row (s,) of each period in which the whole robot stands, from which it drives on."""
+        ends = [end - 1 for _, end in standing(self.t_s, self.q, _TURN_RAD, _STANDS_S) if end < len(self.t_s)]
+        return np.array(ends, dtype=np.intp)
+
+
+def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[float, float]]:
+    """When x (n,) rad turns back, and the direction (±1) it takes then.
+
+    `stand_ends` (s,) has the last row of each period in which the whole robot stands: there a joint turns back as it
+    leaves. Elsewhere it turns at the vertex of its way.
+    """
+    follower = play(x, _TURN_RAD / 2)
+    moving = np.flatnonzero(np.diff(follower))
+    direction = np.sign(np.diff(follower)[moving])
+    changes = np.append(np.flatnonzero(np.diff(x)), len(x) - 1)
+    reversals = []
+    for k in np.flatnonzero(np.diff(direction)):
+        # The follower moves again only after the play; the turn itself was at the extreme before that.
+        between = slice(moving[k], moving[k + 1] + 1)
+        extreme = moving[k] + int(np.argmin(direction[k + 1] * x[between]))
+        last = int(changes[np.searchsorted(changes, extreme)])
+        # A joint may rest on after the robot has left its stand, while others turn.
+        leaves = np.searchsorted(t_s, t_s[moving[k + 1]] - 2 * _NEAR_S)
+        ended = stand_ends[(stand_ends >= max(moving[k], leaves)) & (stand_ends <= moving[k + 1] + 1)]
+        if len(ended):
+            when = t_s[ended[-1]]
+        elif len(_near(t_s, extreme)) < _LEAST:
+            when = t_s[last]  # of a program's stops: it stands there, and turns back as it leaves
+        else:
+            # Between samples: the vertex of a parabola through those about the extreme, at which rounded angles stand
+            # for a while. Where they make none, as about a stop, the extreme itself is as good as anything.
+            middle = (extreme + last) // 2
+            near = _near(t_s, middle)
+            since = t_s[near] - t_s[middle]
+            bend, slope, _ = np.polyfit(since, x[near] - x[middle], 2)
+            shift = -slope / (2 * bend) if bend else np.inf
+            when = t_s[middle] + shift if abs(shift) <= 2 * np.max(np.diff(since)) else t_s[middle]
+        reversals.append((float(when), float(direction[k + 1])))
+    return reversals
+
+
+def _near(t_s: Array, k: int) -> Integers:
+    """Indices of the samples whose times t_s (n,) s are near that of sample k."""
+    first, end = np.searchsorted(t_s, t_s[k] + 2 * _NEAR_S * np.array([-1, 1]))
+    near: Integers = first + np.flatnonzero(np.abs(t_s[first:end] - t_s[k]) <= _NEAR_S)
+    return near

@@ -1,0 +1,246 @@
+"""What the effects act on, as the simulator has it: the scene of `rigs/schema/scene.py` with an arm and its loads, and
+what links and payload weigh on each joint, and on the base that carries them all.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+
+from analysis.robot.kinematics.arm import RAIL_MM, Arm, Array, base_places, blocks, link_columns, rail_frame, rail_mm
+from analysis.robot.model.motion import Motion
+from rigs.effects import Effect
+from rigs.schema.robot import Robot
+from rigs.schema.scene import Stage
+
+_G = 9.80665
+"""m/s², the standard acceleration of free fall (ISO 80000-3), against z of the world."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """mass (axes,) kg of each link, centre (axes, 3) mm in its frame, payload_kg at the flange."""
+
+    mass: Array
+    centre: Array
+    payload_kg: float
+
+
+def load_of(robot: Robot) -> Load:
+    """What a rig file says that the links weigh."""
+    mass = np.array([axis.mass_kg for axis in robot.axes])
+    return Load(mass, np.array([axis.centre_mm for axis in robot.axes], dtype=float), robot.payload_kg)
+
+
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """What gravity does at n postures: torque (n, axes) Nm on each joint of the controller, and moment (n, 3) Nm of all
+    that the arm carries about the origin of its base, in the axes of the base."""
+
+    torque: Array
+    moment: Array
+
+
+_recent: deque[tuple[Arm, Load, Array, Pull]] = deque(maxlen=32)
+"""The pull on the last traces: a fit asks for that on the same few over and over. Nothing is changed in place."""
+_KEPT_ROWS = 50_000
+"""Longer traces are not kept: 32 of them would fill 150 MB and more with what a simulation asks for once."""
+
+
+def pull(arm: Arm, load: Load, q: Array) -> Pull:
+    """What gravity does at angles q (n, axes) rad."""
+    for known_arm, known_load, known_q, pulled in _recent:
+        if (
+            known_q is q
+            and known_arm is arm
+            and known_load.mass is load.mass
+            and known_load.centre is load.centre
+            and known_load.payload_kg == load.payload_kg
+        ):
+            return pulled
+    # Masses (axes,) kg and their centres (axes, 3) mm with the payload, which hangs at the flange, the last frame.
+    mass, centre = load.mass.copy(), load.centre.copy()
+    mass[-1] += load.payload_kg
+    if mass[-1] > 0:
+        centre[-1] *= load.mass[-1] / mass[-1]
+    per_theta, about_base = np.empty((arm.axes, len(q))), np.zeros((3, len(q)))
+    for block in blocks(len(q)):
+        links = list(link_columns(arm, q[block]))
+        beyond_kg, beyond_kg_mm = 0.0, np.zeros((2, links[0].shape[2]))
+        for axis in reversed(range(arm.axes)):
+            x, y, z, origin = links[axis][:, :2]
+            beyond_kg += mass[axis]
+            beyond_kg_mm += mass[axis] * (origin + centre[axis, 0] * x + centre[axis, 1] * y + centre[axis, 2] * z)
+            across_x, across_y = beyond_kg_mm - beyond_kg * origin
+            per_theta[axis, block] = _G * (z[1] * across_x - z[0] * across_y)
+        beside_x, beside_y = beyond_kg_mm - beyond_kg * base_places(arm, q[block])[:, :2].T
+        about_base[:2, block] = -_G * beside_y, _G * beside_x
+    pulled = Pull((arm.coupling.T @ per_theta / 1000.0).T, about_base.T @ arm.T_world_base[:3, :3] / 1000.0)
+    if len(q) <= _KEPT_ROWS:
+        _recent.append((arm, load, q, pulled))
+    return pulled
+
+
+@dataclass(frozen=True)
+class Scene:
+    """n samples in order of time.
+
+    motion: as reported; link_q (n, axes) rad; T (n, 4, 4) of the tool in the world; contact (n,) rad: angle around the
+    ball at which the link touches it; form_mm (n,): what the ball's form adds to the distance; offsets_mm (k,): places
+    of the gauges on the baseline; g_mm (n, k): readings. What a stage has not reached yet is empty.
+    """
+
+    arm: Arm
+    load: Load
+    motion: Motion
+    link_q: Array
+    T: Array
+    contact: Array
+    form_mm: Array
+    offsets_mm: Array
+    g_mm: Array
+
+    @property
+    def t_s(self) -> Array:
+        """Times (n,) s."""
+        return self.motion.t_s
+
+    @property
+    def q(self) -> Array:
+        """Reported angles (n, axes) rad."""
+        return self.motion.q
+
+    @property
+    def base_mm(self) -> Array:
+        """Where the base of the arm stands in the world (3,) mm."""
+        return self.arm.T_world_base[:3, 3]
+
+    def reported_at(self, t_s: Array) -> Array:
+        """Reported angles (n, axes) rad at instants t_s (n,), the ends held.
+
+        By cubics with the slopes of the samples: straight lines would be wrong by more than a millisecond's lag does.
+        A joint that stands beside a sample has no slope there.
+        """
+        t = self.t_s
+        if len(t) == 1:
+            return np.repeat(self.q, len(t_s), axis=0)
+        k = np.clip(np.searchsorted(t, t_s) - 1, 0, len(t) - 2)
+        width = t[k + 1] - t[k]
+        x = np.clip((t_s - t[k]) / width, 0.0, 1.0)
+        rise, begin, end = x * x * (3 - 2 * x), width * x * (1 - x) ** 2, width * x * x * (1 - x)
+        angles = np.empty((len(t_s), self.q.shape[1]))
+        for axis, q in enumerate(self.q.T):  # one after the other: a long trace has few temporaries
+            slopes = np.gradient(q, t)
+            stands = np.diff(q) == 0
+            slopes[:-1][stands] = slopes[1:][stands] = 0.0
+            angles[:, axis] = q[k] + rise * (q[k + 1] - q[k]) + begin * slopes[k] - end * slopes[k + 1]
+        return angles
+
+    def reversals(self, axis: int) -> list[tuple[float, float]]:
+        """When a joint (from 1) turns back, s, and the direction (±1) it takes then."""
+        return self.motion.reversals(axis)
+
+    def torques(self, payload_kg: float = 0.0) -> Array:
+        """Torque of gravity on each joint (n, axes) Nm, with so much more at the flange, or less, down to nothing."""
+        hangs_kg = max(self.load.payload_kg + payload_kg, 0.0)
+        return pull(self.arm, replace(self.load, payload_kg=hangs_kg), self.q).torque
+
+    def moment(self) -> Array:
+        """Moment of gravity (n, 3) Nm on the base, about its origin and in its axes."""
+        return pull(self.arm, self.load, self.q).moment
+
+    def link_after(self, axis: int) -> tuple[Array, Array, Array]:
+        """Place (n, 3) mm of a joint (from 1), direction (n, 3) of its axis, and place (n, 3) mm of its link's end,
+        which is that of the joint where the link has no length."""
+        place, direction, end = np.empty((3, len(self.link_q), 3))
+        for block in blocks(len(self.link_q)):
+            links = list(islice(link_columns(self.arm, self.link_q[block]), axis + 1))
+            _, _, direction[block].T[:], place[block].T[:] = links[axis - 1]
+            end[block] = links[axis][3].T if axis < self.arm.axes else self.T[block, :3, 3]
+        return place, direction, end
+
+    def taken_at(self, t_s: Array) -> Scene:
+        """The scene as reported at other instants t_s (n,) s."""
+        q = self.reported_at(t_s)
+        return replace(self, motion=Motion(self.t_s, q), link_q=q)
+
+    def with_constant(self, field: str, axis: int, delta: float) -> Scene:
+        """A constant of the arm (a, d in mm; alpha, beta in rad) of an axis (from 1) changed by delta."""
+        column = getattr(self.arm, field).copy()
+        column[axis - 1] += delta
+        return replace(self, arm=replace(self.arm, **{field: column}))
+
+    def turned(self, axis: int, deviation: Array | float) -> Scene:
+        """The link side of a joint (from 1) turned by a deviation (n,) rad."""
+        link_q = self.link_q.copy()
+        link_q[:, axis - 1] += deviation
+        return replace(self, link_q=link_q)
+
+    def along_rail(self, error_mm_m: Array) -> Scene:
+        """The tool moved by an error (3,) in mm for each metre that the rail stands along its way: along the rail, then
+        across it and level in the frame of the base, then across both; the same scene without a rail."""
+        if self.arm.rail is None:
+            return self
+        offset = rail_frame(self.arm) @ error_mm_m / RAIL_MM
+        return self.shifted(rail_mm(self.arm, self.q[: len(self.T)])[:, None] * offset)
+
+    def tilted(self, turn: Array, below_mm: float) -> Scene:
+        """The whole arm turned by rotation vectors (n, 3) rad in the axes of its base, about the point that lies so far
+        below the origin of the base."""
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
+
+        R_base = self.arm.T_world_base[:3, :3]
+        R = Rotation.from_rotvec(turn @ R_base.T).as_matrix()
+        pivot = base_places(self.arm, self.q[: len(self.T)]) - below_mm * R_base[:, 2]
+        T = self.T.copy()
+        T[:, :3, :3] = R @ self.T[:, :3, :3]
+        T[:, :3, 3] = pivot + np.einsum("nij,nj->ni", R, self.T[:, :3, 3] - pivot)
+        return replace(self, T=T)
+
+    def raised(self, height_mm: Array) -> Scene:
+        """The whole arm moved along the z of its base by (n,) mm."""
+        return self.shifted(np.outer(height_mm, self.arm.T_world_base[:3, 2]))
+
+    def shifted(self, offset_mm: Array) -> Scene:
+        """The tool moved by (n, 3) mm in the world."""
+        T = self.T.copy()
+        T[:, :3, 3] += offset_mm
+        return replace(self, T=T)
+
+    def with_form(self, form_mm: Array) -> Scene:
+        """The ball standing proud by (n,) mm where the link touches it."""
+        return replace(self, form_mm=self.form_mm + form_mm)
+
+    def blended(self, before: Scene, after: Scene, share: float) -> Scene:
+        """The scene with a share of what an effect of joints or gauges changes from one scene to another."""
+        link_q, g_mm = share * (after.link_q - before.link_q), share * (after.g_mm - before.g_mm)
+        return replace(self, link_q=self.link_q + link_q, g_mm=self.g_mm + g_mm)
+
+    def with_gauges_at(self, offsets_mm: Array) -> Scene:
+        """The gauges at other places (k,) mm on the baseline."""
+        return replace(self, offsets_mm=offsets_mm)
+
+    def read(self, gauge: str, change: Callable[[Array], Array]) -> Scene:
+        """One gauge's readings (n,) mm changed; the same scene in a test without that gauge."""
+        column = {"g1": 0, "g2": 1}[gauge]
+        if column >= self.g_mm.shape[1]:
+            return self
+        g_mm = self.g_mm.copy()
+        g_mm[:, column] = change(g_mm[:, column])
+        return replace(self, g_mm=g_mm)
+
+    def all_read(self, change: Callable[[Array], Array]) -> Scene:
+        """The readings (n, k) mm of all gauges changed."""
+        return replace(self, g_mm=change(self.g_mm))
+
+
+def apply(effects: Sequence[Effect], stage: Stage, scene: Scene) -> Scene:
+    """The scene after all effects of a stage, in their order."""
+    for effect in effects:
+        if stage == effect.STAGE:
+            scene = effect.apply(scene)
+    return scene

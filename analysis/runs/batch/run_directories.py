@@ -1,0 +1,71 @@
+"""From what a person names to runs: a directory or a URL that is no run stands for every run below it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from analysis.runs.batch.remote_path import RemotePath
+from analysis.runs.batch.remote_store import NO_RUNS
+from daq.store.manifest import is_run
+from rigs.errors import FileError
+
+
+def run_directories(paths: Iterable[Path]) -> list[Path]:
+    """The runs that the paths stand for, in the order given, each once; of a directory in the order of names.
+
+    A path that holds no run stands for itself, so that reading it reports what is wrong with it. Raises CellError
+    where the store of a URL does not answer.
+    """
+    runs: dict[Path, Path] = {}
+    for path in paths:
+        below: list[Path] = []
+        if isinstance(path, RemotePath):
+            from analysis.runs.batch.remote_store import remote_runs  # noqa: PLC0415 - not for a directory
+
+            with suppress(FileError):
+                below = [run.path for run in remote_runs(path)]
+        elif not _is_run(path):
+            below = list(_runs_below(path))
+        for run in below or [path]:
+            runs.setdefault(run.resolve(), run)
+    return list(runs.values())
+
+
+def _runs_below(top: Path) -> Iterator[Path]:
+    """The runs below a directory. Each directory is entered once, however many links lead to it.
+
+    A directory that may not be read is given as if it were a run, since it may hold some.
+    """
+    entered: set[tuple[int, int]] = set()
+    todo = [top]
+    while todo:
+        folder = todo.pop()
+        if folder != top and _is_run(folder):
+            yield folder
+            continue
+        try:
+            status = folder.stat()
+            identity = (status.st_dev, status.st_ino)
+            below = (
+                sorted(entry for entry in folder.iterdir() if not entry.name.startswith(".") and entry.is_dir())
+                if identity not in entered
+                else []
+            )
+        except NotADirectoryError:
+            continue
+        except OSError:
+            if folder.name != NO_RUNS:
+                yield folder
+            continue
+        entered.add(identity)
+        todo += reversed(below)
+
+
+def _is_run(path: Path) -> bool:
+    """Whether a directory is a run that may be entered."""
+    try:
+        return is_run(path)
+    except OSError:
+        return False

@@ -1,0 +1,236 @@
+"""A run as it is analysed: its table, its rig, and what a person should know before trusting it; or, whatever its
+gauges read, what the robot reported in it, which is all that is needed to find where it drove.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+
+import pyarrow as pa
+
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.align import align, robot_alone
+from analysis.runs.batch.fetched import fetched
+from analysis.runs.csv_tables import columns_of, table_from, u_lag_s_of
+from analysis.runs.noise.certificate import (
+    NO_CERTIFICATE,
+    Systematic,
+    beyond_certificates,
+    corrected_gauges,
+    link_excess_mm,
+    systematic,
+)
+from analysis.runs.noise.certificate import doubts_of as certificate_doubts
+from analysis.runs.robot_condition import NOT_SHOWN, Condition, condition_of
+from analysis.runs.stands import one_row_a_stand
+from analysis.runs.table_format import kind_named
+from analysis.runs.table_layout import RAIL
+from analysis.runs.tables import CircleTable, Table
+from analysis.runs.tabular import Tabular
+from daq.store import Run, read_run
+from rigs.errors import FileError
+from rigs.load import calibrated_beside, parse
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction
+
+SIMULATED = "simulated, "
+"""What the source of a simulated table begins with; the seed follows."""
+
+
+@dataclass(frozen=True)
+class Measured(Tabular):
+    """A run that was read, with its rig file as it was then (rig) and its readings as one table, in radians and mm;
+    u_lag_s: standard uncertainty of the gauges' time against the robot's, 0 where a table came with its own time;
+    doubts in words; systematic: what calibration certificates leave uncertain; condition: what the robot showed beside
+    its joints. The run is without its streams: the table is made of them, and takes as much memory for a long run."""
+
+    path: Path
+    run: Run
+    rig: Rig
+    table: Table
+    u_lag_s: float
+    doubts: tuple[str, ...]
+    systematic: Systematic = NO_CERTIFICATE
+    condition: Condition = NOT_SHOWN
+
+    @property
+    def title(self) -> str:
+        """Test and direction, as `yaw acw`."""
+        manifest = self.run.manifest
+        return f"{manifest.test} {manifest.direction}" if manifest.direction else manifest.test
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether no robot was measured: a simulated table, or a run of an emulated cell."""
+        table = self.run.manifest.table
+        return self.rig.emulated or (table is not None and table.file.startswith(SIMULATED))
+
+    def to_table(self) -> pa.Table:
+        """The columns of docs/tables.md: the imported ones as they came, or those of the aligned table."""
+        return columns_of(self.table) if self.run.table is None else self.run.table
+
+
+def load_measured(path: Path) -> Measured:
+    """Read a run, recorded or imported, wherever it lies. Raises FileError."""
+    with fetched(path) as directory:
+        return measured_in(directory, path)
+
+
+def measured_in(directory: Path, path: Path) -> Measured:
+    """Read a run whose files are in a directory; path: where they came from. Raises FileError."""
+    run = read_run(directory)
+    return measured_of(replace(run, path=path), calibrated_beside(rig_of(run), directory))
+
+
+def refuse_copies(runs: Iterable[tuple[Path, str]]) -> None:
+    """Raise FileError where two runs, each with the digest of its readings, hold the same readings.
+
+    A copy used as a repeat would indicate zero noise, and a held-out copy would not be independent.
+    """
+    by_digest: dict[str, Path] = {}
+    for path, readings in runs:
+        if first := by_digest.get(readings):
+            raise FileError(str(path), f"holds the same readings as {first}", "give each recording once")
+        by_digest[readings] = path
+
+
+def rig_of(run: Run) -> Rig:
+    """Return the rig of the text in the manifest of a run, without a calibration. Raises RigFileError."""
+    return parse(run.manifest.rig_text, f"{run.path}, rig file")
+
+
+def measured_of(run: Run, rig: Rig | None = None) -> Measured:
+    """A run that has been read, with the rig of its manifest, or this one, and its table. Raises FileError."""
+    path = run.path
+    rig = rig or rig_of(run)
+    if run.table is None:
+        doubts = known_doubts(run, rig)
+        data = align(path, run, rig)
+        g_mm, beyond = corrected_gauges(rig, [name for name, _ in rig.gauges][: data.g_mm.shape[1]], data.g_mm)
+        doubts += [*data.doubts, *beyond_certificates(rig, beyond, len(g_mm))]
+        kind, direction = kind_named(run.manifest.test), run.manifest.direction
+        table, of_stands = kind.recorded(replace(data, g_mm=g_mm), rig, direction, str(path))
+        condition = condition_of(run.streams["robot"]) if "robot" in run.streams else NOT_SHOWN
+        return measured_as(run, rig, table, data.u_lag_s, [*doubts, *of_stands], condition)
+    doubts = [*known_doubts(run, rig), *_taken_as_corrected(run, rig)]
+    table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
+    if RAIL in table.kind.layout(rail=True).known and table.rail != (rig.robot.rail is not None):
+        if table.rail:
+            problem = f"has {RAIL}, and the arm of the rig file stands on no rail"
+            raise FileError(str(path), problem, "add robot.rail to it")
+        problem = f"has no {RAIL}, and the arm of the rig file stands on a rail"
+        raise FileError(str(path), problem, f"add {RAIL}, where the rail stood in each row")
+    table = one_row_a_stand(table)
+    return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
+
+
+def known_doubts(run: Run, rig: Rig) -> list[str]:
+    """What is doubtful of a run before its readings are looked at, in words. Raises FileError for what is no run, and
+    for one that was made from a replay whose instruments were out of step with one another."""
+    seconds = {stream: counted.get("out_of_step", 0) for stream, counted in run.manifest.counters.items()}
+    if out_of_step := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
+        problem = f"was made from a replay out of step ({out_of_step}), so its figures would be wrong"
+        remedy = "replay the capture again on a computer that is less busy, and record that"
+        raise FileError(str(run.path), problem, remedy)
+    kind, started = kind_named(run.manifest.test), run.manifest.started
+    if kind.gauges and not rig.gauges.recorded:
+        problem = f"is a {run.manifest.test} run, and its rig file has no gauges"
+        raise FileError(str(run.path), problem, "add gauges and feedback to the rig file, and import it again")
+    if not kind.certified:
+        return _doubts(run)
+    try:
+        return [*_doubts(run), *certificate_doubts(rig, kind.certified, dt.date.fromisoformat(started[:10]))]
+    except ValueError:
+        return [*_doubts(run), f"the start time in its manifest is not a date: {started[:30]!r}"]
+
+
+def measured_as(
+    run: Run, rig: Rig, table: Table, u_lag_s: float, doubts: Sequence[str], condition: Condition
+) -> Measured:
+    """A recorded run with the table that was made of its streams, and what the robot showed beside it."""
+    bare = replace(run, streams={})
+    doubts = (*doubts, *condition.doubts)
+    return Measured(run.path, bare, rig, table, u_lag_s, doubts, _systematic(rig, table), condition)
+
+
+def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
+    """What the rig file would correct in readings that were imported, where nothing says whether that was done.
+
+    Simulated readings are what they mean, and need no correction.
+    """
+    kind, table = kind_named(run.manifest.test), run.manifest.table
+    names = kind.gauges
+    if not names or table is None or table.file.startswith(SIMULATED):
+        return []
+    missing = [
+        f"the correction of {name} by certificate {gauge.certificate.number}"
+        for name, gauge in rig.gauges
+        if name in names and gauge.certificate and gauge.certificate.valid_mm
+    ]
+    if "link" in kind.certified and link_excess_mm(rig):
+        missing.append(f"the link's {link_excess_mm(rig):+.4f} mm beyond the radius")
+    towards = [name for name, gauge in rig.gauges if name in names and gauge.sign < 0]
+    turned = f"imported readings are taken to grow with the distance from the ball: counts of {' and '.join(towards)} "
+    turned += "is not applied; if they are as shown, change their sign in the table and import it again"
+    if not missing:
+        return [turned] if towards else []
+    fact = f"imported readings are taken as corrected: {' and '.join(missing)} is not added"
+    return [f"{fact}; if they are raw, correct g1_mm in the table and import it again", *[turned] * bool(towards)]
+
+
+def _systematic(rig: Rig, table: Table) -> Systematic:
+    return systematic(rig, table.kind.readings(table)) if table.kind.gauges else NO_CERTIFICATE
+
+
+def _doubts(run: Run) -> list[str]:
+    manifest = run.manifest
+    doubts = [
+        f"{stream}: {count} {kind} while recording"
+        for stream, counted in manifest.counters.items()
+        for kind, count in counted.items()
+        if kind != "samples" and count
+    ]
+    if manifest.exit_status != "complete":
+        doubts.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
+    # What it was recorded as, in one line; nothing where it has its old words again.
+    last = {change.field: change for change in manifest.relabelled}
+    first = {change.field: change for change in reversed(manifest.relabelled)}
+    old_and_new = {name: (first[name].old, last[name].new) for name in last}
+    if changes := [
+        f"{name} {old or 'none'} to {new or 'none'}" for name, (old, new) in old_and_new.items() if old != new
+    ]:
+        day = manifest.relabelled[-1].at[:10]
+        doubts.append(f"relabelled on {day} after it was recorded: {', '.join(changes)}")
+    doubts += manifest.table.assumed if manifest.table else ()
+    if sha256(manifest.rig_text.encode()).hexdigest() != manifest.rig_sha256:
+        doubts.append("the rig file in its manifest has been changed since (SHA-256)")
+    return doubts
+
+
+@dataclass(frozen=True)
+class RobotMotion:
+    """Reported angles q (n, 6) rad at times t_s (n,) s; where: its name in messages; direction: that of its label, if
+    it has one; doubts in words."""
+
+    where: str
+    t_s: Array
+    q: Array
+    direction: Direction | None = None
+    doubts: tuple[str, ...] = ()
+
+
+def motion_in(run: Run) -> RobotMotion:
+    """The motion of a run, recorded, imported or simulated. Raises FileError where it holds none."""
+    path, direction = run.path, run.manifest.direction
+    if run.table is None:
+        t_s, q, doubts = robot_alone(path, run)
+        return RobotMotion(str(path), t_s, q, direction, doubts)
+    table = table_from(run.table, run.manifest.test, direction, str(path))
+    if not isinstance(table, CircleTable):
+        problem = f"is a {run.manifest.test} table: it has single readings and no motion"
+        raise FileError(str(path), problem, "give a run of the circle, or a recorded run")
+    return RobotMotion(str(path), table.t_s, table.q, direction)

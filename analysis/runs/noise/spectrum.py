@@ -1,0 +1,228 @@
+"""The spectrum of a lap's noise: a white part and a slow part at their most likely sizes.
+
+A robot's error and the noise share every whole order of a lap, so a single lap contains no information about its own
+slow noise; only repeated laps do. The differences between the laps of one run are compared with the spectra of white
+noise and of slow noise (an Ornstein-Uhlenbeck process of some correlation time, or 1/f), over a grid of their sizes, by
+Whittle's likelihood (1953), with the sizes of real cells as prior. For a single lap, robust differences at several
+scales bound the noise from above, and the prior determines the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.noise.cell_noise import DRIFT_MM_PER_S, LEVELS_APART, SLOW_MM, WHITE_MM, NoiseSource
+
+NODES = 720
+"""Circle angles to which a lap is reduced, half a degree apart. Chosen: finer than the stated resolution of 80
+undulations per revolution."""
+ORDERS = np.arange(NODES // 2 + 1)
+"""The orders of a lap, from 0 to NODES // 2."""
+DRAWS = 400
+"""Monte Carlo draws (JCGM 101): 400 determine a standard deviation to 4 %."""
+_TIMES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8)
+"""Correlation times of slow noise that are tried: real cells have 0.1 to 5 s."""
+_PINK_S = np.geomspace(0.005, 100.0, 40)
+"""Correlation times of the processes whose equal parts have a spectrum of 1/f."""
+_WHITES_MM = np.geomspace(2e-5, 0.012, 30)
+"""White noise that is tried: ten times below to four times above the range of real cells."""
+_SLOWS_MM = np.concatenate([[1e-6], np.geomspace(3e-5, 0.05, 40)])
+"""Slow noise that is tried: none, and far below to 2.5 times above the range of real cells."""
+_TOP = 240
+"""Highest order that is compared; the reduction to nodes changes higher ones."""
+_SINGLE = 16
+"""Orders up to this are compared singly, those above in bands that widen by a fifth. Chosen: slow noise falls steeply
+at low orders."""
+_SCALES = (1, 2, 4, 8, 16, 32)
+"""Distances in nodes of the differences of a single lap. Chosen: an octave apart, from half a degree to 16°."""
+_CURVED = (0.15, 0.25, 0.4, 0.6, 0.8, 0.9)
+"""Probability that the curve itself contributes at each of these distances: curves of robots have some 0.7 µm at orders
+16 to 32, and reversals have transits of up to some degrees."""
+_LARGER = 3.0
+"""Scale, in the logarithm of the variance, of the factor by which a curve increases a difference. Chosen: a curve may
+exceed the noise many times."""
+
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class LapNoise:
+    """Likely sizes of the noise in a curve, m draws: `white` (m,) of one reading and `slow` (m,), standard deviations
+    in the curve's unit; `shape` (m,) is the index of the slow part's correlation time; `source` states where they come
+    from."""
+
+    white: Array
+    slow: Array
+    shape: Integers
+    source: NoiseSource
+
+    def power(self, laps: int, rows: float, lap_s: float) -> Array:
+        """Return the mean square (m, NODES // 2 + 1) of each complex Fourier coefficient of the mean of some laps with
+        `rows` rows each."""
+        slow = _shapes(lap_s, laps)[1][self.shape]
+        power: Array = self.white[:, None] ** 2 * _white(rows) / laps + self.slow[:, None] ** 2 * slow
+        return power
+
+    def elsewhere(self, rng: np.random.Generator) -> LapNoise:
+        """Return the noise (m,) of another run of the same cell, whose level differs."""
+        level = LEVELS_APART ** rng.uniform(-1.0, 1.0, len(self.white))
+        return LapNoise(self.white * level, self.slow * level, self.shape, "borrowed")
+
+
+def noise_of(
+    laps: Array, rows: float, times_s: tuple[float, float], per_mm: float, rng: np.random.Generator
+) -> LapNoise:
+    """Return the noise of a curve driven in laps (L, NODES), in order of time, of `rows` rows each.
+
+    `times_s` has the duration of a lap and the time from one to the next; `per_mm` is the curve's unit per mm of a
+    gauge's noise.
+    """
+    lap_s, apart_s = times_s
+    if len(laps) > 1:
+        evidence = _of_differences(laps / per_mm, rows, lap_s, DRIFT_MM_PER_S * apart_s)
+    else:
+        evidence = _of_scales(laps[0] / per_mm, rows, lap_s)
+    probability = np.exp(evidence + _prior() - (evidence + _prior()).max())
+    cumulated = np.cumsum(probability.ravel())
+    place = np.searchsorted(cumulated, rng.uniform(0, cumulated[-1], DRAWS)).clip(max=probability.size - 1)
+    white, slow, shape = np.unravel_index(place, probability.shape)
+    source: NoiseSource = "measured" if len(laps) > 1 else "assumed"
+    return LapNoise(_WHITES_MM[white] * per_mm, _SLOWS_MM[slow] * per_mm, shape, source)
+
+
+def _of_differences(laps: Array, rows: float, lap_s: float, drift_mm: float) -> Array:
+    """Return the log likelihood (whites, slows, shapes) of the differences between laps (L, NODES) mm; `drift_mm` is
+    the largest drift from one lap to the next, which does not count as noise of their levels."""
+    freedom = len(laps) - 1
+    drifted = drift_mm**2 / 3 * len(laps) * (len(laps) + 1) / 12
+    spectra = np.fft.rfft(laps - laps.mean(axis=0), axis=1) / NODES
+    seen = _banded((np.abs(spectra) ** 2).sum(axis=0) / freedom)
+    white, slow = _banded(_white(rows)), _banded(_shapes(lap_s, len(laps))[0])
+    # The number of orders (bands,) in each band; order 0 is one real number and counts half.
+    weights = np.diff(_edges()).astype(float)
+    weights[0] = 0.5
+    weight = freedom * weights
+    evidence = np.empty((len(_WHITES_MM), len(_SLOWS_MM), len(slow)))
+    for shape, slow_power in enumerate(slow):
+        power = _WHITES_MM[:, None, None] ** 2 * white + _SLOWS_MM[None, :, None] ** 2 * slow_power
+        power[:, :, 0] += drifted
+        evidence[:, :, shape] = -(np.log(power) + seen / power) @ weight
+    return evidence
+
+
+def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
+    """Return the log likelihood (whites, slows, shapes) of the third differences of one lap (NODES,) mm at several
+    scales.
+
+    Each is a mixture of noise alone, and of noise and curve, which is larger by some factor.
+    """
+    slow = _shapes(lap_s, 1)[0]
+    evidence = np.zeros((len(_WHITES_MM), len(_SLOWS_MM), len(slow)))
+    for scale, curved in zip(_SCALES, _CURVED, strict=True):
+        passed = _third_difference_passes(scale)
+        variance = _WHITES_MM[:, None, None] ** 2 * (_white(rows) @ passed)
+        variance = variance + _SLOWS_MM[None, :, None] ** 2 * (slow @ passed)
+        # The third differences (NODES,) of means of `scale` nodes, equally far apart, around a closed lap.
+        summed = np.cumsum(np.concatenate([[0.0], lap, lap[:scale]]))
+        means = (summed[scale:] - summed[:-scale])[:NODES] / scale
+        third: Array = means - 3 * np.roll(means, -scale) + 3 * np.roll(means, -2 * scale) - np.roll(means, -3 * scale)
+        seen = (1.4826 * float(np.median(np.abs(third)))) ** 2
+        # A median of NODES / scale overlapping differences determines a variance with a quarter as many
+        # degrees of freedom.
+        spread = np.sqrt(8.0 * scale / NODES)
+        off = np.log(max(seen, 1e-18) / variance)
+        close = np.exp(-0.5 * (off / spread) ** 2)
+        with_curve = np.where(off > 0, np.exp(-np.maximum(off, 0.0) / _LARGER), close) / _LARGER
+        evidence += np.log((1 - curved) * close / (spread * np.sqrt(2 * np.pi)) + curved * with_curve + 1e-300)
+    return evidence
+
+
+@lru_cache(maxsize=16)
+def _third_difference_passes(scale: int) -> Array:
+    """Return the share of the mean square of each order (NODES // 2 + 1,) that a third difference passes, for both
+    halves of a spectrum."""
+    half = np.pi * ORDERS / NODES
+    mean = np.ones(len(ORDERS))
+    mean[1:] = np.sin(scale * half[1:]) / (scale * np.sin(half[1:]))
+    passed: Array = (2 * np.sin(scale * half)) ** 6 * mean**2
+    passed[1:-1] *= 2
+    return passed
+
+
+@lru_cache(maxsize=4)
+def _prior() -> Array:
+    """Return the log prior (whites, slows, 1): uniform on a logarithmic scale over the range of real cells, falling
+    beyond."""
+    white = -2.0 * (_beyond(0.5 * WHITE_MM.low / _WHITES_MM) + _beyond(_WHITES_MM / (2 * WHITE_MM.high)))
+    slow = -1.0 * _beyond(0.6 * SLOW_MM.low / _SLOWS_MM) - 2.0 * _beyond(_SLOWS_MM / (1.5 * SLOW_MM.high))
+    prior: Array = (white[:, None] + slow[None, :])[:, :, None]
+    return prior
+
+
+def _beyond(ratio: Array) -> Array:
+    return np.maximum(0.0, np.log(ratio))
+
+
+def _white(rows: float) -> Array:
+    """Return the mean square (NODES // 2 + 1,) of the coefficients of unit white noise in `rows` rows, reduced to
+    nodes."""
+    turn = 2 * np.pi * ORDERS / NODES
+    return 3 / (2 + np.cos(turn)) / node_response() ** 2 / rows
+
+
+@lru_cache(maxsize=1)
+def node_response() -> Array:
+    """Return the response (NODES // 2 + 1,) of the least-squares broken line through NODES to each order of a smooth
+    curve.
+
+    A broken line overshoots a curve at its nodes (Unser, Splines: a perfect fit, 1999), by 2 % at order 60.
+    """
+    turn = 2 * np.pi * ORDERS / NODES
+    response: Array = np.sinc(ORDERS / NODES) ** 2 * 3 / (2 + np.cos(turn))
+    return response
+
+
+@lru_cache(maxsize=8)
+def _shapes(lap_s: float, laps: int) -> tuple[Array, Array]:
+    """Return, for each kind of slow noise of unit variance, the mean squares (shapes, orders) of the coefficients of a
+    lap about the mean of some laps (or of a single lap itself), and of that mean."""
+    turn_s = np.asarray(2 * np.pi * ORDERS / lap_s, dtype=np.float64)
+    of_lap = np.array([_coefficients(tau, lap_s, turn_s) for tau in (*_TIMES_S, *_PINK_S)])
+    of_mean = np.array([_coefficients(tau, laps * lap_s, turn_s) for tau in (*_TIMES_S, *_PINK_S)])
+    about = laps * (of_lap - of_mean) / (laps - 1) if laps > 1 else of_lap
+    return _with_pink(about), _with_pink(of_mean)
+
+
+def _with_pink(power: Array) -> Array:
+    count = len(_TIMES_S)
+    return np.concatenate([power[:count], power[count:].mean(axis=0, keepdims=True)])
+
+
+def _coefficients(tau_s: float, window_s: float, turn_s: Array) -> Array:
+    """Return the mean squares (k,) of Fourier coefficients of an Ornstein-Uhlenbeck process of unit variance at the
+    angular frequencies turn_s (k,), of which the window contains whole turns: the double integral of its covariance
+    over the window."""
+    rate = 1 / tau_s + 1j * turn_s
+    inside = window_s / rate - (1 - np.exp(-window_s / tau_s)) / rate**2
+    power: Array = np.maximum(2 / window_s**2 * inside.real, 1e-15)
+    return power
+
+
+@lru_cache(maxsize=1)
+def _edges() -> Integers:
+    edges = list(range(_SINGLE + 1))
+    while edges[-1] < _TOP:
+        edges.append(min(_TOP, max(edges[-1] + 2, round(1.2 * edges[-1]))))
+    return np.array(edges)
+
+
+def _banded(power: Array) -> Array:
+    """Return means (..., bands) of power (..., orders) over bands of orders."""
+    edges = _edges()
+    means: Array = np.add.reduceat(power[..., : edges[-1]], edges[:-1], axis=-1) / np.diff(edges)
+    return means

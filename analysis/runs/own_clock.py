@@ -1,0 +1,382 @@
+"""An instrument's stamps read on the host's time line: by its own clock, or by the steady pace of its messages.
+
+(host - instrument) is the clock's offset plus a delay, and a delay can only be too long: the floor of it is the clock.
+Before that the stamps are put in order: a counter that has wrapped goes on, a stamp that is wrong by itself is left
+out, a clock that restarted is fitted in pieces.
+
+An instrument that speaks unasked and without a clock speaks at its own steady pace. Message n was sent at
+n periods, and arrived some delay later; with n as its clock the floor of the delays shows when. An adapter that holds
+bytes for 16 ms is seen through that way.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.runs.lower_hull import TICK_S, Mask, floor
+
+_LEAP_S = 1.0
+"""No network or serial line holds a message back for so long without losing its link; a busy computer may."""
+_WRAPS_S = (2**32 * 1e-3, 2**32 * 1e-6)
+"""Counters of 32 bits, in ms and in µs."""
+
+_LATEST_S = 1e11
+"""No clock shows so much, since whatever year: what has a stamp beyond has no clock."""
+
+
+_BLOCK = 1 << 15
+"""Rows at a time, so that what is computed of them stays in the processor's cache."""
+_AROUND = 8
+"""Stamps before and after one that fell, among which the wrong ones are sought."""
+
+
+@dataclass(frozen=True)
+class FittedClock:
+    """Host times (n,) ns of an instrument's stamps; u_s (n,): of those alone that its clock does not give.
+
+    restarted: the rows from which on the clock is another; wrong: how many stamps were left out. wanders_s: by how much
+    the lateness of an instrument's pace changed for good, and shared_u_s, what that makes uncertain in all of them.
+    """
+
+    ns: Array
+    u_s: Array
+    restarted: tuple[int, ...] = ()
+    wrong: int = 0
+    wanders_s: float = 0.0
+    shared_u_s: float = 0.0
+
+    @property
+    def restarts(self) -> int:
+        """How often the clock restarted."""
+        return len(self.restarted)
+
+
+def stands(device_s: Array) -> bool:
+    """Whether a clock that shows device_s (n,) does not advance, as far as stamps of the host can resolve it."""
+    return len(device_s) > 1 and bool(device_s.max() <= device_s.min() + TICK_S)
+
+
+def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
+    """When the host's clock showed what the instrument's showed, device_s (n,); host_ns (n,), the arrivals or any other
+    bound that is never too early. The host's own where the instrument has no clock."""
+    if len(device_s) < 3 or not -_LATEST_S < device_s.min() <= device_s.max() < _LATEST_S:
+        return FittedClock(host_ns, np.zeros(len(host_ns)))
+    if (device_s[1:] >= device_s[:-1]).all():
+        least, most = np.inf, -np.inf
+        for begin in range(0, len(device_s), _BLOCK):
+            rows = slice(begin, begin + _BLOCK)
+            offset_s = (host_ns[rows] - host_ns[0]) / 1e9 - device_s[rows]
+            least, most = min(least, offset_s.min()), max(most, offset_s.max())
+        # It never fell, nor leapt against the host's: most do not, and nothing else is to be looked for.
+        if most - least < _LEAP_S:
+            return _by_arrival(*_fitted(device_s, host_ns), (), host_ns)
+    device_s = unwrapped(device_s, host_ns)
+    wrong = out_of_order(device_s)
+    in_order_s, came_ns = (device_s[~wrong], host_ns[~wrong]) if wrong.any() else (device_s, host_ns)
+    starts = _starts(in_order_s, came_ns)
+    pieces = [_fitted(*piece) for piece in zip(np.split(in_order_s, starts), np.split(came_ns, starts), strict=True)]
+    ns, low = (of[0] if len(of) == 1 else np.concatenate(of) for of in zip(*pieces, strict=True))
+    if wrong.any():
+        ns, low = _among(wrong, ns, 0.0), _among(wrong, low, True)
+    return _by_arrival(ns, low, tuple(np.flatnonzero(~wrong)[starts].tolist()), host_ns)
+
+
+def _among(wrong: Mask, kept: NDArray[Any], filler: float) -> NDArray[Any]:
+    """Values for all rows (n,): those kept, and a filler where the stamp is wrong."""
+    values = np.full(len(wrong), filler, dtype=kept.dtype)
+    values[~wrong] = kept
+    return values
+
+
+def _starts(device_s: Array, host_ns: Array) -> Integers:
+    """Rows at which the clock restarted: it fell, or its offset from the host's clock is another from then on.
+
+    A host that was held up reads at once what came meanwhile: offsets leap and come back, so the least of them stays.
+    """
+    offset_s = (host_ns - host_ns[0]) / 1e9 - device_s
+    leaps = np.flatnonzero((np.diff(device_s) < 0) | (np.abs(np.diff(offset_s)) > _LEAP_S)) + 1
+    starts: list[int] = []
+    least = offset_s[: leaps[0]].min() if len(leaps) else 0.0
+    for leap, after in pairwise([*leaps.tolist(), len(device_s)]):
+        least_after = offset_s[leap:after].min()
+        if device_s[leap] < device_s[leap - 1] or abs(least_after - least) > _LEAP_S:
+            starts.append(leap)
+            least = least_after
+        least = min(least, least_after)
+    return np.array(starts, dtype=np.int64)
+
+
+def unwrapped(device_s: Array, host_ns: Array) -> Array:
+    """Stamps (n,) s of a counter, going on where it wrapped: where it fell by just what it can count to."""
+    ticks, passed = np.diff(device_s), np.diff(host_ns) / 1e9
+    leaps = np.flatnonzero(np.abs(ticks - passed) > min(_WRAPS_S) - _LEAP_S)
+    if not len(leaps):
+        return device_s
+    added, ticks, passed = np.zeros(len(device_s)), ticks[leaps], passed[leaps]
+    for wrap_s in _WRAPS_S:
+        added[leaps[(ticks < 0) & (np.abs(ticks + wrap_s - passed) < _LEAP_S)] + 1] = wrap_s
+        # One message of before, come late.
+        added[leaps[(ticks > 0) & (np.abs(ticks - wrap_s - passed) < _LEAP_S)] + 1] = -wrap_s
+    return np.asarray(device_s + np.cumsum(added))
+
+
+def out_of_order(device_s: Array) -> Mask:
+    """Which stamps (n,) are wrong by themselves: the fewest without which those around them are in order.
+
+    Where that would be many, the clock restarted, and none is wrong.
+    """
+    wrong = np.zeros(len(device_s), dtype=bool)
+    for fell in (np.flatnonzero(np.diff(device_s) < 0) + 1).tolist():
+        around = np.arange(max(0, fell - _AROUND), min(len(device_s), fell + _AROUND))
+        odd = np.delete(around, _longest_in_order(device_s[around].tolist()))
+        if len(odd) <= _AROUND // 2:
+            wrong[odd] = True
+    return wrong
+
+
+def _longest_in_order(values: Sequence[float]) -> list[int]:
+    """Places of the longest part of some values that never falls, by patience sorting."""
+    piles: list[float] = []
+    tops: list[int] = []
+    below: list[int] = []
+    for place, value in enumerate(values):
+        pile = bisect_right(piles, value)
+        below.append(tops[pile - 1] if pile else -1)
+        piles[pile : pile + 1], tops[pile : pile + 1] = [value], [place]
+    longest, place = [], tops[-1]
+    while place >= 0:
+        longest.append(place)
+        place = below[place]
+    return longest
+
+
+def _fitted(device_s: Array, host_ns: Array) -> tuple[Array, Mask]:
+    if len(device_s) < 3 or stands(device_s):
+        return host_ns, np.zeros(len(host_ns), dtype=bool)
+    since_s = device_s - device_s[0]
+    offset_s = (host_ns - host_ns[0]) / 1e9
+    offset_s -= since_s
+    ns, low = floor(since_s, offset_s)
+    ns += since_s
+    ns *= 1e9
+    ns += host_ns[0]
+    return ns, low
+
+
+def _by_arrival(ns: Array, wrong: Mask, restarted: tuple[int, ...], host_ns: Array) -> FittedClock:
+    """Where the stamp is wrong, the arrival less the usual delay takes its place."""
+    u_s = np.zeros(len(ns))
+    if wrong.any() and not wrong.all():
+        delay = (host_ns - ns)[~wrong]
+        ns = np.where(wrong, host_ns - np.median(delay), ns)
+        u_s[wrong] = delay.std() / 1e9
+    return FittedClock(ns, u_s, restarted, int(wrong.sum()))
+
+
+_AHEAD = 32
+"""Messages of which one is hardly late: some beats of a period against an adapter's timer."""
+_EARLY = 0.15
+"""The share of a period by which the least delay may fall, by the beat and by a period not yet well known."""
+_MOSTLY = 0.75
+"""There is a pace where the least delay hardly changes in so many of the steps from each few messages to the next: the
+others may be waits. Of messages without a pace, a third."""
+_HARDLY = 8
+"""A message is hardly ever earlier than the earliest of the `_AHEAD` before by such a part of their usual delay."""
+_APART = (_AHEAD, 8 * _AHEAD, 64 * _AHEAD, 64 * _AHEAD)
+"""Messages so far apart determine the period: hardly any between two of the nearest is missing, and of the others it is
+then known which; a quarter of a short run at the most."""
+_PAIRS = 100_000
+"""Their median is known to a three-hundredth of how much they differ."""
+_STAYS = 0.4
+"""A lateness wanders where it differs from each few messages to the next by so much less than in the whole run (von
+Neumann's ratio, 1 for what is independent), …"""
+_WANDERS = 6.0
+"""… or leaves its median by so many times what it differs; …"""
+_WANDERS_NS = 0.2e6
+"""… and by this at the least: a busy computer is a little later for longer."""
+_HELD_UP_NS = 0.5e9
+"""A computer is rarely held up for longer: of the messages of such a time, and of `_AHEAD`, hardly all are late."""
+
+_COMES_BACK = 8
+"""Blocks of such a time. A lateness that is made up for within so many was delay, of a computer held up for seconds: an
+instrument that waited never makes up for it. At the most a quarter of a short run."""
+
+
+def through_pace(host_ns: Array) -> FittedClock:
+    """Host times (n,) ns of messages that arrived at host_ns (n,).
+
+    A crystal keeps its pace whatever its computer does, so lateness that comes and goes is delay, and the floor of it
+    the pace. An instrument that waits, as a program without a crystal does, never makes up for it: lateness that
+    stays is its own. Where lateness wanders the arrivals' own floor gives the times, and the shared uncertainty covers
+    both readings.
+
+    The arrivals themselves where there is no steady pace in them: where the least delays of each few messages differ
+    from those of the next. A host that stalls now and then delays many, but never all. How uneven the arrivals come is
+    then their uncertainty.
+    """
+    if len(host_ns) < 2 * _AHEAD:
+        return FittedClock(host_ns, _uneven_s(host_ns))
+    number = np.arange(len(host_ns), dtype=np.int64)
+    for apart in _APART:
+        # By pairs of messages so far apart, `_PAIRS` or a few more of them.
+        lag, every = min(apart, len(number) // 4), max(1, len(host_ns) // _PAIRS)
+        later, earlier = slice(lag, None, every), slice(None, -lag, every)
+        period_ns = float(np.median((host_ns[later] - host_ns[earlier]) / (number[later] - number[earlier])))
+        if not period_ns > 0:
+            return FittedClock(host_ns, _uneven_s(host_ns))  # most came at once, after a stall
+        former, number = number, numbered(host_ns, period_ns)
+        if apart > _APART[0] and np.array_equal(number, former):
+            break
+    number = _not_early(number, host_ns, period_ns)
+    fitted = through_clock(np.asarray(number * (period_ns / 1e9), dtype=np.float64), host_ns)
+    late_ns = host_ns - fitted.ns
+    steps_ns = np.abs(np.diff(_least_of_blocks(late_ns, _AHEAD)))
+    if fitted.restarts or np.quantile(steps_ns, _MOSTLY) >= _EARLY * period_ns:
+        return FittedClock(host_ns, _uneven_s(host_ns))
+    return _wandering(fitted, late_ns, min(max(_AHEAD, round(_HELD_UP_NS / period_ns)), len(late_ns) // 2))
+
+
+def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
+    """Numbers (n,), the last few before a missing message put right: very late, they are taken for the first ones after
+    it, and would then be earlier than all before."""
+    number = number.copy()
+    for row in (np.flatnonzero(np.diff(number) > 1) + 1).tolist():
+        before, after = slice(max(0, row - _AHEAD), row), slice(row, row + _AHEAD)
+        late_ns = host_ns[before] - number[before] * period_ns
+        first_ns = late_ns.min() - (np.median(late_ns) - late_ns.min()) / _HARDLY
+        early = np.append(host_ns[after] - number[after] * period_ns < first_ns, False)
+        few = int(early.argmin())
+        if few < _AHEAD:  # else the instrument waited
+            number[row : row + few] = number[row - 1] + 1 + np.arange(few)
+    return number
+
+
+def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
+    """Times of messages that are late_ns (n,): whether a lateness stays is seen by the least of each block."""
+    least_ns = _least_of_blocks(late_ns, block)
+    steps_ns = np.diff(least_ns)
+    level_ns = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(least_ns, 1, mode="edge"), 3), axis=1)
+    few = max(1, min(_COMES_BACK, len(level_ns) // 4))
+    stayed_ns = _floor_around(np.pad(level_ns, few, mode="edge"), few)[few:-few]  # at an end no recovery can be seen
+    off_ns = np.abs(stayed_ns - np.median(stayed_ns)).max()
+    scatter_ns = np.median(np.abs(steps_ns)) / 0.6745 / math.sqrt(2)  # 0.6745: the median of a normal one's size
+    stays = np.mean(steps_ns**2) < _STAYS * 2 * np.var(least_ns) or off_ns > _WANDERS * scatter_ns
+    if not (stays and off_ns > _WANDERS_NS):
+        return replace(fitted, shared_u_s=float(stayed_ns.std()) / 1e9)
+    wanders_s = float(np.ptp(level_ns)) / 1e9
+    # One reading or the other is true: the root mean square error of the one that is taken.
+    ns = fitted.ns + _floor_around(late_ns, block)
+    return replace(fitted, ns=ns, shared_u_s=wanders_s / math.sqrt(2), wanders_s=wanders_s)
+
+
+def _least_of_blocks(values: Array, block: int) -> Array:
+    blocks = len(values) // block
+    return np.asarray(values[: blocks * block].reshape(blocks, block).min(axis=1))
+
+
+def _floor_around(late_ns: Array, width: int) -> Array:
+    """The least lateness (n,) of so many messages before or after each; it steps just where one that stays begins."""
+    least = _least_of_next(late_ns, width)
+    return np.maximum(np.pad(least, (0, width - 1), mode="edge"), np.pad(least, (width - 1, 0), mode="edge"))
+
+
+def numbered(host_ns: Array, period_ns: float) -> Integers:
+    """Which message of the series each arrival (n,) is, (n,): where one is missing all that follow are a period late.
+
+    Any may be late for its own reasons, but hardly all of the next `_AHEAD`. Among the last of a run nothing missing
+    can be seen. There are at least `_AHEAD` arrivals.
+    """
+    least = np.empty(len(host_ns) - _AHEAD + 1)  # the least of `_AHEAD` delays against the period in turn
+    for begin in range(0, len(least), _BLOCK):
+        rows = slice(begin, begin + _BLOCK + _AHEAD - 1)
+        delays_ns = host_ns[rows] - np.arange(begin, begin + len(host_ns[rows])) * period_ns
+        least[begin : begin + _BLOCK] = _least_of_next(delays_ns)
+    missing = _missing(least, period_ns)
+    along = np.arange(len(host_ns), dtype=np.int64)
+    if not missing.any():
+        return along
+    missing = np.pad(missing, (0, _AHEAD - 1), mode="edge")
+    # What is missing stays so: a stall longer than the look ahead was none.
+    along += np.minimum.accumulate(missing[::-1])[::-1]
+    return along
+
+
+def _missing(least: Array, period_ns: float) -> Integers:
+    """The number of periods by which each least delay (n,) lies behind those of the `_AHEAD` rows before it, as these
+    are counted.
+
+    Where those rows are counted alike, the count of the next one changes by what its delay rises, whatever their count
+    is: such changes are found for all rows at once. Only the rows after a change are counted one by one.
+    """
+    missing, done, count = np.zeros(len(least), dtype=np.int64), 0, 0
+    changes: list[int] = []
+    for begin in range(0, len(least), _BLOCK):
+        rows = least[begin : begin + _BLOCK]
+        before = least[max(begin - _AHEAD, 0) : begin + len(rows) - 1]
+        if begin < _AHEAD:
+            before = np.concatenate([np.full(_AHEAD - begin, least[0]), before])
+        over = (rows - _least_of_next(before)) / period_ns
+        changes += (begin + np.flatnonzero((over >= 1 - _EARLY) | (over < -_EARLY))).tolist()
+    for change in changes:
+        if change >= done:
+            missing[done:change] = count
+            before = least[max(change - _AHEAD, 0) : change]
+            behind = np.append(np.full(_AHEAD - len(before), least[0]), before) - count * period_ns
+            counts = _counted(least[change:], behind, period_ns)
+            done, count = change + len(counts), counts[-1]
+            missing[change:done] = counts
+    missing[done:] = count
+    return missing
+
+
+def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
+    """Counts of the first rows of least (n,), until `_AHEAD` of them in turn are alike.
+
+    behind (_AHEAD,): the least delays of the rows before, without the periods that were missing until then.
+    """
+    before, counts, alike = deque(behind.tolist(), maxlen=_AHEAD), list[int](), 0
+    lowest = min(before)
+    for row in range(len(least)):
+        ahead = float(least[row])
+        count = math.floor((ahead - lowest) / period_ns + _EARLY)
+        leaves, comes = before[0], ahead - count * period_ns
+        before.append(comes)
+        if comes <= lowest:
+            lowest = comes
+        elif leaves == lowest:
+            lowest = min(before)
+        alike = alike + 1 if counts and count == counts[-1] else 1
+        counts.append(count)
+        if alike == _AHEAD:
+            break
+    return counts
+
+
+def _least_of_next(values: Array, width: int = _AHEAD) -> Array:
+    """The least of so many values (n,) in turn, (n - width + 1,)."""
+    covered = 1
+    while covered < width:
+        step = min(covered, width - covered)
+        values = np.minimum(values[:-step], values[step:])
+        covered += step
+    return values
+
+
+def _uneven_s(host_ns: Array) -> Array:
+    """Standard uncertainty (n,) s of arrivals that may be late by as much as they are uneven: as usual, and each."""
+    if len(host_ns) < 2:
+        return np.zeros(len(host_ns))
+    steps = np.diff(host_ns)
+    off = np.abs(steps - np.median(steps))
+    usual = off[off <= np.quantile(off, 0.9)].mean()
+    return np.asarray(np.hypot(usual, np.concatenate([off[:1], off])) / math.sqrt(3) / 1e9)

@@ -1,0 +1,88 @@
+"""The event by which a recorded program can be known again: the rule that would have started its recording.
+
+A signal that came while it was recorded is one. Without, it is where the robot stood and whither it went; angles as the
+controller reported them, so that neither the arm's constants nor the ball's place come into it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from analysis.robot.kinematics.arm import Array
+from daq.store import Run
+from daq.store.ledger import first_error
+from rigs.errors import FileError
+from rigs.schema.declared_tests import STILL_DEG, STOOD_S, Rule
+from rigs.schema.feedback import SIGNAL
+from rigs.schema.vocabulary import CIRCLES, OF_ISO9283
+
+_ON_THE_WAY_DEG = 3.0
+_STEP_S = 0.05
+_LEAST_STILL_S = 2.0
+_FIRST_BLOCK = 64
+
+
+def rule_of(run: Run) -> Rule:
+    """The rule for the program of a recorded run. Raises FileError where the run shows no event that could be known."""
+    manifest, where = run.manifest, str(run.path)
+    if "robot" not in run.streams:
+        raise FileError(where, "holds a table and no robot stream", "give a run that rigd recorded")
+    if manifest.test in OF_ISO9283:
+        problem = f"is a {manifest.test} test, which rigd cannot record"
+        raise FileError(where, problem, "give a recorded run of another test")
+    robot = run.streams["robot"]
+    # The value that the signal had longest after it changed, where it has one and ever changed.
+    signal = robot[SIGNAL][np.isfinite(robot[SIGNAL])] if SIGNAL in robot else np.empty(0)
+    values, counts = np.unique(signal[signal != signal[:1]], return_counts=True)
+    when: dict[str, Any]
+    if len(values):
+        when, still_s = {"signal": int(values[counts.argmax()])}, _LEAST_STILL_S
+    else:
+        when, still_s = _departure(robot, where)
+    direction = manifest.direction if manifest.test in CIRCLES else None  # of another test it means nothing
+    try:
+        return Rule.model_validate({"when": when, "test": manifest.test, "direction": direction, "still_s": still_s})
+    except ValidationError as error:
+        problem = f"cannot be turned into a rule: {first_error(error)}"
+        raise FileError(where, problem, "record its program again") from None
+
+
+def _departure(robot: Mapping[str, np.ndarray[Any, Any]], where: str) -> tuple[dict[str, Any], float]:
+    """From where to where the robot departs, and how long it must stand to have ended, s: twice its longest stand on
+    the way. Raises FileError where it stood still, or moved from the beginning on."""
+    t_s = (robot["last_byte_ns"] - robot["last_byte_ns"][:1]) / 1e9
+    q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])
+    kept = np.unique(t_s // _STEP_S, return_index=True)[1]  # enough to see a stand
+    t_s, q_deg = t_s[kept], q_deg[kept]
+    if not len(t_s) or _leaves(q_deg, _ON_THE_WAY_DEG) == len(t_s):
+        raise FileError(where, "the robot stood still", "record its program from before it starts")
+    begins = _leaves(q_deg, STILL_DEG)
+    if t_s[begins - 1] < STOOD_S:
+        raise FileError(where, "the robot moves already where the run begins", "record from before its program starts")
+    start, onwards = np.median(q_deg[:begins], axis=0), q_deg[_leaves(q_deg, _ON_THE_WAY_DEG)]
+    begin, longest_s = begins, 0.0
+    while begin < len(t_s):
+        after = _leaves(q_deg, STILL_DEG, begin)
+        if after < len(t_s):  # the last one is the end
+            longest_s = max(longest_s, t_s[after - 1] - t_s[begin])
+        begin = after
+    still_s = max(_LEAST_STILL_S, float(math.ceil(2 * longest_s)))
+    return {"from_deg": start.round(3).tolist(), "to_deg": onwards.round(3).tolist()}, still_s
+
+
+def _leaves(q_deg: Array, by_deg: float, begin: int = 0) -> int:
+    """Row from `begin` on in which some joint is further than this from where it was there; the number of rows where
+    none is. Blocks of rows double, so that the rows after it cost nothing."""
+    end = begin
+    while end < len(q_deg):
+        block = q_deg[end : end + max(end - begin, _FIRST_BLOCK)]
+        away = (np.abs(block - q_deg[begin]) > by_deg).any(axis=1)
+        if away.any():
+            return end + int(away.argmax())
+        end += len(block)
+    return len(q_deg)

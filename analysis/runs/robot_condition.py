@@ -1,0 +1,225 @@
+"""What the robot showed of its condition while it drove: what disturbs a test, how warm its joints were, and
+what their friction took.
+
+The test is what lies between the robot's first and last motion. A stop, or a pause, may be what ended it, so those
+count from the first motion until the program has ended by itself: who then opens the gate disturbs nothing. Where the
+program is not shown they count until the end of the run. Only what was shown is judged: nan stands for what was not.
+
+Friction is what the currents of motors show: by how much they jump where a joint turns back. There, all that a motor
+carries goes on smoothly: gravity, inertia, what grows with speed, which is zero there. Friction alone changes its sign.
+So half of the jump is the current that friction takes, and no mass, gear or motor has to be known. It is Coulomb's
+part, of a joint that creeps; what grows with speed is not in it.
+Source of the law: Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30 (1994), 2.1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.robot.geometry.circle import peaks
+from analysis.robot.kinematics.arm import Array
+from analysis.runs.lower_hull import Mask
+from rigs.schema.condition import (
+    CURRENTS,
+    FULL_PERCENT,
+    MOTORS,
+    PROGRAM,
+    SAFETY,
+    SPEED,
+    STOPPED,
+    TEMPERATURES,
+    ProgramState,
+    words_of,
+)
+
+_CREEPS_DEG = 0.05
+"""So near its turning point a joint may stick, and its friction has any value up to Coulomb's. Chosen: encoders of arms
+see it leave after some thousandths of a degree."""
+_WAY_DEG = 3.0
+"""How far from its turning point a joint is looked at, at the most, and the least way is a third of it."""
+_WAITS = 0.4
+"""Share of the time on one side that creeping takes of a joint that turns in motion: 0.13 of the longest way to 0.22 of
+the shortest, at an even acceleration. One that waits there brakes and starts again, whose torque jumps too."""
+_PIECES = 12
+"""Means of currents to each side, by equal ways: ripple within a piece, which is no noise, is averaged."""
+_ORDER = 3
+"""Order of the polynomial in time that everything but friction follows."""
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Current in A that friction takes of a joint's motor, its standard uncertainty, and how often the joint turned."""
+
+    current_a: float
+    u_a: float
+    turns: int
+
+
+def friction_of(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array) -> dict[int, Friction]:
+    """The friction of each axis, 1 … 6, that turns back in motion, from the columns (n,) of a run's robot stream at
+    times t_s (n,).
+
+    u holds what the fits leave, or how the turns of a joint differ, whichever is more.
+    """
+    friction = {}
+    for axis, name in enumerate(CURRENTS, 1):
+        current = robot.get(name, np.empty(0))
+        shown = np.isfinite(current)
+        if not shown.any() or np.ptp(current[shown]) == 0:
+            continue
+        if turns := _turns(t_s[shown], robot[f"q{axis}_deg"][shown], current[shown]):
+            values, u = np.array(turns).T
+            n = len(values)
+            within = float(np.sqrt((u**2).sum()) / n)
+            between = 0.0 if n == 1 else float(values.std(ddof=1) / np.sqrt(n))
+            friction[axis] = Friction(float(values.mean()), max(within, between), n)
+    return friction
+
+
+def _turns(t_s: Array, q_deg: Array, current_a: Array) -> list[tuple[float, float]]:
+    """Friction, half the jump of the current, and its standard uncertainty in A at each turn of a joint."""
+    places = sorted((k, sign) for sign in (1, -1) for k in peaks(sign * q_deg, _WAY_DEG / 3))
+    ends = [0, *(k for k, _ in places), len(q_deg) - 1]
+    turns = []
+    for (k, sign), before, after in zip(places, ends[:-2], ends[2:], strict=True):
+        away = sign * (q_deg[k] - q_deg)
+        sides = [_side(t_s, away, current_a, k, end) for end in (before, after)]
+        pieces = [side for side in sides if side is not None]
+        if len(pieces) < len(sides):
+            continue
+        since_s, side, current = np.concatenate(pieces).T
+        design = np.column_stack([-sign * side, np.vander(since_s / np.abs(since_s).max(), _ORDER + 1)])
+        fitted, *_ = np.linalg.lstsq(design, current, rcond=None)
+        residual = current - design @ fitted
+        variance = float(residual @ residual) / (len(current) - design.shape[1])
+        u = float(np.sqrt(variance * np.linalg.inv(design.T @ design)[0, 0]))
+        turns.append((float(fitted[0]), u))
+    return turns
+
+
+def _side(t_s: Array, away_deg: Array, current_a: Array, turn: int, end: int) -> Array | None:
+    """Time from the turn, side and mean current (pieces, 3) of what a joint drives towards a turn or from it; None
+    where it stands, or does not drive far enough."""
+    step = 1 if end > turn else -1
+    rows = np.arange(turn, end + step, step)
+    rows = rows[: int(np.argmax(away_deg[rows] > _WAY_DEG)) or len(rows)]
+    rows = rows[away_deg[rows] > _CREEPS_DEG]
+    if len(rows) < 2 * _PIECES or away_deg[rows].max() < _WAY_DEG / 3:
+        return None
+    crept_s, whole_s = np.abs(t_s[rows[[0, -1]]] - t_s[turn])
+    if crept_s > _WAITS * whole_s:
+        return None
+    edges = np.linspace(_CREEPS_DEG, away_deg[rows].max(), _PIECES + 1)
+    piece = np.clip(np.searchsorted(edges, away_deg[rows], side="right") - 1, 0, _PIECES - 1)
+    count = np.bincount(piece, minlength=_PIECES)
+    if not count.all():
+        return None
+    means = [np.bincount(piece, weights, _PIECES) / count for weights in (t_s[rows] - t_s[turn], current_a[rows])]
+    return np.column_stack([means[0], np.full(_PIECES, float(step)), means[1]])
+
+
+_MOVED_DEG = 0.02
+"""A robot that holds its place shows less (as in recording_rule)."""
+_BY_PROGRAM = "its figures are not those of a motion by program, compare them with their like only"
+_SAME_PERCENT = 1.0
+"""Speeds that differ by less are one: controllers show them in whole percent."""
+_PART = 0.1
+"""Share of the run by which the temperature at its begin and at its end is taken."""
+
+
+@dataclass(frozen=True)
+class Warmth:
+    """A joint's temperature over a run: mean and rise from begin to end in °C, each with its standard uncertainty from
+    how the readings vary."""
+
+    mean_c: float
+    u_mean_c: float
+    rise_c: float
+    u_rise_c: float
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a run shows of the robot beside its joints. doubts in words; warmth, friction: by axis 1 … 6 where they are
+    shown."""
+
+    doubts: tuple[str, ...] = ()
+    warmth: Mapping[int, Warmth] | None = None
+    friction: Mapping[int, Friction] | None = None
+
+
+NOT_SHOWN = Condition()
+
+
+def condition_of(robot: Mapping[str, np.ndarray[Any, Any]]) -> Condition:
+    """The condition in the columns (n,) of a run's robot stream."""
+    stamps_ns = robot["last_byte_ns"]
+    if len(stamps_ns) < 2:
+        return NOT_SHOWN
+    t_s = (stamps_ns - stamps_ns[0]) / 1e9
+    q_deg = np.stack([robot[f"q{axis}_deg"] for axis in range(1, 7)], axis=1)
+    away, to_come = (np.abs(q_deg - q_deg[row]).max(axis=1) > _MOVED_DEG for row in (0, -1))
+    begun = np.maximum.accumulate(away)
+    moving = begun & np.maximum.accumulate(to_come[::-1])[::-1]  # between the first motion and the last
+    warmth = {}
+    for axis, name in enumerate(TEMPERATURES, 1):
+        shown = robot.get(name, np.empty(0))
+        shown = shown[np.isfinite(shown)]
+        if len(shown):
+            part = max(1, round(_PART * len(shown)))
+            first, last = shown[:part], shown[-part:]
+            rise_c, u_rise_c = float(last.mean() - first.mean()), math.hypot(first.std(), last.std())
+            warmth[axis] = Warmth(float(shown.mean()), float(shown.std()), rise_c, u_rise_c)
+    return Condition(tuple(_doubts(robot, t_s, moving, begun)), warmth, friction_of(robot, t_s))
+
+
+def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask, begun: Mask) -> Iterator[str]:
+    unknown = np.full(len(t_s), math.nan)
+    safety, program, motors, speed = (robot.get(name, unknown) for name in (SAFETY, PROGRAM, MOTORS, SPEED))
+    # The program is over, without a stop, where it has ended by itself after the last motion.
+    by_itself = (program == ProgramState.STOPPED) & ~np.isin(safety, list(STOPPED))
+    counts = begun & ~np.maximum.accumulate(begun & ~moving & by_itself)
+    for state in sorted(STOPPED):
+        if when := _when(t_s, counts & (safety == state)):
+            yield f"robot: {words_of(state)} {when}; find out why, and record again"
+    paused = counts & (program == ProgramState.PAUSED)
+    if (paused & moving).any():
+        yield f"robot: its program was paused {_when(t_s, paused)}; the lap was not driven in one go: record again"
+    elif paused.any():
+        yield f"robot: its program was paused {_when(t_s, paused)}, after the last motion; check that it had driven all"
+    if when := _when(t_s, moving & (program == ProgramState.STOPPED)):
+        if (program[moving] == ProgramState.RUNNING).any():
+            yield f"robot: its program did not run {when}, while the robot moved; record a motion of the program"
+        else:
+            yield f"robot: no program ran while it moved, {when}: it was jogged, or guided by hand; {_BY_PROGRAM}"
+    if when := _when(t_s, moving & (motors == 0)):
+        yield f"robot: its motors were off {when}; find out why, and record again"
+    driving = moving & ~np.isin(program, [ProgramState.PAUSED, ProgramState.STOPPED])
+    slowed = driving & (speed < FULL_PERCENT)
+    if slowed.any():
+        # A lowered speed that is kept is as somebody wanted it, any other a disturbance.
+        low, high = speed[slowed].min(), speed[slowed].max()
+        if np.nanmax(speed[driving]) - low < _SAME_PERCENT:
+            yield f"robot: its speed was {low:.0f} % throughout; compare only with runs at this speed"
+        else:
+            shown = f"{low:.0f} %" if high - low < _SAME_PERCENT else f"{low:.0f} to {high:.0f} %"
+            changed = f"{shown} {_when(t_s, slowed)}, and not the same throughout"
+            yield f"robot: its speed was {changed}; record again at one speed"
+
+
+def _when(t_s: Array, lasts: Mask) -> str:
+    """How often, from when and for how long a condition lasted, in words; empty where it never did."""
+    edges = np.diff(lasts.astype(np.int8), prepend=0, append=0)
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if not len(begins):
+        return ""
+    until_s = np.append(t_s, t_s[-1])
+    lasted_s = float((until_s[ends] - t_s[begins]).sum())
+    if len(begins) == 1:
+        return f"from {t_s[begins[0]]:.1f} s on for {lasted_s:.1f} s"
+    return f"{len(begins)} times, first from {t_s[begins[0]]:.1f} s on, {lasted_s:.1f} s in all"

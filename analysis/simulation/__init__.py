@@ -1,1 +1,0 @@
-"""Measurements that are simulated: tables, runs in the store, and the robot of an emulated cell."""

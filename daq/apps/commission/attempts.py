@@ -1,0 +1,315 @@
+"""What can be tried on a port, read off the schemas: interface, line settings, and what may be sent; and what such a
+search found, as values that a person reads and that a rig file is written from.
+
+Pure lists, in the order in which they are tried. An interface whose request is not confirmed (`Origin.standing`) is not
+tried unless a person names it, since its request could mean something else to another instrument.
+
+A conversation that is only tried is limited in what it may send, and ends once nothing can come of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel, TypeAdapter
+
+from daq import gauges
+from daq.acquisition.stream_buffer import size_of
+from daq.apps.commission.trial import USUAL_LINES
+from daq.protocol.conversation import Fault, FaultKind, Host, Item, Step
+from daq.protocol.streamed import Streamed
+from rigs.interfaces import models, name_of
+from rigs.load import load
+from rigs.schema.feedback import Feedback
+from rigs.schema.gauges import Gauge
+from rigs.schema.links import Line, tcp_address
+from rigs.schema.modbus import ModbusMap
+from rigs.schema.probe import Probe
+
+Sends = Literal["nothing", "requests", "all"]
+"""What a conversation may send: nothing; its read requests; or all of it, as rigd would."""
+
+_MOST_CHANNELS = 8
+STAND_IN: dict[str, Any] = {"range_mm": 100.0}
+"""Keys that an owner alone knows, and what is taken until they are given: readings are then percent of the range."""
+_MODBUS_EXAMPLE = "ur10e"
+"""The shipped rig whose gauges have the one Modbus register map that is known, that of Baumer's OM20 and OM30."""
+_GAUGE: TypeAdapter[Any] = TypeAdapter(Gauge)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """The gauges that may share a port (one, or one for each channel), at line settings; what may be sent."""
+
+    gauges: tuple[Gauge, ...]
+    line: Line
+    sends: Sends
+
+    @property
+    def interface(self) -> str:
+        """The name of the interface."""
+        return self.gauges[0].interface
+
+    @property
+    def request(self) -> bytes:
+        """What asks for the first reading; empty where the instrument sends by itself."""
+        host = gauges.host(self.gauges)
+        return host.tick(host.connected(0).wake_ns or 0).send
+
+
+def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
+    """Return what to try on a port that nothing is known of: listening, the makers' line settings, the usual ones."""
+    candidates = list(_candidates(port, modbus_units))
+    listened = [Attempt(gauges, gauges[0].line, "nothing") for gauges in candidates if _streams(gauges)]
+    asked = [gauges for gauges in candidates if not _streams(gauges)]
+    declared = [Attempt(gauges, gauges[0].line, "requests") for gauges in asked if _has_line(gauges)]
+    if tcp_address(port):
+        return declared
+    by_line = sorted(declared, key=lambda attempt: [gauges.line for gauges in declared].index(attempt.line))
+    # The commonest line settings first, for all that could have them: a port is done at the first that fits.
+    usual = [
+        Attempt(gauges, line, "requests")
+        for line in USUAL_LINES
+        for gauges in asked
+        if not (_has_line(gauges) and gauges[0].line == line)
+        and (line.bits == 8 or gauges[0].interface != "modbus_map")  # Modbus RTU needs all eight
+    ]
+    return [*listened, *by_line, *usual]
+
+
+def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
+    """Return what to try where a person has named the instrument, by the keys of the rig file.
+
+    The whole conversation is held, as rigd would. Raises pydantic's ValidationError for keys that do not fit.
+    """
+    placed = {"offset_mm": 0.0, **fields}
+    lines = USUAL_LINES if "line" not in fields else ()
+    model = next((candidate for candidate in models(Gauge) if name_of(candidate) == fields.get("interface")), None)
+    default = model.model_fields["line"].default if model else None
+    first = fields.get("line", str(default) if isinstance(default, Line) else str(USUAL_LINES[0]))
+    gauge = _GAUGE.validate_python({**placed, "line": first})
+    others = [] if tcp_address(gauge.port) else [line for line in lines if line != gauge.line]
+    return [Attempt((gauge,), line, "all") for line in [gauge.line, *others]]
+
+
+def missing_keys(interface: str) -> list[str]:
+    """Return the keys of an interface that only its owner knows: without a default, and not found by trying."""
+    (model,) = (candidate for candidate in models(Gauge) if name_of(candidate) == interface)
+    discovered = {"interface", "port", "offset_mm", "line"}
+    return [key for key, field in model.model_fields.items() if field.is_required() and key not in discovered]
+
+
+def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge, ...]]:
+    """The gauges that may be there, those that share an instrument together."""
+    for model in models(Gauge):
+        assert issubclass(model, Probe)  # noqa: S101 - every gauge is one
+        if model.origin.standing != "confirmed":
+            continue
+        if model is ModbusMap:
+            example = load(_MODBUS_EXAMPLE)[0].gauges.g1
+            for unit in modbus_units:
+                yield (example.model_copy(update={"port": port, "offset_mm": 0.0, "unit": unit}),)
+            continue
+        needed = missing_keys(name_of(model))
+        if tcp_address(port) or any(key not in STAND_IN for key in needed):
+            continue
+        fields = {"port": port, "offset_mm": 0.0, **{key: STAND_IN[key] for key in needed}}
+        channels: Sequence[int] = (1,)
+        if model.shares:
+            most = next(bound.le for bound in model.model_fields["channel"].metadata if hasattr(bound, "le"))
+            channels = range(1, min(most, _MOST_CHANNELS) + 1)
+        for choice in _choices(model):
+            default = model.model_fields["line"].default
+            made = {
+                **fields,
+                **choice,
+                "interface": name_of(model),
+                "line": (default if isinstance(default, Line) else USUAL_LINES[0]),
+            }
+            yield tuple(_GAUGE.validate_python({**made, "channel": channel}) for channel in channels)
+
+
+def _streams(members: tuple[Gauge, ...]) -> bool:
+    """Whether the instrument sends by itself."""
+    return isinstance(gauges.host(members[:1]), Streamed)
+
+
+def _has_line(members: tuple[Gauge, ...]) -> bool:
+    """Whether the maker's line settings are known."""
+    return members[0].interface == "modbus_map" or isinstance(type(members[0]).model_fields["line"].default, Line)
+
+
+def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
+    """The ways in which an instrument may be set to speak: its own keys that have a few possible values.
+
+    A cable is the maker's usual one: another would be asked by a modem line, which may be more than a request to some.
+    """
+    placing = {"interface", "units", "cable"}
+    settings = [key for key in model.model_fields if key in model.__annotations__ and key not in placing]
+    several = [key for key in settings if get_origin(model.model_fields[key].annotation) is Literal]
+    values = [get_args(model.model_fields[key].annotation) for key in several]
+    return [dict(zip(several, chosen, strict=True)) for chosen in product(*values)]
+
+
+_MOST_FAULTS = 3
+"""Faults before the first reading after which an attempt ends; one is normal where a stream is joined midway."""
+
+
+class Probing:
+    """Our side of a conversation, on trial.
+
+    What a conversation opens with, before it has heard anything, sets the instrument (`OUT0`, `OUTPUT RS422`): where
+    only requests may be sent, it is left out whenever it comes.
+    """
+
+    def __init__(self, host: Host, sends: Sends, silences: int = 1) -> None:
+        """silences: how many time-outs without a word end it."""
+        self._host = host
+        self._silences = silences
+        self._sends = sends
+        self._opening = b""
+        self._faults = 0
+        self._has_read = False
+
+    def connected(self, now_ns: int) -> Step:
+        step = self._host.connected(now_ns)
+        self._opening = step.send
+        return self._limited(step)
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        return self._limited(self._host.received(data, now_ns))
+
+    def tick(self, now_ns: int) -> Step:
+        return self._limited(self._host.tick(now_ns))
+
+    def lost(self, now_ns: int) -> tuple[Item, ...]:
+        return self._host.lost(now_ns)
+
+    def _limited(self, step: Step) -> Step:
+        for item in step.items:
+            if not isinstance(item, Fault):
+                self._has_read = True
+            elif item.kind is not FaultKind.DEVICE_ERROR:
+                self._faults += 1
+                self._silences -= item.kind is FaultKind.SILENT
+        hopeless = not self._has_read and (self._faults >= _MOST_FAULTS or self._silences <= 0)
+        silent = self._sends == "nothing" or (self._sends != "all" and step.send == self._opening)
+        return replace(step, send=b"" if silent else step.send, hang_up=step.hang_up or hopeless)
+
+
+ENOUGH = 3
+"""Readings in a row that are hardly an accident: a Micro-Epsilon value is met by one in 64 random triples."""
+OF_THE_INSTRUMENT = {FaultKind.MISSING, FaultKind.DEVICE_ERROR}
+"""Faults in the instrument's own words, which show that its protocol is spoken."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """How well what came fits a protocol: readings, the longest row of them, and what was not understood."""
+
+    readings: int
+    in_a_row: int
+    not_understood: int
+
+    @property
+    def enough(self) -> bool:
+        """Whether it is hardly an accident."""
+        return self.in_a_row >= ENOUGH
+
+    @property
+    def rank(self) -> tuple[bool, float, int]:
+        """What orders candidates, the best highest."""
+        return self.enough, self.readings / max(1, self.readings + self.not_understood), self.readings
+
+
+def evidence_of(items: Iterable[Item]) -> Evidence:
+    """Return the evidence in what a conversation made of what came."""
+    readings = row = longest = faults = 0
+    for item in items:
+        if not isinstance(item, Fault):
+            row, readings = row + size_of(item), readings + size_of(item)
+            longest = max(longest, row)
+        elif item.kind not in OF_THE_INSTRUMENT:
+            row, faults = 0, faults + item.count
+    return Evidence(readings, longest, faults)
+
+
+@dataclass(frozen=True)
+class FoundGauge:
+    """A gauge that answers: as a rig file names it, its last reading, its pace, and what may be sent to it.
+
+    also: other interfaces that fit as well.
+    """
+
+    gauge: Gauge
+    reading_mm: float
+    rate_hz: float
+    sends: Sends
+    also: tuple[str, ...] = ()
+
+    @property
+    def place(self) -> str:
+        """Its port, with the channel where its instrument has several."""
+        return f"{self.gauge.port}#{self.gauge.channel}" if self.gauge.shares else self.gauge.port
+
+    @property
+    def lacks(self) -> tuple[str, ...]:
+        """Keys that its owner still has to give; until then a reading is a percentage of the range."""
+        if self.sends == "all":  # named by a person, with its keys
+            return ()
+        return tuple(key for key in missing_keys(self.gauge.interface) if key in STAND_IN)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        plain = self.gauge.model_dump(mode="json", exclude_defaults=True, exclude={"offset_mm", *self.lacks})
+        fields = {"interface": self.gauge.interface, "line": str(self.gauge.line), **plain}
+        unit = "reading_percent" if self.lacks else "reading_mm"
+        return {
+            "place": self.place,
+            "gauge": fields,
+            unit: self.reading_mm,
+            "rate_hz": round(self.rate_hz, 1),
+            "lacks": list(self.lacks),
+            "also": list(self.also),
+        }
+
+
+@dataclass(frozen=True)
+class PortReport:
+    """What is on a port: its gauges, or why none was found and what to do about it."""
+
+    port: str
+    description: str = ""
+    gauges: tuple[FoundGauge, ...] = ()
+    problem: str = ""
+    remedy: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        return {**asdict(self), "gauges": [gauge.to_dict() for gauge in self.gauges]}
+
+
+@dataclass(frozen=True)
+class RobotReport:
+    """What is at a robot's address: how its joints are read and where they stand, or why not.
+
+    units_sure: False where angles come as bare numbers that could be degrees or radians. reported: the controller's own
+    last warning.
+    """
+
+    address: str
+    feedback: Feedback | None = None
+    joints_deg: tuple[float, ...] = ()
+    rate_hz: float = 0.0
+    units_sure: bool = True
+    reported: str = ""
+    problem: str = ""
+    remedy: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        feedback = self.feedback.model_dump(mode="json", exclude_defaults=True) if self.feedback else None
+        return {**vars(self), "feedback": feedback}

@@ -1,0 +1,232 @@
+"""The computer that the daemon runs on: its disk, its clock, its service manager, and a serial port before anything is
+said on it: there, named to last, allowed, free, and quick.
+
+Each finding is a function of plain figures; what reads them off the system stands below. `root` is where the system's
+tree begins, so that a test can build one. No port is opened.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import getpass
+import grp
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from daq import clock
+from daq.apps.commission.cell_finding import Finding, Verdict, doubtful, ok, wrong
+from daq.wire.serial_port import port_names
+
+_GB = 1e9
+_LITTLE_GB, _TOO_LITTLE_GB = 5.0, 0.5
+_SLOW_S, _TOO_SLOW_S = 0.1, 5.0
+"""The daemon syncs every half second, and holds what comes meanwhile; its watchdog waits for 15 s."""
+_SYNCS = 5
+_BLOCK = bytes(1 << 16)
+_ANSWERS_S = 10.0
+_TIME_ERROR = 5
+"""adjtimex(2): the clock is not synchronised."""
+_UNIT_PROPERTIES = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileState"
+
+
+def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
+    """Examine the computer; `unit` is the service of the rig, if it has one."""
+    try:
+        place = next(path for path in (runs, *runs.parents) if path.is_dir())
+        yield room(runs, shutil.disk_usage(place).free / _GB)
+        yield sync_time(runs, slowest_sync_s(place))
+    except PermissionError:
+        yield doubtful(
+            "disk", f"{runs}: this user may not write there", "run it as the owner: sudo -u rig rig doctor …"
+        )
+    except OSError as error:
+        yield wrong("disk", f"{runs}: {error.strerror or error}", "repair the disk, or give another --runs")
+    yield wall_clock(clock_state())
+    if unit and (properties := unit_properties(unit)):
+        yield service(unit, properties)
+
+
+def room(runs: Path, free_gb: float) -> Finding:
+    """Check whether there is room to record."""
+    observation = f"{free_gb:.1f} GB free for {runs}"
+    if free_gb < _TOO_LITTLE_GB:
+        return wrong("disk", observation, "make room; a full disk ends a recording")
+    if free_gb < _LITTLE_GB:
+        return doubtful("disk", observation, "make room before a long recording")
+    return ok("disk", observation)
+
+
+def sync_time(runs: Path, slowest_s: float) -> Finding:
+    """Check whether the disk keeps up with a daemon that syncs twice a second."""
+    observation = f"writing 64 kB to the disk took up to {slowest_s * 1e3:.0f} ms"
+    if slowest_s > _TOO_SLOW_S:
+        return wrong("disk", observation, f"put {runs} on a disk of its own, not on a memory card or a network drive")
+    if slowest_s > _SLOW_S:
+        return doubtful("disk", observation, "find out what else writes to it: iostat -x 1")
+    return ok("disk", observation)
+
+
+def wall_clock(state: int) -> Finding:
+    """Check whether NTP controls the clock; `state` is what adjtimex returns."""
+    if state != _TIME_ERROR:
+        return ok("clock", "synchronised by NTP")
+    observation = (
+        "not synchronised by NTP: the start time of a run may be wrong (its readings are not timed by this clock)"
+    )
+    return doubtful("clock", observation, "run: sudo timedatectl set-ntp true")
+
+
+def service(unit: str, properties: Mapping[str, str]) -> Finding:
+    """Check the state of the unit, from `systemctl show`."""
+    if properties.get("LoadState") != "loaded":
+        return doubtful(unit, "not installed", "run: sudo scripts/install")
+    active, sub = properties.get("ActiveState", ""), properties.get("SubState", "")
+    restarts = int(properties.get("NRestarts") or 0)
+    if active == "failed":
+        return wrong(
+            unit, f"failed ({properties.get('Result')})", f"see why: rig logs; then: sudo systemctl restart {unit}"
+        )
+    if sub == "auto-restart" or active == "activating":
+        return wrong(unit, f"does not start, {restarts} attempts so far", "see why: rig logs")
+    if active != "active":
+        return doubtful(unit, "stopped", f"start it: sudo systemctl enable --now {unit}")
+    observation = f"running, restarted {restarts} times since it was started"
+    if properties.get("UnitFileState") != "enabled":
+        return doubtful(unit, f"{observation}; not started at boot", f"run: sudo systemctl enable {unit}")
+    return doubtful(unit, observation, "see why: rig logs") if restarts else ok(unit, observation)
+
+
+def slowest_sync_s(folder: Path) -> float:
+    """Measure the longest of some writes with fsync, in a temporary file. Raises OSError."""
+    with tempfile.TemporaryFile(dir=folder) as file:
+        taken = []
+        for _ in range(_SYNCS):
+            began = clock.now_s()
+            file.write(_BLOCK)
+            file.flush()
+            os.fsync(file.fileno())
+            taken.append(clock.now_s() - began)
+    return max(taken)
+
+
+def clock_state() -> int:
+    """Return the state of the clock as adjtimex(2) reports it; nothing is changed."""
+    timex = ctypes.create_string_buffer(256)  # larger than struct timex, whose first member asks for no change
+    return int(ctypes.CDLL(None).adjtimex(timex))
+
+
+def unit_properties(unit: str) -> dict[str, str]:
+    """Return systemd's properties of a unit; empty if systemd does not run or answer."""
+    if not Path("/run/systemd/system").is_dir() or not shutil.which("systemctl"):
+        return {}
+    command = ["systemctl", "show", f"--property={_UNIT_PROPERTIES}", unit]
+    try:
+        shown = subprocess.run(  # noqa: S603 - a list, no shell
+            command, capture_output=True, text=True, check=False, timeout=_ANSWERS_S
+        ).stdout
+    except subprocess.TimeoutExpired:
+        return {}
+    return dict(line.split("=", 1) for line in shown.splitlines() if "=" in line)
+
+
+_BY_PLUGGING_ORDER = re.compile(r"/dev/tty(USB|ACM)\d+")
+_GREEDY = ("ModemManager", "brltty")
+"""Programs that open new serial ports by themselves."""
+_GROUP = "dialout"
+_LONG_MS = 2
+
+
+def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator[Finding]:
+    """Yield findings on a serial port, up to the first that is wrong; rigd may hold the port."""
+    checks = (present, lasting, quick) if served else (present, lasting, allowed, free, quick)
+    for check in checks:
+        if finding := check(about, port, root):
+            yield finding
+            if finding.verdict is Verdict.WRONG:
+                return
+
+
+def present(about: str, port: str, root: Path) -> Finding:
+    """Check whether the port exists."""
+    if _at(port, root).exists():
+        return ok(about, f"{port} exists")
+    ports = ", ".join(port_names(root)) or "none"
+    return wrong(
+        about, f"{port}: no such port", f"plug it in and switch it on, or correct the port; ports here: {ports}"
+    )
+
+
+def lasting(about: str, port: str, root: Path) -> Finding | None:
+    """Check whether the port's name stays with the adapter; None for a port that is built in."""
+    if not _BY_PLUGGING_ORDER.fullmatch(port):
+        return None
+    names = [
+        name for name in port_names(root) if _at(name, root).resolve() == _at(port, root).resolve() and name != port
+    ]
+    remedy = f"write port: {names[0]}" if names else "write its name in /dev/serial/by-id, or install the udev rules"
+    return doubtful(about, f"{port} is given to adapters in the order in which they are plugged in", remedy)
+
+
+def allowed(about: str, port: str, root: Path) -> Finding | None:
+    """Check whether this user, and the user of the service, may read and write the port."""
+    device = _at(port, root)
+    status = device.stat()
+    try:
+        group = grp.getgrgid(status.st_gid).gr_name
+    except KeyError:
+        group = str(status.st_gid)
+    mode = f"belongs to the group {group} with mode {status.st_mode & 0o777:o}"
+    if not os.access(device, os.R_OK | os.W_OK):
+        remedy = f"join the group {group}"
+        with contextlib.suppress(KeyError, OSError):
+            remedy = f"run: sudo usermod -aG {group} {getpass.getuser()}; then log in again"
+        return wrong(about, f"{port} {mode}; this user may not use it", remedy)
+    if _BY_PLUGGING_ORDER.fullmatch(f"/dev/{device.resolve().name}") and group != _GROUP:
+        return doubtful(about, f"{port} {mode}; the service may use ports of {_GROUP} only", "run scripts/install")
+    return None
+
+
+def free(about: str, port: str, root: Path) -> Finding | None:
+    """Check whether another process that this user can inspect holds the port; None if none does.
+
+    A pty is held by the process that created it.
+    """
+    # `ttyUSB0` or `pts/3`, whatever the rig file calls it
+    real = _at(port, root).resolve()
+    dev = (root / "dev").resolve()
+    below = str(real.relative_to(dev)) if real.is_relative_to(dev) else real.name
+    device = f"/dev/{below}"
+    if device.startswith("/dev/pts/"):
+        return None
+    for folder in sorted((root / "proc").glob("[0-9]*")):
+        with contextlib.suppress(OSError):
+            if int(folder.name) != os.getpid() and any(
+                str(file.readlink()) == device for file in list((folder / "fd").iterdir())
+            ):
+                name = (folder / "comm").read_text().strip()
+                stop = f"systemctl disable --now {name}" if name in _GREEDY else f"kill {folder.name}"
+                return wrong(about, f"{port} is held by {name} (process {folder.name})", f"end it: sudo {stop}")
+    return None
+
+
+def quick(about: str, port: str, root: Path) -> Finding | None:
+    """Check an FTDI adapter's latency timer, which holds bytes back; None for other adapters."""
+    timer = root / "sys/bus/usb-serial/devices" / _at(port, root).resolve().name / "latency_timer"
+    try:
+        ms = int(timer.read_text())
+    except (OSError, ValueError):
+        return None
+    if ms < _LONG_MS:
+        return ok(about, f"the adapter's latency timer is {ms} ms")
+    observation = f"the adapter's latency timer is {ms} ms: answers wait for it, and their stamps with them"
+    return doubtful(about, observation, f"run scripts/install, or until it is replugged: echo 1 | sudo tee {timer}")
+
+
+def _at(port: str, root: Path) -> Path:
+    return root / port.removeprefix("/")

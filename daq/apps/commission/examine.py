@@ -1,0 +1,98 @@
+"""All of a cell: the computer, the daemon if one runs, and each instrument."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from daq.acquisition.streams import Stream, streams_of
+from daq.apps.commission.cell_finding import Finding, Verdict, doubtful, of_condition, ok, wrong
+from daq.apps.commission.computer import examine_computer, examine_port
+from daq.apps.commission.trial import examine_conversation
+from daq.service.client import Client, find_socket
+from rigs.errors import CellError
+from rigs.rig import Rig
+from rigs.schema.condition import CONDITION
+
+_FRESH_S = 3.0
+
+
+def examine(
+    rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/"), *, example: bool = False
+) -> Iterator[Finding]:
+    """Yield findings as they are made. unit: the rig's service; root: where /dev, /proc and /sys are; example: whether
+    the rig file is one that is shipped, whose ports may be another's machines in this network and are not touched."""
+    yield from examine_computer(runs, unit)
+    try:
+        status = ask(rig.name)
+    except CellError as error:
+        yield wrong("rigd", f"{error.where}: {error.what}", error.remedy)
+        return
+    if status is not None:
+        yield from of_daemon(status, streams_of(rig))
+    if example and status is None:
+        observation = (
+            "this rig file is a shipped example: its ports and addresses are of no cell of yours, and none was asked"
+        )
+        yield doubtful(
+            "instruments", observation, "write the rig file of your cell with rig init cell.yaml, and give it"
+        )
+        return
+    for stream in streams_of(rig):
+        findings = []
+        if stream.port.startswith("/"):
+            findings = list(examine_port(stream.name, stream.port, root, served=status is not None))
+        yield from findings
+        if status is None and all(finding.verdict is not Verdict.WRONG for finding in findings):
+            gauge = rig.gauges.recorded.get(stream.columns[0].removesuffix("_mm"))
+            yield from examine_conversation(stream, (gauge.timeout_s if gauge else rig.feedback.timeout_s))
+
+
+def ask(rig: str) -> dict[str, Any] | None:
+    """Return the status of the daemon of this rig; None if none runs. Raises CellError if it does not answer."""
+    try:
+        path = find_socket(rig)
+    except CellError:
+        closed = [folder for folder in Path("/run").glob("rigd-*") if not os.access(folder, os.X_OK)]
+        if closed:
+            raise CellError(
+                str(closed[0]), "this user is not allowed to query the daemon", "join the group rig, or use sudo"
+            ) from None
+        return None
+    with Client(path) as client:
+        return client.ask("status")
+
+
+def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Finding]:
+    """Yield findings from a daemon's status, since the daemon holds the ports. streams: those of the rig file."""
+    recording = f"records {status['recording']}" if status["recording"] else "records nothing"
+    yield ok("rigd", f"serves {status['rig']} and {recording}; queried instead of the ports")
+    served = {name: stream.get("port") for name, stream in status["streams"].items()}
+    if None in served.values():
+        yield doubtful("rigd", "is older than this rig", "restart it between two recordings")
+    elif served != {stream.name: stream.port for stream in streams}:
+        ports = ", ".join(f"{name} on {port}" for name, port in served.items())
+        yield wrong("rigd", f"reads {ports}: not what the rig file says", "start rigd again, or give its own file")
+    for name, stream in status["streams"].items():
+        yield _stream(name, stream)
+        if stream["connected"]:
+            now = {column: stream["last"][column] for column, age_s in stream["age_s"].items() if age_s <= _FRESH_S}
+            yield from of_condition(name, now)
+
+
+def _stream(name: str, stream: dict[str, Any]) -> Finding:
+    if not stream["connected"]:
+        return wrong(name, "its port is not open", stream["last_fault"] or "see rig logs")
+    ages_s = {column: age_s for column, age_s in stream["age_s"].items() if column not in CONDITION}
+    silent = [column for column, age_s in ages_s.items() if age_s > _FRESH_S]
+    if silent or not ages_s:
+        return wrong(name, f"no reading of {', '.join(silent) or name}", stream["last_fault"] or "see rig logs")
+    faults = {kind: count for kind, count in stream["counters"].items() if kind != "samples"}
+    good = stream["counters"].get("samples", 0)
+    observation = f"{stream['rate_hz']:.1f} readings a second, {good} so far"
+    if sum(faults.values()) * 100 > good:
+        counts = ", ".join(f"{count} {kind}" for kind, count in faults.items())
+        return doubtful(name, f"{observation}; {counts}", stream["last_fault"])
+    return ok(name, observation)

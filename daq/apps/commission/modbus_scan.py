@@ -1,0 +1,272 @@
+"""Finding what a Modbus gauge is, where the rig file describes it wrongly: its unit, its registers, their orders.
+
+It is done by reading alone (functions 3 and 4), while a person moves the probe. First every unit number is asked; then
+the registers around the described one, and where the number in a manual (30203, 40203) would have them, are read again
+and again, and judged.
+
+Registers can be read as a number in many ways. One that is put together wrongly jumps over the whole range of its type,
+or does not move at all. One that moves steadily within the range of a gauge, while its probe is moved by hand, is its
+reading, or else the higher part of one. Among several such ways those are taken for which the least of the rig file
+would have to be wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq import clock
+from daq.acquisition.streams import Stream, streams_of
+from daq.apps.commission.cell_finding import Finding, doubtful, ok, wrong
+from daq.apps.commission.trial import USUAL_LINES
+from daq.protocol.conversation import Fault
+from daq.protocol.modbus import Wire, exception_of, registers_of, unpack
+from daq.protocol.numerals import is_length
+from daq.wire.links import Link, LinkLost
+from rigs.errors import CellError
+from rigs.rig import Rig
+from rigs.schema.modbus import ModbusMap, Number, Order, Register
+from rigs.schema.probe import MM_PER_UNIT
+
+LIKELY_MM = 100.0
+"""The longest probes measure so far; for a gauge without `range_mm`."""
+_FEW = 5
+"""Different readings that a probe shows at the least while it is moved."""
+_RANDOM = 0.5
+"""Mean square of the steps over twice the variance (von Neumann): 1 of numbers at random, 0.2 of a motion to and fro
+that is seen ten times."""
+_CUT = 2**-4
+"""The first register of a number in double precision holds four bits of its fraction, in single precision seven."""
+_LEVELS = np.linspace(0, 1, 9)
+_SELDOM = {"value.type": 3}
+"""How much seldomer than any other key this one is wrong in a rig file."""
+
+Place = tuple[int, int]
+"""Unit and function."""
+Piece = tuple[int, int]
+"""First register and number of registers of one read: a number that is put together from two is none."""
+Seen = Mapping[int, Sequence[int]]
+"""Address → what the register held, pass by pass."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to read the value. changed: the keys of the rig file that differ from what it says; readings_mm: (n,).
+
+    moving: those of its registers that changed, with unit and function.
+    """
+
+    changed: dict[str, Any]
+    readings_mm: NDArray[np.float64]
+    moving: frozenset[tuple[int, int, int]]
+
+    @property
+    def effort(self) -> int:
+        """How much of the rig file would have to be wrong."""
+        return sum(_SELDOM.get(key, 1) for key in self.changed)
+
+    def is_part_of(self, way: Way) -> bool:
+        """Return whether this is the higher part of another number: the same motion, but for what it cuts off.
+
+        They may have been read one after the other, so that only their distributions are alike.
+        """
+        apart_mm = np.abs(np.quantile(self.readings_mm, _LEVELS) - np.quantile(way.readings_mm, _LEVELS)).mean()
+        return self.moving < way.moving and bool(apart_mm <= _CUT * np.abs(way.readings_mm).max())
+
+    def __str__(self) -> str:
+        return ", ".join(f"{key}: {value}" for key, value in self.changed.items())
+
+
+def ways(gauge: ModbusMap, seen: Mapping[tuple[Place, Piece], Seen]) -> list[Way]:
+    """Return the ways in which registers of the pieces seen are a reading that moves; the likeliest first."""
+    of_pieces = [way for (place, _), registers in seen.items() for way in _of_piece(gauge, *place, registers)]
+    moving = {str(way): way for way in of_pieces}.values()
+    whole = [way for way in moving if not any(way.is_part_of(wider) for wider in moving)]
+    return sorted(whole, key=lambda way: way.effort)
+
+
+def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterator[Way]:
+    """The ways in one piece of a unit."""
+    orders = product(get_args(Order), repeat=2)
+    for address, kind, (word_order, byte_order) in product(seen, get_args(Number), list(orders)):
+        register = Register(address=address, type=kind)
+        if register.count == 1 and word_order != gauge.word_order:
+            continue
+        if not all(address + k in seen for k in range(register.count)):
+            continue
+        settings = {
+            "unit": (unit, gauge.unit),
+            "function": (function, gauge.function),
+            "value.address": (address, gauge.value.address),
+            "value.type": (kind, gauge.value.type),
+            "word_order": (word_order, gauge.word_order),
+            "byte_order": (byte_order, gauge.byte_order),
+        }
+        layout = gauge.model_copy(update={"address": address, "word_order": word_order, "byte_order": byte_order})
+        passes = zip(*(seen[address + k] for k in range(register.count)), strict=True)
+        raw = np.array([unpack(words, register, layout) for words in passes], dtype=float)
+        with np.errstate(over="ignore", invalid="ignore"):  # in a wrong order a number may be infinite, or none
+            readings_mm = (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
+        if is_motion(readings_mm, gauge):
+            changed = {key: read for key, (read, written) in settings.items() if read != written}
+            moving = [address + k for k in range(register.count) if len(set(seen[address + k])) > 1]
+            yield Way(changed, readings_mm, frozenset((unit, function, place) for place in moving))
+
+
+def is_motion(readings_mm: NDArray[np.float64], gauge: ModbusMap) -> bool:
+    """Return whether readings (n,) are those of this gauge while its probe is moved to and fro."""
+    lowest_mm, highest_mm = gauge.limits_mm or (-LIKELY_MM, LIKELY_MM)
+    if not all(map(is_length, readings_mm.tolist())):
+        return False
+    if readings_mm.min() < lowest_mm or readings_mm.max() > highest_mm or len(np.unique(readings_mm)) < _FEW:
+        return False
+    return bool(np.mean(np.diff(readings_mm) ** 2) < 2 * _RANDOM * np.var(readings_mm))
+
+
+UNITS = range(1, 248)
+_FIRST_UNITS = range(1, 17)
+"""Numbers that most instruments are delivered with, or set to: tried at other line settings."""
+SWEEP_S, _LONGEST_SWEEP_S = 0.1, 60.0
+"""A unit answers within 0.1 s, or its answer is heard while the next is asked; a gateway may take longer to refuse."""
+_AROUND = 8
+"""Registers before and after the described one."""
+_LONGEST = 4
+"""Registers of the longest number."""
+_BASES = (0, 30_001, 40_001, 300_001, 400_001)
+"""What manuals add to the address on the wire, to say which kind of register it is."""
+_PASSES, PASS_S = 40, 0.1
+_NO_PATH = (10, 11)
+"""Exceptions by which a gateway says that it has no such unit."""
+_SILENCE_S = 0.004
+"""Twice the silence between frames at 19 200 baud."""
+
+
+@dataclass
+class Asker:
+    """Asks one thing after the other over a link. heard: units that have answered, if only by a refusal."""
+
+    link: Link
+    wire: Wire
+    heard: set[int] = field(default_factory=set)
+
+    def read(self, place: Place, piece: Piece, timeout_s: float) -> tuple[int, ...] | None:
+        """Return the registers; None where they are refused or nothing comes. Raises LinkLost."""
+        unit, function = place
+        clock.sleep(0.0 if self.wire.numbered else _SILENCE_S)
+        while self.link.read(0.0):
+            pass
+        self.wire.frames.clear()
+        request = self.wire.numbering(self.wire.request(unit, function, *piece))
+        self.link.write(request)
+        until = clock.now_s() + timeout_s
+        while (left_s := until - clock.now_s()) > 0:
+            for message in self.wire.frames.feed(self.link.read(left_s), clock.now_ns()):
+                if isinstance(message, Fault) or self.wire.asks(message.data) is not None:
+                    continue
+                answering, number, content = self.wire.open(message.data)
+                refused = exception_of(content)
+                if content and refused not in _NO_PATH:
+                    self.heard.add(answering)
+                if answering != unit or (self.wire.numbered and number != int.from_bytes(request[:2], "big")):
+                    continue
+                registers = registers_of(content)
+                return registers if registers is None or len(registers) == piece[1] else None
+        return None
+
+
+def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[Finding]:
+    """Yield what each Modbus gauge of a rig is found to be. say: shows a person what to do now."""
+    gauges = {name: gauge for name, gauge in rig.gauges if isinstance(gauge, ModbusMap)}
+    if not gauges:
+        yield doubtful("scan", "the rig file has no gauge of interface modbus_map", "scan a rig with Modbus gauges")
+    for stream in streams_of(rig):
+        for name in (column.removesuffix("_mm") for column in stream.columns):
+            if name in gauges:
+                yield scan_gauge(name, gauges[name], stream, say)
+
+
+def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str], None]) -> Finding:
+    """Find one gauge, at the line settings of the rig file or else at others."""
+    say(f"{name}: every unit number is asked on {stream.port}, for up to half a minute")
+    lines = [stream.line]
+    if stream.port.startswith("/"):
+        lines += [line for line in USUAL_LINES if line != stream.line]
+    for line in lines:
+        try:
+            link = replace(stream, line=line).open()
+        except CellError as error:
+            return wrong(name, f"{stream.port}: {error.what}", error.remedy)
+        with closing(link), suppress(LinkLost):
+            asker = Asker(link, Wire(stream.port, gauge.framing, serving=False))
+            # Ask every unit for something; those that answer are heard.
+            units = UNITS if line == stream.line else _FIRST_UNITS
+            until = clock.now_s() + _LONGEST_SWEEP_S
+            for unit in (gauge.unit, *units):
+                if clock.now_s() < until and unit not in asker.heard:
+                    asker.read((unit, gauge.function), (gauge.value.address, gauge.value.count), SWEEP_S)
+            if asker.heard:
+                say(f"{name}: move its probe to and fro now, about once a second, and no other; units: {_list(asker)}")
+                seen = _watch(asker, gauge)
+                return _finding(name, gauge, {} if line == stream.line else {"line": line}, ways(gauge, seen), asker)
+    return wrong(name, f"{stream.port}: no Modbus unit answers", "check the cable, A and B exchanged, and its supply")
+
+
+def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int, list[int]]]:
+    """What the registers around the described one hold, pass by pass."""
+    pieces = [(place, piece) for unit in sorted(asker.heard) for place, piece in _readable(asker, gauge, unit)]
+    seen: dict[tuple[Place, Piece], list[tuple[int, ...]]] = {piece: [] for piece in pieces}
+    for _ in range(_PASSES):
+        began = clock.now_s()
+        for place, piece in pieces:
+            if registers := asker.read(place, piece, gauge.timeout_s):
+                seen[place, piece].append(registers)
+        clock.sleep(max(0.0, began + PASS_S - clock.now_s()))
+    return {
+        key: {key[1][0] + k: list(values) for k, values in enumerate(zip(*read, strict=True))}
+        for key, read in seen.items()
+    }
+
+
+def _readable(asker: Asker, gauge: ModbusMap, unit: int) -> Iterator[tuple[Place, Piece]]:
+    """The pieces that this unit lets be read: whole windows, or where it refuses these single values."""
+    for function in (3, 4):
+        place = (unit, function)
+        for middle in (gauge.value.address - base for base in _BASES if gauge.value.address >= base):
+            first = max(0, middle - _AROUND)
+            window = (first, middle + _AROUND + _LONGEST - first)
+            if asker.read(place, window, gauge.timeout_s):
+                yield place, window
+                continue
+            for address in range(first, middle + _AROUND + 1):
+                sizes = sorted({_LONGEST, gauge.value.count}, reverse=True)
+                yield from ((place, (address, n)) for n in sizes if asker.read(place, (address, n), gauge.timeout_s))
+
+
+def _finding(name: str, gauge: ModbusMap, line: dict[str, object], moving: list[Way], asker: Asker) -> Finding:
+    """What was found, in words."""
+    if not moving:
+        around = f"registers {gauge.value.address} ± {_AROUND}"
+        observation = f"units {_list(asker)} answer, but nothing in {around} moves like a probe"
+        return doubtful(
+            name, observation, "move its probe during the scan; check `range_mm`, and the address in its manual"
+        )
+    best, *others = moving
+    span = f"{best.readings_mm.min():.4f} to {best.readings_mm.max():.4f} mm"
+    if rivals := [way for way in others if way.effort == best.effort]:
+        choices = "; or ".join(str(way) or "as described" for way in (best, *rivals))
+        return doubtful(name, f"several values move: {choices}", "scan again, and move this probe alone")
+    changed = line | best.changed
+    if not changed:
+        return ok(name, f"as the rig file describes it, it moves from {span}")
+    words = ", ".join(f"{key}: {value}" for key, value in changed.items())
+    return wrong(name, f"moves from {span} with {words}, and not as the rig file describes it", f"write {words}")
+
+
+def _list(asker: Asker) -> str:
+    return ", ".join(map(str, sorted(asker.heard)))

@@ -1,0 +1,247 @@
+"""Trying ports: each on its own thread, opened for this program alone and left with the settings that it had.
+
+An attempt that hears nothing ends after the instrument's time-out, and one that hears something after `_PATIENCE_S`.
+The first line settings at which a protocol fits end the search of a port, once every interface was tried at them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import termios
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+from serial.tools import list_ports
+
+from daq import clock, gauges
+from daq.acquisition.host_clock import StallWatch
+from daq.acquisition.stream_buffer import faults_of
+from daq.acquisition.streams import Stream
+from daq.apps.commission.attempts import Attempt, FoundGauge, PortReport, Probing, Sends, attempts, evidence_of
+from daq.apps.commission.cell_finding import Verdict
+from daq.apps.commission.computer import examine_port
+from daq.apps.commission.trial import Trial, try_line
+from daq.protocol.conversation import FaultKind, Host
+from daq.wire.serial_port import is_built_in, port_names
+from rigs.schema.gauges import Gauge
+from rigs.schema.links import Line, Port
+
+_ANSWER_S = 0.3
+"""What an answer may take while it is tried: 9 characters at 4800 baud take 21 ms, an FTDI adapter holds them for 16
+more, and a Heidenhain ND 281 B takes up to 50 ms."""
+_STOOD_STILL_NS = 250_000_000
+"""An answer may be missed when this program or the computer stands still for longer, so the attempt is made again."""
+_MOST_REPEATS = 3
+_PATIENCE_S = 2.0
+_SILENT_S = 20.0
+"""For a port that is built in, and so is there with nothing plugged in: the makers' own line settings and the two that
+are commonest. A port that is plugged in is tried at all of them."""
+_CONFIRM_S = 0.5
+"""For more readings, once a protocol fits."""
+LISTEN_S = 1.0
+_FORGIVING = ("sylvac_opto_rs", "mahr_c1202", "mitutoyo_qm_height", "mitutoyo_usb")
+"""Interfaces of which a message ends in a carriage return alone."""
+_ROOT = Path("/")
+
+_PORT: TypeAdapter[str] = TypeAdapter(Port)
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What to search. ports: serial devices and TCP addresses that a person named; no other is opened.
+
+    named: what to try on a port whose instrument is known, in place of everything. listen_s: how long to listen at
+    each setting. modbus_units: the units that are asked.
+    """
+
+    ports: tuple[str, ...]
+    named: Mapping[str, Sequence[Attempt]] = field(default_factory=dict)
+    listen_s: float = LISTEN_S
+    modbus_units: tuple[int, ...] = (1,)
+
+
+def ports_here() -> dict[str, str]:
+    """Return the serial ports of this computer, each with what the system says of it; none is opened."""
+    descriptions = {
+        Path(port.device).resolve(): port.description for port in list_ports.comports() if port.description != "n/a"
+    }
+    return {name: descriptions.get(Path(name).resolve(), "") for name in port_names()}
+
+
+def search(options: Wanted, progress: Progress) -> list[PortReport]:
+    """Search all ports at once. On Ctrl-C each ends its attempt, and its port gets its settings back."""
+    descriptions, reports, stop = ports_here(), dict[str, PortReport](), clock.Event()
+
+    def search_one(port: str) -> None:
+        reports[port] = search_port(port, descriptions.get(port, ""), options, progress, stop)
+
+    threads = [clock.Thread(target=search_one, args=(port,), name=f"search {port}") for port in options.ports]
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    except BaseException:
+        stop.set()
+        join_started(threads)
+        raise
+    return [reports[port] for port in options.ports]
+
+
+def join_started(threads: Sequence[threading.Thread]) -> None:
+    """Wait for the threads that have begun; one that still begins sees at once that it has to stop."""
+    for thread in threads:
+        if thread.is_alive():
+            thread.join()
+
+
+def search_port(port: str, description: str, options: Wanted, progress: Progress, stop: threading.Event) -> PortReport:
+    """Search one port."""
+    report = PortReport(port, description)
+    try:
+        _PORT.validate_python(port)
+    except ValidationError:
+        return _failed(report, "is not a port", "write it as /dev/serial/by-id/… or tcp://host:502")
+    if port.startswith("/"):
+        for finding in examine_port(port, port, _ROOT, served=False):
+            if finding.verdict is Verdict.WRONG:
+                return _failed(report, finding.what.removeprefix(f"{port}: "), finding.remedy)
+    tried = options.named.get(port) or attempts(port, options.modbus_units)
+    stalls = StallWatch(_STOOD_STILL_NS)
+    stalls.start()
+    try:
+        with _as_it_was(port):
+            return _tried(report, tried, partial(_trial, port, stalls, options.listen_s), progress, stop)
+    except (OSError, termios.error) as error:
+        return _failed(report, f"is not a serial port ({error.args[-1]})", "give the path of a serial port")
+    finally:
+        stalls.stop()
+
+
+def host_of(members: Sequence[Gauge], sends: Sends, listen_s: float, silences: int = 1) -> Host:
+    """Return our side of the conversation with gauges on trial. silences: see `Probing`."""
+    timeout_s = listen_s if sends == "nothing" else _ANSWER_S if sends == "requests" else members[0].timeout_s
+    return Probing(
+        gauges.host([gauge.model_copy(update={"timeout_s": timeout_s}) for gauge in members]), sends, silences
+    )
+
+
+def _tried(
+    report: PortReport,
+    tried: Sequence[Attempt],
+    trial_of: Callable[[Attempt], Trial],
+    progress: Progress,
+    stop: threading.Event,
+) -> PortReport:
+    best: list[tuple[Attempt, Trial]] = []
+    own_error: tuple[Attempt, Trial] | None = None
+    received = 0
+    unanswered: set[tuple[bytes, Line]] = set()
+    until_s = clock.now_s() + (_SILENT_S if is_built_in(report.port) else math.inf)
+    for number, attempt in enumerate(tried, 1):
+        if not received and clock.now_s() > until_s:
+            return _nothing(report, 0, number - 1, len(tried))
+        answered = best[0] if best else own_error
+        if stop.is_set() or (answered and attempt.line != answered[0].line):
+            break
+        asked = attempt.request, attempt.line
+        if asked in unanswered:  # as another interface's, which has the same request
+            continue
+        progress(f"{number} of {len(tried)}: {attempt.interface} at {attempt.line} on {report.port}")
+        trial = trial_of(attempt)
+        if trial.error is not None:
+            return _failed(report, trial.error.what, trial.error.remedy)
+        kinds = {fault.kind for fault in faults_of(trial.items)}
+        if FaultKind.DISCONNECTED in kinds:
+            return _failed(report, f"disappeared during the search ({trial.last_fault})", "plug it in again")
+        received += trial.received
+        if attempt.sends == "requests" and not trial.received:
+            unanswered.add(asked)
+        evidence = evidence_of(trial.items)
+        if evidence.enough:
+            best.append((attempt, trial))
+        elif not trial.samples and kinds == {FaultKind.DEVICE_ERROR}:
+            own_error = own_error or (attempt, trial)
+    if best:
+        ranked = sorted(best, key=_rank, reverse=True)
+        also = tuple(attempt.interface for attempt, _ in ranked[1:] if attempt.interface != ranked[0][0].interface)
+        return _with_gauges(report, *ranked[0], also)
+    if own_error:
+        attempt, trial = own_error
+        problem = f"{attempt.interface} answers at {attempt.line} with an error of its own"
+        return _failed(report, problem, trial.last_fault)
+    return _nothing(report, received, len(tried), len(tried))
+
+
+def _rank(candidate: tuple[Attempt, Trial]) -> tuple[bool, float, bool, int]:
+    """Return what orders attempts that fit, the best highest. An interface of which a message ends in a carriage return
+    takes a line feed after it too, and so fits an instrument of another one that always sends both."""
+    enough, understood, readings = evidence_of(candidate[1].items).rank
+    return enough, understood, candidate[0].interface not in _FORGIVING, readings
+
+
+def _trial(port: str, stalls: StallWatch, listen_s: float, attempt: Attempt) -> Trial:
+    """Make an attempt, and again where no reading came while the computer stood still."""
+    host = partial(host_of, attempt.gauges, attempt.sends, listen_s)
+    stream = Stream(port, (), port, attempt.line, host, modem=attempt.gauges[0].modem)
+    stalls.take()
+    for _ in range(1 + _MOST_REPEATS):
+        trial = try_line(stream, attempt.line, _PATIENCE_S + listen_s, _CONFIRM_S)
+        if trial.samples or trial.error or not stalls.take():
+            break
+    return trial
+
+
+def _with_gauges(report: PortReport, attempt: Attempt, trial: Trial, also: tuple[str, ...]) -> PortReport:
+    """A gauge for each channel that reads."""
+    gauges = []
+    for column, gauge in enumerate(attempt.gauges):
+        values = (sample.values[column] for sample in reversed(trial.samples))
+        reading = next((value for value in values if not math.isnan(value)), None)
+        if reading is not None:
+            declared = gauge.model_copy(update={"line": attempt.line})
+            gauges.append(FoundGauge(declared, reading, trial.rate_hz, attempt.sends, also))
+    return PortReport(report.port, report.description, tuple(gauges))
+
+
+def _nothing(report: PortReport, received: int, attempts_made: int, of: int) -> PortReport:
+    if received:
+        problem = f"{received} bytes arrived, but none of the {attempts_made} attempts understands them"
+        return _failed(report, problem, "see rig interfaces; name what it is: --key g1.interface=… --g1 PORT")
+    problem = f"silent in {attempts_made} attempts"
+    if attempts_made < of:
+        problem += f" of {of}; a built-in port is not tried for longer than {_SILENT_S:.0f} s"
+    remedy = (
+        "switch it on and check its cable; if it sends at the press of a button alone, press it during a longer "
+        "--listen-s; if a command makes it send, name it: --g1 PORT --key g1.interface=…"
+    )
+    return _failed(report, problem, remedy)
+
+
+def _failed(report: PortReport, problem: str, remedy: str) -> PortReport:
+    return PortReport(report.port, report.description, (), problem, remedy)
+
+
+@contextlib.contextmanager
+def _as_it_was(port: str) -> Iterator[None]:
+    """Keep a serial port open, so that its control lines stay still between attempts; then restore its settings."""
+    if not port.startswith("/"):
+        yield
+        return
+    fd = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        before = termios.tcgetattr(fd)
+        try:
+            yield
+        finally:
+            with contextlib.suppress(termios.error):  # unplugged meanwhile
+                termios.tcsetattr(fd, termios.TCSANOW, before)
+    finally:
+        os.close(fd)

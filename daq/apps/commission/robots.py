@@ -1,0 +1,242 @@
+"""Trying a robot's address: RTDE at its port, a port that prints lines, or a port here that a controller calls.
+
+What is sent depends on the address alone. RTDE's read requests go to port 30004, the request for a status to port
+60015, FANUC's Stream Motion, and requests to browse and read to port 4840, OPC UA. Any other port is only listened to:
+bytes that it does not expect can stop the program that serves it, and Universal Robots' script ports run what they are
+sent. A person who names the interface has it spoken to as rigd would.
+
+Of lines that a controller's program prints, separator, clock and six angles are guessed, and only what the numbers show
+is taken: a column that grows at the host's own pace is the clock. Whether angles are degrees or radians shows only
+where one is larger than a turn in radians; otherwise a person is asked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+from pydantic import ValidationError
+
+from daq import clock, feedback
+from daq.acquisition.stream_buffer import faults_of
+from daq.acquisition.streams import ROBOT, robot_stream
+from daq.apps.commission.attempts import OF_THE_INSTRUMENT, Probing, RobotReport, Sends, evidence_of
+from daq.apps.commission.cell_finding import condition_in, stopped_by
+from daq.apps.commission.trial import Trial, try_line
+from daq.protocol.conversation import Arrival, Fault, FaultKind
+from daq.protocol.framing import Lines, Message
+from daq.protocol.numerals import number
+from daq.wire.links import LinkLost, open_link
+from rigs.errors import CellError
+from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, OPCUARobotics
+from rigs.schema.links import tcp_address, udp_address
+
+_SEPARATORS = (",", ";", " ")
+_FEWEST_LINES = 5
+_CLOCKS = {"t_s": 1.0, "t_ms": 1e3, "t_us": 1e6}
+_PACE = 0.25
+"""How far, as a share, a clock's pace may be from the host's in half a second of lines."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The layout of a line: `fields` and `separator` as a rig file has them; sure: whether the unit is certain."""
+
+    fields: tuple[str, ...]
+    separator: str
+    sure: bool
+
+
+def layout_of(arrivals: Sequence[Arrival]) -> Layout | None:
+    """Return the layout of the lines in what arrived; None where they are not lines of at least six numbers."""
+    frames = Lines(b"\n", joined_midway=True)
+    lines = [
+        (message.data.decode("ascii", "replace").strip(), message.last_byte_ns / 1e9)
+        for data, at_ns in arrivals
+        for message in frames.feed(data, at_ns)
+        if isinstance(message, Message)
+    ]
+    for separator in _SEPARATORS:
+        rows = [
+            [number(part.strip()) for part in text.split(None if separator == " " else separator)] for text, _ in lines
+        ]
+        if len(rows) >= _FEWEST_LINES and len(rows[0]) >= 6 and len({len(row) for row in rows}) == 1:
+            break
+    else:
+        return None
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    at_s = [at_s for _, at_s in lines]
+    clocks = {place: name for place, column in enumerate(columns) if (name := _clock(column, at_s))}
+    first_clock = next(iter(clocks), None)
+    joints = [
+        place
+        for place, column in enumerate(columns)
+        if place != first_clock and all(value is not None for value in column)
+    ][:6]
+    if len(joints) < 6:
+        return None
+    largest = max(abs(value) for place in joints for value in columns[place] if value is not None)
+    names = {place: f"q{axis}_deg" for axis, place in enumerate(joints, 1)}
+    if first_clock is not None:
+        names[first_clock] = clocks[first_clock]
+    fields = tuple(names.get(place, "_") for place in range(len(columns)))
+    return Layout(fields, separator, largest > 2 * math.pi)
+
+
+def _clock(column: list[float | None], at_s: list[float]) -> str | None:
+    """The name of the clock that a column is, by how it keeps pace with the host's."""
+    lasted_s = at_s[-1] - at_s[0]
+    values = [value for value in column if value is not None]
+    rises = len(values) == len(column) and all(b >= a for a, b in pairwise(values))
+    if not rises or lasted_s <= 0:
+        return None
+    pace = (values[-1] - values[0]) / lasted_s
+    return next((name for name, rate in _CLOCKS.items() if abs(pace / rate - 1) < _PACE), None)
+
+
+ADDRESSES = """\
+Robot: its host name or IP address (Universal Robots);
+  tcp://HOST:PORT, or a serial port, of a program that prints its joints;
+  udp://HOST:60015 of FANUC's Stream Motion;
+  udp://ADDRESS:PORT of this computer, which KUKA RSI or ABB EGM calls"""
+"""What an address says of the interface, for the person who gives one."""
+_LISTEN_S = 1.5
+_SILENCES = 3
+"""Time-outs within that time: a datagram that asks can be lost."""
+_CONFIRM_S = 0.5
+_PATIENCE_S = 3.0
+_RTDE, _STREAM_MOTION, _OPC_UA = 30004, 60015, 4840
+"""The ports of Universal Robots' RTDE, of FANUC's Stream Motion and of OPC UA."""
+_RATES_HZ = (500.0, 125.0)
+"""The rates of RTDE on e-Series and on CB3."""
+_CYCLES_MS: tuple[Literal[4, 12], ...] = (4, 12)
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """An interface that was tried, and what came of it. sure: whether the unit of the angles is certain."""
+
+    feedback: Feedback
+    trial: Trial
+    sure: bool = True
+
+
+def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
+    """Search a robot at a host, a `tcp://host:port` or serial port that prints lines, or a `udp://address:port`.
+
+    The UDP address may be one of this computer, which a controller calls. named: the interface that a person gave, in
+    place of every other.
+    """
+    failed: list[str] = []
+    try:
+        for tried in _tries(address) if named is None else [_try(named)]:
+            if evidence_of(tried.trial.items).enough or (named and tried.trial.samples):
+                last = tried.trial.samples[-1]
+                stopped = stopped_by(condition_in(robot_stream(tried.feedback).columns, last))
+                return RobotReport(
+                    address,
+                    tried.feedback,
+                    last.values[:6],
+                    tried.trial.rate_hz,
+                    units_sure=tried.sure,
+                    reported=stopped or _own_report(tried.trial),
+                )
+            trial = tried.trial
+            silence = "not understood" if trial.received else "nothing arrived"
+            why = trial.error.what if trial.error else _own_report(trial) or silence
+            failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {why}")
+    except ValidationError:
+        return RobotReport(
+            address, problem="is not an address", remedy="give HOST, tcp://HOST:PORT or udp://ADDRESS:PORT"
+        )
+    return RobotReport(address, problem="; ".join(dict.fromkeys(failed)), remedy=_remedy(address))
+
+
+def joints_of(robot: Feedback) -> tuple[float, ...]:
+    """Return where a robot's six joints stand now, in degrees. Raises CellError where it does not say."""
+    trial = _try(robot).trial
+    if trial.error:
+        raise trial.error
+    if not trial.samples:
+        remedy = trial.last_fault or "check that it is on and its program runs"
+        raise CellError(robot.port, "reports no joint angles", remedy)
+    return trial.samples[-1].values[:6]
+
+
+def _tries(address: str) -> Iterator[_Tried]:
+    """Try what is possible at an address, one after the other."""
+    tcp, udp = tcp_address(address), udp_address(address)
+    if udp and udp[1] == _STREAM_MOTION:
+        yield _try(FANUCStreamMotion(interface="fanuc_stream_motion", port=address))
+    elif udp:
+        for cycle_ms in _CYCLES_MS:
+            yield _try(KUKARSI(interface="kuka_rsi", port=address, cycle_ms=cycle_ms))
+        yield _try(ABBEGM(interface="abb_egm", port=address))
+    elif tcp and tcp[1] == _OPC_UA:
+        yield _try(OPCUARobotics(interface="opc_ua_robotics", port=address))
+    elif address.startswith("/") or (tcp and tcp[1] != _RTDE):
+        yield _line_feed(address)
+    else:
+        port = address if tcp else f"tcp://{address}:{_RTDE}"
+        for rate_hz in _RATES_HZ:
+            yield _try(URRTDE(interface="ur_rtde", port=port, rate_hz=rate_hz))
+
+
+def _line_feed(address: str) -> _Tried:
+    """A line feed: listened to once, since some programs end with their connection, and read as its lines look."""
+    plain = LineFeed(interface="line_feed", port=address)
+    try:
+        link = open_link(ROBOT, address, plain.line)
+    except CellError as error:
+        return _Tried(plain, Trial(error=error))
+    try:
+        arrivals, until_s = list[Arrival](), clock.now_s() + _LISTEN_S
+        while (left_s := until_s - clock.now_s()) > 0:
+            if data := link.read(left_s):
+                arrivals.append((data, clock.now_ns()))
+    except LinkLost as lost:
+        return _Tried(plain, Trial([Fault(FaultKind.DISCONNECTED, clock.now_ns(), str(lost))]))
+    finally:
+        link.close()
+    layout = layout_of(arrivals)
+    fields = {"fields": layout.fields, "separator": layout.separator} if layout else {}
+    read = plain.model_copy(update=fields)
+    host = feedback.host(read)
+    items = [item for data, at_ns in arrivals for item in host.received(data, at_ns).items]
+    received = sum(len(data) for data, _ in arrivals)
+    return _Tried(read, Trial(items, _LISTEN_S, received, received), sure=layout is None or layout.sure)
+
+
+def _try(robot: Feedback) -> _Tried:
+    """Hold the conversation for a moment; a controller that calls is only listened to."""
+    # An RSI that expects no answers gets none.
+    limits = {"timeout_s": _LISTEN_S / _SILENCES} | ({"onlysend": True} if robot.interface == "kuka_rsi" else {})
+    tried = robot.model_copy(update=limits)
+    sends: Sends = "nothing" if robot.listens else "all"
+    stream = replace(robot_stream(tried), host=lambda: Probing(feedback.host(tried), sends, _SILENCES))
+    return _Tried(robot, try_line(stream, stream.line, _PATIENCE_S, _CONFIRM_S))
+
+
+def _own_report(trial: Trial) -> str:
+    """The last that the controller itself reported: a warning, a refusal, something that it does not have."""
+    reports = [fault.detail for fault in faults_of(trial.items) if fault.kind in OF_THE_INSTRUMENT]
+    return reports[-1] if reports else ""
+
+
+def _remedy(address: str) -> str:
+    tcp, udp = tcp_address(address), udp_address(address)
+    if udp and udp[1] == _STREAM_MOTION:
+        return "check the address, the cable, and that the controller has option J519"
+    if udp:
+        return "start the program that sends (RSI_ON, EGMStreamStart), to this address and port of this computer"
+    if tcp and tcp[1] == _OPC_UA:
+        return "switch the OPC UA server on, and allow anonymous reading without encryption in its settings"
+    if tcp and tcp[1] != _RTDE:
+        return "start the program that prints; for a Universal Robots arm give its host alone"
+    return (
+        "switch it on; where a program prints lines give tcp://HOST:PORT, for FANUC's Stream Motion udp://HOST:60015, "
+        "and where the controller calls this computer (KUKA RSI, ABB EGM) udp://ADDRESS:PORT"
+    )

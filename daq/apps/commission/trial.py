@@ -1,0 +1,240 @@
+"""A short conversation with an instrument, as the daemon would hold it, and the findings from what came.
+
+Only the instrument's own conversation is held, which asks and never sets. Where it does not answer at the line settings
+of the rig file, the usual ones are tried one after the other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daq import clock
+from daq.acquisition.stream_buffer import faults_of, samples_of
+from daq.acquisition.streams import Stream
+from daq.apps.commission.cell_finding import Finding, condition_in, doubtful, of_condition, ok, wrong
+from daq.protocol.bus import Bus
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+from daq.wire.conversation_loop import run_conversation
+from daq.wire.links import Link, LinkLost
+from rigs.errors import CellError
+from rigs.schema.condition import CONDITION
+from rigs.schema.links import Line
+
+_LISTEN_S = 2.0
+_TALK_S, _LONGEST_WAIT_S = 1.0, 5.0
+"""For the first readings, beside the waiting for a line to be quiet that a conversation may begin with."""
+_ENOUGH = 3
+"""Readings in a row that are hardly an accident at the wrong line settings."""
+_FEW, _POOR_SHARE = 2, 0.05
+"""Faults, absolute and for each reading, that a conversation may begin with; more of them deserve attention."""
+_SLOW = 0.5
+_POOR_PPM = 1000.0
+USUAL_LINES = tuple(
+    Line.model_validate(text)
+    for text in (
+        "9600 8N1",
+        "4800 7E2",
+        "9600 7E1",
+        "9600 7E2",
+        "19200 8E1",
+        "19200 8N1",
+        "9600 8E1",
+        "38400 8N1",
+        "57600 8N1",
+        "115200 8N1",
+        "115200 8E1",
+        "921600 8N1",
+    )
+)
+"""What the makers of gauges deliver them with, the commonest first."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The result of a short conversation. carried: bytes in both directions; error: why the port did not open."""
+
+    items: Sequence[Item] = ()
+    seconds: float = 0.0
+    received: int = 0
+    carried: int = 0
+    error: CellError | None = None
+
+    @property
+    def samples(self) -> list[Sample]:
+        """The readings that came."""
+        return list(samples_of(self.items))
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings a second; 0 where all came at once, as of a link that was then lost."""
+        stamps_ns = samples_of(self.items).last_byte_ns
+        lasted_ns = int(stamps_ns[-1] - stamps_ns[0]) if len(stamps_ns) else 0
+        return (len(stamps_ns) - 1) * 1e9 / lasted_ns if lasted_ns else 0.0
+
+    @property
+    def understood(self) -> bool:
+        """Whether both sides understand each other: mostly readings, or the instrument's own errors."""
+        kinds = Counter[FaultKind]()
+        for fault in faults_of(self.items):
+            kinds[fault.kind] += fault.count
+        answered, garbled = len(samples_of(self.items)) + kinds[FaultKind.DEVICE_ERROR], kinds[FaultKind.GARBLED]
+        return answered >= _ENOUGH and answered > garbled
+
+    @property
+    def last_fault(self) -> str:
+        """The last fault in words; empty without one."""
+        return next((item.detail for item in reversed(self.items) if isinstance(item, Fault)), "")
+
+
+class _Counted:
+    """A link that counts its bytes."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self.received = self.carried = 0
+
+    def read(self, timeout_s: float) -> bytes:
+        data = self._link.read(timeout_s)
+        self.received += len(data)
+        self.carried += len(data)
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._link.write(data)
+        self.carried += len(data)
+
+    def set_dtr(self, on: bool) -> None:
+        self._link.set_dtr(on)
+
+
+Attempt = Callable[[Stream, Line, float, float], Trial]
+
+
+def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> Trial:
+    """Hold the stream's conversation at these line settings: until both understand each other, then `listen_s` more."""
+    try:
+        link = replace(stream, line=line).open()
+    except CellError as error:
+        return Trial(error=error)
+    counted, items, began = _Counted(link), list[Item](), clock.now_s()
+    until, understood = began + patience_s, False
+
+    def ended() -> bool:
+        nonlocal until, understood
+        if not understood and Trial(items).understood:
+            understood, until = True, clock.now_s() + listen_s
+        return clock.now_s() >= until
+
+    def deliver(new: Sequence[Item]) -> None:
+        link.note_items(new)
+        items.extend(new)
+
+    host, end = stream.host(), list[Item]()
+    try:
+        run_conversation(counted, host, deliver, ended)
+    except LinkLost as lost:
+        end.append(Fault(FaultKind.DISCONNECTED, clock.now_ns(), f"the link was lost: {lost}"))
+    finally:
+        link.close()
+    items += [*host.lost(clock.now_ns()), *link.take_ignored(), *end]  # with the faults that it still holds back
+    return Trial(items, clock.now_s() - began, counted.received, counted.carried)
+
+
+def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = try_line) -> Iterator[Finding]:
+    """Examine whether the instrument answers, how fast, how its clock runs, and the condition of a robot.
+
+    timeout_s: of the instrument.
+    """
+    wait_s = min(_LONGEST_WAIT_S, 2 * timeout_s)
+    serial = stream.port.startswith("/")
+    trial = attempt(stream, stream.line, _TALK_S + wait_s, _LISTEN_S)
+
+    def search() -> Line | None:
+        others = (line for line in USUAL_LINES if serial and line != stream.line)
+        return next((line for line in others if attempt(stream, line, _TALK_S + wait_s, 0).understood), None)
+
+    yield answers(stream, trial, search)
+    if trial.understood and trial.samples:
+        yield from filter(None, (pace(stream, trial) if serial else None, pace_of_clock(stream.name, trial.samples)))
+        yield from of_condition(stream.name, condition_in(stream.columns, trial.samples[-1]))
+
+
+def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> Finding:
+    """Check whether both sides understand each other; `search` finds line settings at which they do."""
+    if trial.error is not None:
+        return wrong(stream.name, f"{stream.port}: {trial.error.what}", trial.error.remedy)
+    how = f"{stream.port} at {stream.line}" if stream.port.startswith("/") else stream.port
+    how += f" with {stream.modem}" if stream.modem else ""
+    if trial.samples and trial.understood:
+        return _of_readings(stream, trial, how)
+    if trial.understood:
+        return wrong(stream.name, f"{how} answers with an error of its own", trial.last_fault)
+    if line := search():
+        return wrong(stream.name, f"does not answer at {stream.line}, but does at {line}", f"write line: {line}")
+    if trial.received:
+        observation = f"{how}: {trial.received} bytes arrived, but no reading among them"
+        return wrong(
+            stream.name,
+            observation,
+            trial.last_fault or "check `interface` and the port: another kind of device is connected",
+        )
+    return wrong(stream.name, f"{how}: nothing arrived", trial.last_fault or "check that it is on, and its cable")
+
+
+def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
+    """Check readings that came: whether all gauges of the link gave some, and how many faults came with them."""
+    readings = samples_of(trial.items)
+    observation = f"{how}: {len(readings)} readings in {trial.seconds:.0f} s"
+    silent = [stream.columns[k] for k in np.flatnonzero(np.isnan(readings.values).all(axis=0))]
+    if missing := [name for name in silent if name not in CONDITION]:
+        return wrong(stream.name, f"{observation}, but none of {', '.join(missing)}", trial.last_fault)
+    faults = Counter[str]()
+    for fault in faults_of(trial.items):
+        faults[fault.kind] += fault.count
+    if faults.total() > _FEW and faults.total() > _POOR_SHARE * len(readings):
+        counts = ", ".join(f"{count} {kind}" for kind, count in faults.items() if count)
+        return doubtful(stream.name, f"{observation}, and {counts}", trial.last_fault)
+    return ok(stream.name, f"{observation}; it does not show {', '.join(silent)}" if silent else observation)
+
+
+def pace(stream: Stream, trial: Trial) -> Finding | None:
+    """Compare the readings per second with what the line could carry."""
+    readings, reached_hz = len(trial.samples), trial.rate_hz
+    if readings < _ENOUGH or not reached_hz:
+        return None
+    host = stream.host()
+    gap_ns = host.gap_ns if isinstance(host, Bus) else 0
+    possible_hz = readings * 1e9 / (trial.carried * stream.line.character_ns + readings * gap_ns)
+    observation = f"{reached_hz:.1f} readings a second; the line could carry {possible_hz:.1f}"
+    if reached_hz >= _SLOW * possible_hz:
+        return ok(stream.name, observation)
+    return doubtful(
+        stream.name, observation, "shorten the adapter's latency timer; otherwise the instrument itself needs that time"
+    )
+
+
+def pace_of_clock(about: str, samples: Sequence[Sample]) -> Finding | None:
+    """Compare the rate of the instrument's own clock with this computer's; None for one without a clock.
+
+    The quickest arrivals of the first and of the last quarter lie closest to the truth: a delay only ever adds.
+    """
+    quarter = len(samples) // 4
+    if quarter < _ENOUGH or math.isnan(samples[0].device_time_s):
+        return None
+    begin_ns, end_ns = samples[0].last_byte_ns, samples[-1].last_byte_ns
+    if begin_ns == end_ns:  # all came at once, as of a link that was then lost
+        return None
+    late_ns = [sample.last_byte_ns - begin_ns - sample.device_time_s * 1e9 for sample in samples]
+    slope = (min(late_ns[-quarter:]) - min(late_ns[:quarter])) / (0.75 * (end_ns - begin_ns))
+    level_ns = [late - slope * (s.last_byte_ns - begin_ns) for late, s in zip(late_ns, samples, strict=True)]
+    jitter_ns = sorted(level_ns)[len(level_ns) // 2] - min(level_ns)
+    drift_ppm, uncertain_ppm = -1e6 * slope, 1e6 * jitter_ns / (end_ns - begin_ns)
+    observation = f"its clock runs {drift_ppm:+.0f} ± {uncertain_ppm:.0f} ppm against this computer's"
+    if abs(drift_ppm) - 3 * uncertain_ppm < _POOR_PPM:
+        return ok(about, observation)
+    return doubtful(about, observation, "check `rate_hz` and the unit of its clock; a good clock is within 100 ppm")

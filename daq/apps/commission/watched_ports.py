@@ -1,0 +1,136 @@
+"""Gauges that are all read at once, until one of them moves: a person pushes the one that is meant."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from functools import partial
+from types import TracebackType
+
+from daq.acquisition.stream_buffer import samples_of
+from daq.acquisition.streams import Stream
+from daq.apps.commission.attempts import FoundGauge
+from daq.apps.commission.port_search import LISTEN_S, host_of, join_started
+from daq.protocol.conversation import Item
+from daq.wire.conversation_loop import run_conversation
+from daq.wire.links import LinkLost
+from rigs.errors import CellError
+
+PUSH_MM = 0.2
+"""A finger moves a plunger by more; a ball link at rest, and a gauge's own noise, by far less."""
+_MORE = 3.0
+"""How many times as far as any other gauge, and as its own unrest, the pushed one has to move."""
+_AT_REST = 5
+"""Readings that say where a gauge stands."""
+_KEPT = 200
+_SILENCES = 10
+"""Time-outs before the first reading after which a gauge is lost: it has answered before."""
+_SETTLE_S = 5.0
+"""For those; the slowest gauges read some times a second."""
+
+
+def pushed(rest_mm: Mapping[str, Sequence[float]], now_mm: Mapping[str, float]) -> str | None:
+    """Return the place of the gauge that was moved and no other; None where that is not clear.
+
+    rest_mm: readings before, by place; now_mm: the present one.
+    """
+    resting = {place: readings for place, readings in rest_mm.items() if len(readings) >= _AT_REST and place in now_mm}
+    moved = {place: abs(now_mm[place] - sorted(readings)[len(readings) // 2]) for place, readings in resting.items()}
+    unrest = {place: max(readings) - min(readings) for place, readings in resting.items()}
+    for place, by_mm in moved.items():
+        others = max((travel_mm for name, travel_mm in moved.items() if name != place), default=0.0)
+        if by_mm > max(PUSH_MM, _MORE * unrest[place], _MORE * others):
+            return place
+    return None
+
+
+class Watch:
+    """Reads gauges on threads of their own; use it in a `with` statement."""
+
+    def __init__(self, gauges: Sequence[FoundGauge]) -> None:
+        self._gauges = gauges
+        self._stop = threading.Event()
+        self._changed = threading.Condition()
+        self._rest: dict[str, list[float]] = {}
+        self._latest: dict[str, deque[float]] = {gauge.place: deque(maxlen=_KEPT) for gauge in gauges}
+        self._lost: dict[str, str] = {}
+        self._threads: list[threading.Thread] = []
+
+    def __enter__(self) -> Watch:
+        by_port: dict[str, list[FoundGauge]] = {}
+        for gauge in self._gauges:
+            by_port.setdefault(gauge.gauge.port, []).append(gauge)
+        self._threads = [
+            threading.Thread(target=self._read, args=(group,), name=f"watch {port}") for port, group in by_port.items()
+        ]
+        try:
+            for thread in self._threads:
+                thread.start()
+        except BaseException:  # Ctrl-C between two of them
+            self._end()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._end()
+
+    def readings_mm(self) -> dict[str, float]:
+        """Return the latest reading of each gauge by its place. Raises CellError where a port is lost."""
+        with self._changed:
+            for place, why in self._lost.items():
+                raise CellError(place, f"was lost ({why})", "check its cable, and run rig init again: it goes on here")
+            return {place: values[-1] for place, values in self._latest.items() if values}
+
+    def rest(self) -> None:
+        """Take what comes now for the gauges at rest. Raises CellError where one sends nothing."""
+        with self._changed:
+            for values in self._latest.values():
+                values.clear()
+            latest = self._latest.values()
+            self._changed.wait_for(lambda: self._lost or all(len(values) >= _AT_REST for values in latest), _SETTLE_S)
+            self._rest = {place: list(values) for place, values in self._latest.items()}
+        self.readings_mm()
+
+    def pushed(self, places: Sequence[str]) -> str | None:
+        """Return which of these gauges has moved since `rest`; None while none has."""
+        now_mm = self.readings_mm()
+        return pushed({place: self._rest[place] for place in places}, now_mm)
+
+    def grows(self, place: str) -> bool:
+        """Return whether the reading of a gauge that was pushed grew."""
+        with self._changed:
+            rest_mm = sorted(self._rest[place])[len(self._rest[place]) // 2]
+            return max(self._latest[place], key=lambda reading: abs(reading - rest_mm)) > rest_mm
+
+    def _end(self) -> None:
+        self._stop.set()
+        join_started(self._threads)
+
+    def _read(self, group: Sequence[FoundGauge]) -> None:
+        members = [gauge.gauge for gauge in group]
+        host = partial(host_of, members, group[0].sends, LISTEN_S, _SILENCES)
+        stream = Stream(members[0].port, (), members[0].port, members[0].line, host, modem=members[0].modem)
+
+        def deliver(items: Sequence[Item]) -> None:
+            samples = samples_of(items)
+            with self._changed:
+                for sample in samples:
+                    for gauge, value in zip(group, sample.values, strict=True):
+                        if math.isfinite(value):
+                            self._latest[gauge.place].append(value)
+                self._changed.notify_all()
+
+        try:
+            link = stream.open()
+            try:
+                run_conversation(link, stream.host(), deliver, self._stop.is_set)
+                if not self._stop.is_set():
+                    raise LinkLost("nothing arrived")
+            finally:
+                link.close()
+        except (LinkLost, CellError) as error:
+            with self._changed:
+                self._lost.update((gauge.place, str(error)) for gauge in group)
+                self._changed.notify_all()

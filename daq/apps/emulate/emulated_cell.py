@@ -1,0 +1,199 @@
+"""An emulated cell: every instrument of a rig file on a pty or a local port.
+
+What stands behind the ports is not its business: instruments that measure a motion, or that say again what a capture
+heard.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import yaml
+
+from daq import clock
+from daq.acquisition.streams import ROBOT, Stream, streams_of
+from daq.apps.emulate.network_ports import TcpCaller, TcpPort, UdpPort
+from daq.apps.emulate.pty_line import PtyLine
+from daq.apps.emulate.timed import STEADY, Punctual, Unsteady
+from daq.protocol.conversation import Device
+from daq.wire.conversation_loop import run_conversation
+from daq.wire.links import LinkLost
+from rigs.rig import Rig
+from rigs.schema.links import tcp_address, udp_address
+from rigs.yaml_text import data_of
+
+_NOTICE_S = 0.05
+
+
+class Server(Protocol):
+    """A local port with an emulated instrument behind it."""
+
+    port: str
+    """As a rig file names it."""
+    plugged: clock.Event
+    """Cleared while its cable is pulled."""
+
+    def serve(self, stop: clock.Event) -> None:
+        """Serve until `stop` is set."""
+
+    def hang_up(self) -> None:
+        """End the present conversation, and begin another."""
+
+
+@dataclass(frozen=True)
+class Adversity:
+    """What keeps stamps from being true. latency_ms: how long an FTDI adapter on each serial line holds bytes;
+    jitter_ms: how late the robot's packets are on average; drift_ppm: how fast its controller's clock runs; unsteady:
+    the gauges' own cycles."""
+
+    latency_ms: float = 0.0
+    jitter_ms: float = 0.0
+    drift_ppm: float = 0.0
+    unsteady: Unsteady = STEADY
+
+
+NONE = Adversity()
+
+
+class Cell:
+    """All instruments of a rig, each with its own thread, until `stop`.
+
+    devices: what creates each instrument for every connection, by the name of its stream: `g1`, `g1_g2` where two
+    share a port, `robot`. names: a directory where serial ports get names that outlast their ttys, as udev makes them.
+    """
+
+    @classmethod
+    def open(
+        cls,
+        rig: Rig,
+        devices: Mapping[str, Callable[[], Device]],
+        adversity: Adversity = NONE,
+        names: Path | None = None,
+        *,
+        paced: bool = True,
+    ) -> Cell:
+        """Open the ports of a cell that is switched off. paced: see `PtyLine.open`."""
+        cell = cls()
+        for stream in streams_of(rig):
+            cell._open_port(stream, devices[stream.name], adversity, names and names / stream.name, paced)
+        return cell
+
+    def __init__(self) -> None:
+        self._stop = clock.Event()
+        self._threads: list[clock.Thread] = []
+        self._devices: dict[str, list[Device]] = {}
+        self._lines: list[PtyLine] = []
+        self._servers: dict[str, Server] = {}
+        self._plugged: dict[str, clock.Event] = {}
+        self._silenced: set[str] = set()
+        self.ports: dict[str, str] = {}
+        """The ports by the names of the rig file: `g1`, `g2`, `feedback`."""
+
+    def start(self) -> None:
+        """Switch everything on."""
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> dict[str, int]:
+        """Switch everything off, once; returns how many readings each instrument had sent."""
+        if self._stop.is_set():
+            return self.sent()
+        self._stop.set()
+        for thread in self._threads:
+            thread.join()
+        for line in self._lines:
+            line.close()
+        return self.sent()
+
+    def silence(self, name: str) -> None:
+        """Let the instrument on this serial line send nothing any more."""
+        self._silenced.add(name)
+
+    def hang_up(self, name: str) -> None:
+        """Let the instrument on this network port end its conversation and begin a new one."""
+        self._servers[name].hang_up()
+
+    def unplug(self, name: str) -> None:
+        """Pull the instrument's cable: its tty and its name are gone, or its address refuses."""
+        self._plugged[name].clear()
+
+    def plug(self, name: str) -> None:
+        """Plug the cable in again: another tty under the same name, or the same address."""
+        self._plugged[name].set()
+
+    def sent(self) -> dict[str, int]:
+        """Return the number of readings sent so far, by stream."""
+        return {name: sum(device.sent for device in devices) for name, devices in self._devices.items()}
+
+    def rig_text(self, text: str, *, emulated: bool = False) -> str:
+        """Return a rig file's text with the ports of this cell in place of its own; emulated: says that no robot is
+        there."""
+        data = data_of(as_emulated(text) if emulated else text)
+        for name, port in self.ports.items():
+            (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port
+        return _text_of(data)
+
+    def _open_port(
+        self, stream: Stream, make: Callable[[], Device], adversity: Adversity, link: Path | None, paced: bool
+    ) -> None:
+        name, late_ms = stream.name, adversity.jitter_ms
+        self._devices[name] = []
+
+        def made() -> Device:
+            device = make()
+            self._devices[name].append(device)
+            return device
+
+        if udp_address(stream.port):
+            port = self._serve(name, UdpPort.open(made, calls=stream.listens, jitter_ms=late_ms))
+        elif tcp_address(stream.port) and stream.listens:
+            port = self._serve(name, TcpCaller.open(made, late_ms))
+        elif tcp_address(stream.port):
+            port = self._serve(name, TcpPort.open(made, late_ms if name == ROBOT else 0.0))
+        else:
+            line = PtyLine.open(stream.line, adversity.latency_ms, link, paced=paced)
+            port = self._serve_pty(name, made, line, paced)
+        called = ["feedback"] if name == ROBOT else name.split("_")
+        self.ports.update(dict.fromkeys(called, port))
+
+    def _serve(self, name: str, server: Server) -> str:
+        self._servers[name] = server
+        self._plugged[name] = server.plugged
+        self._threads.append(clock.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))
+        return server.port
+
+    def _serve_pty(self, name: str, made: Callable[[], Device], line: PtyLine, paced: bool) -> str:
+        plugged = self._plugged[name] = clock.Event()
+        plugged.set()
+        self._lines.append(line)
+
+        def ended() -> bool:
+            return self._stop.is_set() or name in self._silenced or not plugged.is_set()
+
+        def serve() -> None:
+            while not self._stop.is_set() and name not in self._silenced:
+                with contextlib.suppress(LinkLost):
+                    run_conversation(line, Punctual(made(), line) if paced else made(), lambda _: None, ended)
+                self._stop.wait(_NOTICE_S)
+                if not plugged.is_set():
+                    line.unplug()
+                    while not plugged.wait(_NOTICE_S) and not self._stop.is_set():
+                        pass
+                    line.plug()
+
+        self._threads.append(clock.Thread(target=serve, name=f"emulated {name}"))
+        return line.port
+
+
+def as_emulated(text: str) -> str:
+    """Return a rig file's text that says that no robot is there: runs made by it say so, too."""
+    return _text_of(data_of(text) | {"emulated": True})
+
+
+def _text_of(data: Mapping[str, Any]) -> str:
+    written: str = yaml.safe_dump(dict(data), sort_keys=False, allow_unicode=True, width=110)
+    return written

@@ -1,0 +1,121 @@
+"""Instruments that measure a motion: the device's side of each protocol, fed by a `Motion`, so that this package needs
+no kinematics. Of several on one line each hears everything, and answers what is addressed to it."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from daq import feedback, gauges
+from daq.acquisition.streams import ROBOT, gauge_groups
+from daq.apps.emulate.emulated_cell import NONE, Adversity, Cell
+from daq.apps.emulate.timed import STEADY, OwnClock, Unsteady, timed_device, timed_read
+from daq.protocol.conversation import Device, Step
+from rigs.rig import Rig
+from rigs.schema.condition import UNDISTURBED
+from rigs.schema.feedback import SIGNAL, columns_beside_joints
+from rigs.schema.modbus import ModbusMap, SolartronOrbit
+
+
+class OneLine:
+    """The side of all instruments on a line."""
+
+    def __init__(self, devices: Sequence[Device]) -> None:
+        self._devices = devices
+        self._wakes: list[int | None] = [None] * len(devices)
+
+    @property
+    def sent(self) -> int:
+        return sum(device.sent for device in self._devices)
+
+    def connected(self, now_ns: int) -> Step:
+        return self._joined([device.connected(now_ns) for device in self._devices])
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        return self._joined([device.received(data, now_ns) for device in self._devices])
+
+    def tick(self, now_ns: int) -> Step:
+        due = [wake_ns is not None and wake_ns <= now_ns for wake_ns in self._wakes]
+        asleep = [Step(wake_ns=wake_ns) for wake_ns in self._wakes]
+        return self._joined([device.tick(now_ns) if due[n] else asleep[n] for n, device in enumerate(self._devices)])
+
+    def _joined(self, steps: Sequence[Step]) -> Step:
+        self._wakes = [step.wake_ns for step in steps]
+        wake_ns = min((wake_ns for wake_ns in self._wakes if wake_ns is not None), default=None)
+        return Step(b"".join(step.send for step in steps), (), wake_ns, any(step.hang_up for step in steps))
+
+
+class Motion(Protocol):
+    """What the emulated instruments measure, at any time of the host's monotonic clock."""
+
+    def gauge_mm(self, name: str, now_ns: int) -> float:
+        """Return the reading of the gauge of that name; nan if its head is off."""
+
+    def joints_deg(self, now_ns: int) -> Sequence[float]:
+        """Return the six joint angles that the controller reports."""
+
+
+def emulated(
+    rig: Rig,
+    motion: Motion,
+    signal: Callable[[int], float] = lambda _: 0.0,
+    adversity: Adversity = NONE,
+    names: Path | None = None,
+    condition: Callable[[int], Mapping[str, float]] = lambda _: {},
+) -> Cell:
+    """Return a cell whose instruments measure a motion.
+
+    signal: number of the robot's program at a time, shown where the rig's feedback carries one. condition: what the
+    robot shows at a time that one which drives undisturbed does not. The rest: see `Cell`.
+    """
+    return Cell.open(rig, instruments_of(rig, motion, signal, adversity, condition), adversity, names)
+
+
+def instruments_of(
+    rig: Rig,
+    motion: Motion,
+    signal: Callable[[int], float] = lambda _: 0.0,
+    adversity: Adversity = NONE,
+    condition: Callable[[int], Mapping[str, float]] = lambda _: {},
+) -> dict[str, Callable[[], Device]]:
+    """Return what makes each instrument of a cell, newly for each connection, by the name of its stream."""
+    further_columns = columns_beside_joints(rig.feedback)
+
+    def shown(now_ns: int) -> Sequence[float]:
+        values = {SIGNAL: signal(now_ns)} | UNDISTURBED | dict(condition(now_ns))
+        return [*motion.joints_deg(now_ns), *(values[name] for name in further_columns)]
+
+    def controller() -> Device:
+        return OwnClock(partial(feedback.device, rig.feedback), shown, adversity.drift_ppm)
+
+    devices = {"_".join(group): gauge_device(rig, motion, group, adversity.unsteady) for group in gauge_groups(rig)}
+    return devices | {ROBOT: controller}
+
+
+def gauge_device(rig: Rig, motion: Motion, group: Sequence[str], unsteady: Unsteady = STEADY) -> Callable[[], Device]:
+    """Return a function that makes what these gauges share, an instrument or a line, newly for each connection.
+
+    An instrument latches as the rig file's `timing` says; its own cycle begins at a phase that is its name's alone.
+    """
+    members = {name: gauge for name, gauge in rig.gauges.recorded.items() if name in group}
+
+    def instrument(names: Sequence[str]) -> Device:
+        chance, timing = random.Random("_".join(names)), members[names[0]].timing
+
+        def read(now_ns: int) -> Sequence[float]:
+            return [motion.gauge_mm(name, now_ns) for name in names]
+
+        device = gauges.device([members[name] for name in names], timed_read(read, timing, unsteady, chance))
+        return timed_device(device, timing, unsteady, chance)
+
+    def made() -> Device:
+        by_unit: dict[int, list[str]] = {}
+        for name, gauge in members.items():
+            by_unit.setdefault(gauge.unit if isinstance(gauge, ModbusMap | SolartronOrbit) else 0, []).append(name)
+        instruments = [instrument(names) for names in by_unit.values()]
+        return instruments[0] if len(instruments) == 1 else OneLine(instruments)
+
+    return made

@@ -1,0 +1,154 @@
+"""The instrument's end of a network port: TCP that is called and TCP that calls, and UDP.
+
+While a TCP port is unplugged it refuses connections, and comes back at the same port; each connection has a fresh
+conversation.
+
+A controller that calls by UDP (RSI, EGM) sends unasked to the port that the rig file names as ours; one that is called
+(Stream Motion) waits at its own port for the first datagram. Either speaks to one peer. When the system says that no
+process has that peer's port any more, the controller's program ends and is started again, as an operator would: by a
+new conversation, and where it calls from a new port.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+from collections.abc import Callable
+
+from daq import clock
+from daq.apps.emulate.pty_line import LateLink
+from daq.protocol.conversation import Conversation
+from daq.wire.conversation_loop import run_conversation
+from daq.wire.links import Link, LinkLost
+
+_ACCEPT_S = 0.2
+_AGAIN_S = 0.2
+_CONNECT_S = 1.0
+_HOST = "127.0.0.1"
+
+
+class _Port:
+    """One conversation at a time, by a fresh device each. `port` is what the rig file names."""
+
+    def __init__(self, port: str, device: Callable[[], Conversation], jitter_ms: float) -> None:
+        self.port = port
+        self._device = device
+        self._jitter_ms = jitter_ms
+        self._hang_up = clock.Event()
+        self.plugged = clock.Event()
+        self.plugged.set()
+
+    def hang_up(self) -> None:
+        """End the present conversation; the next one begins soon."""
+        self._hang_up.set()
+
+    def _converse(self, sock: socket.socket, stop: clock.Event) -> None:
+        """Speak until `stop`, or until the peer is gone (no process has its UDP port), and close the socket."""
+
+        def ended() -> bool:
+            return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
+
+        if sock.type == socket.SOCK_STREAM:
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setblocking(False)
+        with contextlib.closing(Link("emulated", sock.fileno(), sock.close)) as link, contextlib.suppress(LinkLost):
+            late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
+            run_conversation(late, self._device(), lambda _: None, ended)
+
+
+class TcpPort(_Port):
+    """Listens on loopback at a free port and serves each client that connects."""
+
+    @classmethod
+    def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpPort:
+        """Listen at a free port."""
+        return cls(socket.create_server((_HOST, 0)), device, jitter_ms)
+
+    def __init__(self, server: socket.socket, device: Callable[[], Conversation], jitter_ms: float) -> None:
+        self._server = server
+        self._address = server.getsockname()
+        super().__init__(f"tcp://{_HOST}:{self._address[1]}", device, jitter_ms)
+
+    def serve(self, stop: clock.Event) -> None:
+        """Serve until `stop` is set; when a connection ends, the next is accepted."""
+        self._accept(stop)
+        while not stop.is_set():
+            if not self.plugged.wait(_ACCEPT_S):
+                continue
+            try:
+                self._server = socket.create_server(self._address)
+            except OSError:
+                continue  # somebody's connection was lent the port meanwhile; soon it is free again
+            self._accept(stop)
+
+    def _accept(self, stop: clock.Event) -> None:
+        self._server.settimeout(_ACCEPT_S)
+        with self._server:
+            while self.plugged.is_set() and not stop.is_set():
+                try:
+                    sock, _ = self._server.accept()
+                except TimeoutError:
+                    continue
+                self._hang_up.clear()
+                self._converse(sock, stop)
+
+
+class TcpCaller(_Port):
+    """Calls a port of the host on loopback. `port` is what the rig file names: a port that was free."""
+
+    @classmethod
+    def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpCaller:
+        """Find a free port."""
+        with socket.create_server((_HOST, 0)) as server:
+            return cls(int(server.getsockname()[1]), device, jitter_ms)
+
+    def __init__(self, number: int, device: Callable[[], Conversation], jitter_ms: float) -> None:
+        self._number = number
+        super().__init__(f"tcp://{_HOST}:{number}", device, jitter_ms)
+
+    def serve(self, stop: clock.Event) -> None:
+        """Serve until `stop` is set; when a connection ends or is refused, call again."""
+        while not stop.is_set():
+            if self.plugged.wait(_AGAIN_S):
+                self._hang_up.clear()
+                with contextlib.suppress(OSError):
+                    self._converse(socket.create_connection((_HOST, self._number), _CONNECT_S), stop)
+            stop.wait(_AGAIN_S)
+
+
+class UdpPort(_Port):
+    """A UDP port on loopback. `port` is what the rig file names: a free port of the host if the controller calls."""
+
+    @classmethod
+    def open(cls, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> UdpPort:
+        """Find a free port."""
+        with _bound(0) as sock:
+            return cls(int(sock.getsockname()[1]), device, calls, jitter_ms)
+
+    def __init__(self, number: int, device: Callable[[], Conversation], calls: bool, jitter_ms: float) -> None:
+        self._calls = calls
+        self._number = number
+        super().__init__(f"udp://{_HOST}:{number}", device, jitter_ms)
+
+    def serve(self, stop: clock.Event) -> None:
+        """Serve until `stop` is set; when a conversation ends, the next begins."""
+        while not stop.is_set():
+            if not self.plugged.wait(_AGAIN_S):
+                continue
+            self._hang_up.clear()
+            with _bound(0 if self._calls else self._number) as sock:
+                peer = (_HOST, self._number) if self._calls else None
+                while peer is None and not stop.is_set():
+                    came = select.select([sock], [], [], _AGAIN_S)[0]
+                    peer = sock.recvfrom(1, socket.MSG_PEEK)[1] if came else None
+                if peer is not None:
+                    sock.connect(peer)
+                    self._converse(sock, stop)
+            stop.wait(_AGAIN_S)
+
+
+def _bound(number: int) -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.bind((_HOST, number))
+    return sock

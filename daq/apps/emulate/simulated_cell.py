@@ -1,0 +1,224 @@
+"""A cell and a daemon in simulated time: the emulated instruments, lines in memory, and the disk of this computer."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from daq import clock
+from daq.acquisition.streams import streams_of
+from daq.apps.emulate.instruments import Motion, instruments_of
+from daq.apps.emulate.simulated_clock import SimulatedClock, close_files_in
+from daq.protocol.conversation import Device, Fault, Item, Step
+from daq.service.daemon import Daemon
+from daq.wire.links import LinkLost
+from rigs.errors import CellError
+from rigs.load import parse
+from rigs.schema.links import udp_address
+
+_NETWORK_NS = 100_000
+_ROUND_S = 0.2
+
+
+class SimulatedLine:
+    """A cable from an instrument to the daemon. character_ns: of a serial line, 0 over a network. datagrams: whether a
+    read gives what was sent at once, and no more.
+
+    change: what becomes of what the instrument sends, and how much later it comes, ns. sent: is called with each piece
+    that the instrument sends, as it set out and as it goes, when it will be there, and by how much that is later; what
+    it returns is called when the daemon reads the piece.
+    """
+
+    def __init__(self, name: str, character_ns: int, *, datagrams: bool = False) -> None:
+        self.name, self.plugged, self.datagrams = name, True, datagrams
+        self.change: Callable[[bytes], tuple[bytes, int]] = lambda data: (data, 0)
+        self.sent: Callable[[bytes, bytes, int, int], Callable[[], None]] = lambda *_: _nothing
+        self.connections = 0
+        self.ends: tuple[_End, _End] | None = None
+        """The daemon's and the instrument's, while the daemon has it open."""
+        self._character_ns = character_ns
+
+    def open(self) -> _End:
+        """The daemon's end of a new connection. Raises CellError while it is unplugged."""
+        if not self.plugged:
+            raise CellError(self.name, "does not exist", "plug it in")
+        ours, theirs = _End(self, self._character_ns), _End(self, self._character_ns)
+        ours.other, theirs.other, self.ends = theirs, ours, (ours, theirs)
+        theirs.sends_changed = True
+        self.connections += 1
+        return ours
+
+    def serve(self, make: Callable[[], Device]) -> None:
+        """Put what `make` makes for each connection behind it, on a thread."""
+        clock.Thread(target=_serving(self, make, []), name=f"emulated {self.name}", daemon=True).start()
+
+    def unplug(self) -> None:
+        """Pull the cable: what is on its way is gone."""
+        self.plugged = False
+        self.reset()
+
+    def reset(self) -> None:
+        """End the present connection."""
+        for end in self.ends or ():
+            end.lost = True
+        self.ends = None
+
+
+class _End:
+    """One end of a line: what `daq.wire.links.Link` is to the daemon."""
+
+    def __init__(self, line: SimulatedLine, character_ns: int) -> None:
+        self.name, self.lost, self.sends_changed = line.name, False, False
+        self.other: _End = self
+        self._line, self._character_ns = line, character_ns
+        self.coming: deque[tuple[int, bytes, Callable[[], None]]] = deque()
+        self._free_ns = 0
+
+    def read(self, timeout_s: float) -> bytes:
+        until_ns = clock.now_ns() + max(0.0, timeout_s) * 1e9
+        if timeout_s <= 0:
+            clock.sleep(0)  # as a system call, it takes some time
+        while not (self.coming and self.coming[0][0] <= clock.now_ns()):
+            if self.lost:
+                raise LinkLost("unplugged")
+            if clock.now_ns() >= until_ns:
+                return b""
+            self._wait(min(until_ns, self.coming[0][0]) if self.coming else until_ns)
+        data = b""
+        while self.coming and self.coming[0][0] <= clock.now_ns():
+            _, piece, note_read = self.coming.popleft()
+            data += piece
+            note_read()
+            if self._line.datagrams:
+                break
+        return data
+
+    def _wait(self, until_ns: float) -> None:
+        count, event = len(self.coming), clock.Event()
+        event.is_set = lambda: self.lost or len(self.coming) > count  # type: ignore[method-assign]
+        event.wait(None if until_ns == math.inf else (until_ns - clock.now_ns()) / 1e9)
+
+    def write(self, data: bytes) -> None:
+        if self.lost:
+            raise LinkLost("unplugged")
+        changed, later_ns = self._line.change(data) if self.sends_changed else (data, 0)
+        self._free_ns = max(self._free_ns, clock.now_ns()) + len(changed) * self._character_ns
+        at_ns = self._free_ns + later_ns + (0 if self._character_ns else _NETWORK_NS)
+        at_ns = max(at_ns, self.other.coming[-1][0] if self.other.coming else 0)
+        note_read = self._line.sent(data, changed, at_ns, later_ns) if self.sends_changed else _nothing
+        if changed:
+            self.other.coming.append((at_ns, changed, note_read))
+        if self.sends_changed:  # an instrument goes on when its line is free; a computer's port has a buffer
+            clock.sleep(max(0, self._free_ns - clock.now_ns()) / 1e9)
+
+    def set_dtr(self, on: bool) -> None:
+        pass
+
+    def close(self) -> None:
+        self.lost = self.other.lost = True
+
+    def note_items(self, items: Sequence[Item]) -> None:
+        pass
+
+    def take_ignored(self) -> list[Fault]:
+        return []
+
+
+class SimulatedCell:
+    """The instruments of a rig, which measure a motion, each on a line; `daemon` starts one that reads them."""
+
+    @classmethod
+    def switched_on(
+        cls,
+        time: SimulatedClock,
+        folder: Path,
+        text: str,
+        motion: Motion,
+        signal: Callable[[int], float],
+        devices: Mapping[str, Callable[[], Device]] | None = None,
+        *,
+        paced: bool = True,
+    ) -> SimulatedCell:
+        """Start the instruments of a rig. devices: what makes the instrument of each stream instead. paced: not where
+        what they send comes at the pace of the line already, as from a capture."""
+        cell = cls(time, folder, text)
+        devices = devices or instruments_of(cell.rig, motion, signal)
+        with time.process("cell"):
+            for stream in streams_of(cell.rig):
+                pace_ns = 0 if "://" in stream.port or not paced else stream.line.character_ns
+                by_udp = udp_address(stream.port) is not None
+                line = cell.lines[stream.name] = SimulatedLine(stream.name, pace_ns, datagrams=by_udp)
+                made = cell.made[stream.name] = []
+                body = _serving(line, devices[stream.name], made)
+                clock.Thread(target=body, name=f"emulated {stream.name}", daemon=True).start()
+        return cell
+
+    def __init__(self, time: SimulatedClock, folder: Path, text: str) -> None:
+        """text: of the rig file; runs are in `runs` of the folder."""
+        self.time, self.folder, self.text = time, folder, text
+        self.rig = parse(text, "simulated")
+        self.lines: dict[str, SimulatedLine] = {}
+        self.made: dict[str, list[Device]] = {}
+        self.daemons = 0
+
+    def daemon(self, **options: Any) -> Daemon:
+        """Start a daemon. options: of its constructor."""
+        self.daemons += 1
+        socket = self.folder / "rigd" / f"{self.rig.name}.sock"
+        socket.parent.mkdir(exist_ok=True)
+        opened = Daemon(self.rig, self.text, self.folder / "runs", socket, opening=self._open, **options)
+        with self.time.process(f"rigd {self.daemons}"):
+            opened.start()
+        return opened
+
+    def kill(self, daemon: Daemon) -> None:
+        """SIGKILL: its threads end where they are, and the system closes its files and its lines."""
+        self.time.kill(f"rigd {self.daemons}")
+        daemon._control.close()  # private _control: what a kill closes
+        for line in self.lines.values():
+            line.reset()
+        close_files_in(self.folder)
+
+    def _open(self, name: str, *_: object, **__: object) -> Any:
+        return self.lines[name].open()
+
+
+def _serving(line: SimulatedLine, make: Callable[[], Device], made: list[Device]) -> Callable[[], None]:
+    def serve() -> None:
+        while True:
+            if line.ends is None:
+                clock.sleep(_ROUND_S)
+            else:
+                made.append(make())
+                _converse(line, line.ends[1], made[-1])
+
+    return serve
+
+
+def _converse(line: SimulatedLine, end: _End, device: Device) -> None:
+    """As `run_conversation`, but an instrument that has nothing to do does not wake: quiet hours are cheap."""
+    with contextlib.suppress(LinkLost):
+        step = device.connected(clock.now_ns())
+        while True:
+            if step.send:
+                end.write(step.send)
+            if step.hang_up:
+                break
+            data = end.read(math.inf if step.wake_ns is None else (step.wake_ns - clock.now_ns()) / 1e9)
+            now_ns = clock.now_ns()
+            if data:
+                step = device.received(data, now_ns)
+            elif step.wake_ns is not None and now_ns >= step.wake_ns:
+                step = device.tick(now_ns)
+            else:
+                step = Step(wake_ns=step.wake_ns)
+    if line.ends and line.ends[1] is end:
+        line.reset()
+
+
+def _nothing() -> None:
+    pass

@@ -1,0 +1,417 @@
+"""Finding a robot in the address space of an OPC UA server, by the browse names of OPC 40010-1, and its condition
+there, in the columns and codes of `rigs.schema.condition`.
+
+    Objects / DeviceSet / <system> / MotionDevices / <robot> / Axes / <axis> / ParameterSet / ActualPosition
+                                                             / ParameterSet / SpeedOverride, InControl
+                                                             / FlangeLoad / Mass
+                                                             / PowerTrains / <train> / <motor>
+                                   / SafetyStates / <state> / ParameterSet / EmergencyStop, ProtectiveStop ...
+                                   / Controllers / <controller> / TaskControls / <task> / TaskControlOperation
+
+What is in angle brackets is named by the maker, so it is browsed for. Functions here are talks: they yield requests of
+asyncua's types and are sent the responses. A session with a server and a subscription in it are talks too.
+
+The session is anonymous and only reads. The server samples each axis at the interval asked for and keeps the values of
+up to a second; each has its stamp, so that nothing depends on when the server sends them. A value is sent whenever its
+stamp has changed, whether or not the axis moved.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from asyncua import ua
+
+from daq.apps.opc_ua.channel import CHUNK, CHUNKS, LIMIT
+from daq.protocol.numerals import plausible
+from rigs.schema.condition import MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES, ProgramState, SafetyState
+from rigs.schema.feedback import OPCUARobotics, are_nodes
+
+MODE, EMERGENCY, PROTECTIVE = "OperationalMode", "EmergencyStop", "ProtectiveStop"
+DRIVES, OVERRIDE, MASS = "InControl", "SpeedOverride", "Mass"
+STATE, READY = "CurrentState", "ReadySubstateMachine.CurrentState"
+FRONT = (MODE, EMERGENCY, PROTECTIVE, DRIVES, OVERRIDE)
+"""Browse names in the parameter sets of robot and safety state."""
+_MANUAL_REDUCED = 1
+"""OperationalModeEnumeration: MANUAL_REDUCED_SPEED."""
+_STATES = {"Executing": ProgramState.RUNNING, "Ready": ProgramState.STOPPED, "Idle": ProgramState.STOPPED}
+"""States of the TaskControlStateMachineType. A server may translate them; then they are not known."""
+_SUSPENDED = "Suspended"
+"""State of the ReadySubstateMachineType in which a program was stopped in its midst."""
+
+
+def condition_of(shown: Mapping[str, Any]) -> dict[str, float]:
+    """Return all columns of the condition. shown: values by browse name (temperatures by column); nan: not shown."""
+    state, drives = shown.get(STATE), shown.get(DRIVES)
+    program = float(_STATES.get(state, math.nan)) if isinstance(state, str) else math.nan
+    if state == "Ready" and shown.get(READY) == _SUSPENDED:
+        program = float(ProgramState.PAUSED)
+    motors = float(drives) if isinstance(drives, bool) else math.nan
+    # Both stops have to be shown for a robot to be called free of them.
+    emergency, protective, safety = shown.get(EMERGENCY), shown.get(PROTECTIVE), math.nan
+    if emergency is True:
+        safety = float(SafetyState.EMERGENCY_STOP)
+    elif protective is True:
+        safety = float(SafetyState.PROTECTIVE_STOP)
+    elif emergency is False and protective is False:
+        safety = float(SafetyState.REDUCED if shown.get(MODE) == _MANUAL_REDUCED else SafetyState.NORMAL)
+    columns = {PROGRAM: program, SAFETY: safety, MOTORS: motors}
+    columns |= {SPEED: _number(shown.get(OVERRIDE)), PAYLOAD: _number(shown.get(MASS))}
+    return columns | {name: _number(shown.get(name)) for name in TEMPERATURES}
+
+
+def shown_of(condition: Mapping[str, float]) -> dict[str, Any]:
+    """Return what a controller shows of a condition, the other way round: by browse name."""
+    program, safety = condition[PROGRAM], condition[SAFETY]
+    return {
+        MODE: _MANUAL_REDUCED if safety == SafetyState.REDUCED else 3,
+        EMERGENCY: safety == SafetyState.EMERGENCY_STOP,
+        PROTECTIVE: safety == SafetyState.PROTECTIVE_STOP,
+        DRIVES: condition[MOTORS] == 1,
+        OVERRIDE: condition[SPEED],
+        MASS: condition[PAYLOAD],
+        STATE: "Executing" if program == ProgramState.RUNNING else "Ready",
+        READY: _SUSPENDED if program == ProgramState.PAUSED else "AtProgramStart",
+    } | {name: condition[name] for name in TEMPERATURES}
+
+
+def _number(value: Any) -> float:
+    return plausible(float(value)) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+
+
+T = TypeVar("T")
+Talk = Generator[Any, Any, T]
+Children = Mapping[str, Any]
+"""Node ids by browse names."""
+
+OBJECTS = ua.NodeId(85)
+_HIERARCHICAL = ua.NodeId(33)
+_ALL_RESULTS = 63
+_MOST_PAGES = 100
+_MOST_NODES = 10_000
+"""Nodes that are kept of what is below others: as many as one message may bring, and far more than robots have."""
+DEGREE, _RADIAN, CELSIUS, KILOGRAM = 17476, 4405297, 4408652, 4933453
+"""Units as OPC 10000-8 numbers them: the letters of their UNECE codes (DD, C81, CEL, KGM) as bytes."""
+_DEG_PER = {DEGREE: 1.0, _RADIAN: math.degrees(1)}
+_DEG_PER_NAME = {"°": 1.0, "deg": 1.0, "degree": 1.0, "degrees": 1.0, "rad": math.degrees(1), "radian": math.degrees(1)}
+_NUMBERED = re.compile(r"\D*(\d+)\D*")
+
+
+class Unfit(Exception):
+    """What the server shows cannot be read as the rig file says; in words, with the remedy."""
+
+
+@dataclass(frozen=True)
+class RobotNodes:
+    """Where a robot is read. axes: of the positions of q1 … q6; deg_per_unit: of each; condition: the nodes of what is
+    shown of its condition, by the names of `daq.apps.opc_ua.nodes`."""
+
+    axes: tuple[Any, ...]
+    deg_per_unit: tuple[float, ...]
+    condition: Mapping[str, Any]
+
+    @property
+    def all(self) -> list[Any]:
+        """All nodes, those of the axes first."""
+        return [*self.axes, *self.condition.values()]
+
+
+def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
+    """Find the robot. Raises Unfit."""
+    if feedback.axes and are_nodes(feedback.axes):
+        positions = [ua.NodeId.from_string(axis) for axis in feedback.axes]
+        deg_per_unit = yield from _deg_per_unit(feedback.axes, positions, feedback)
+        return RobotNodes(tuple(positions), deg_per_unit, {})
+    system, robot = yield from _system_and_robot(feedback)
+    axes = _in_order((yield from _below(robot.get("Axes"))), feedback)
+    parameters = yield from _parameters(list(axes.values()))
+    if missing := [name for name, below in zip(axes, parameters, strict=True) if "ActualPosition" not in below]:
+        raise Unfit(f"axis {missing[0]!r} shows no ActualPosition; name `axes` by node ids")
+    positions = [below["ActualPosition"] for below in parameters]
+    deg_per_unit = yield from _deg_per_unit(tuple(axes), positions, feedback)
+    shown = (yield from _shown(system, robot, list(axes.values()))) if feedback.condition else {}
+    return RobotNodes(tuple(positions), deg_per_unit, shown)
+
+
+def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]]:
+    """What is below the motion device system, and below the robot in it."""
+    objects = yield from _below(OBJECTS)
+    devices = yield from children(list((yield from _below(objects.get("DeviceSet"))).values()))
+    systems = [below for below in devices if "MotionDevices" in below]
+    folders = yield from children([system["MotionDevices"] for system in systems])
+    robots = [
+        (name, node, system) for system, in_it in zip(systems, folders, strict=True) for name, node in in_it.items()
+    ]
+    chosen = [robot for robot in robots if feedback.device in (None, robot[0])]
+    if not robots:
+        raise Unfit("the server shows no MotionDeviceSystem in its DeviceSet; name `axes` by node ids, or another port")
+    if len(chosen) != 1:
+        names = ", ".join(name for name, _, _ in robots)[:300]
+        raise Unfit(f"the server shows the robots {names}; name one of them as `device`")
+    (_, node, system) = chosen[0]
+    return system, (yield from _below(node))
+
+
+def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
+    """The axes q1 … q6: as the rig file names them, or by their numbers."""
+    names = ", ".join(axes)[:300] or "none"
+    if feedback.axes:
+        if missing := [axis for axis in feedback.axes if axis not in axes]:
+            raise Unfit(f"there is no axis {missing[0]!r}; the axes are {names}; correct `axes`")
+        return {axis: axes[axis] for axis in feedback.axes}
+    numbers = {int(match[1]): name for name in axes if (match := _NUMBERED.fullmatch(name))}
+    if len(axes) != 6 or len(numbers) != 6:
+        raise Unfit(f"which axes are q1 to q6 is not known; the axes are {names}; name six of them as `axes`")
+    return {numbers[number]: axes[numbers[number]] for number in sorted(numbers)}
+
+
+def _deg_per_unit(names: Sequence[str], positions: Sequence[Any], feedback: OPCUARobotics) -> Talk[tuple[float, ...]]:
+    """Degrees of a unit of each position; what the server states goes before what the rig file says."""
+    units = yield from engineering_units(positions)
+    stated = [
+        None if unit is None else _DEG_PER.get(unit.UnitId) or _DEG_PER_NAME.get(_name(unit).lower()) for unit in units
+    ]
+    if unknown := [k for k, unit in enumerate(units) if unit is not None and stated[k] is None]:
+        raise Unfit(f"axis {names[unknown[0]]!r} is measured in {_name(units[unknown[0]])!r}, no angle; correct `axes`")
+    declared = {"deg": 1.0, "rad": math.degrees(1)}.get(feedback.units or "")
+    scales = tuple(per or declared for per in stated)
+    if any(per is None for per in scales):
+        raise Unfit(f"the server does not state the unit of axis {names[scales.index(None)]!r}; state `units`")
+    return tuple(per for per in scales if per is not None)
+
+
+def _name(unit: Any) -> str:
+    return (unit.DisplayName.Text or "").strip()[:40]
+
+
+def _shown(system: Children, robot: Children, axes: Sequence[Any]) -> Talk[Mapping[str, Any]]:
+    """The nodes of the condition that the server has. Of several safety states or tasks, none."""
+    nodes: dict[str, Any] = {}
+    (parameters,) = yield from _parameters_of_children([robot])
+    safety = (yield from _below(system.get("SafetyStates"))).values()
+    safe = (yield from _parameters(list(safety)))[0] if len(safety) == 1 else {}
+    nodes |= {name: below[name] for below in (parameters, safe) for name in FRONT if name in below}
+    load = yield from _below(robot.get("FlangeLoad"))
+    motors = yield from _motors(robot, axes)
+    measured = {name: node for name, node in {"Mass": load.get("Mass"), **motors}.items() if node is not None}
+    units = yield from engineering_units(list(measured.values()))
+    for (name, node), unit in zip(measured.items(), units, strict=True):
+        if unit is not None and unit.UnitId == (KILOGRAM if name == "Mass" else CELSIUS):
+            nodes[name] = node
+    return nodes | (yield from _task(system))
+
+
+def _motors(robot: Children, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
+    """The temperatures of the motors by their columns: a power train shows the axis that it moves beside its motors."""
+    trains = yield from children(list((yield from _below(robot.get("PowerTrains"))).values()))
+    temperatures: dict[str, Any] = {}
+    for train in trains:
+        moved = [axes.index(node) for node in train.values() if node in axes]
+        parameters = yield from _parameters([node for node in train.values() if node not in axes])
+        warm = [below["MotorTemperature"] for below in parameters if "MotorTemperature" in below]
+        if len(moved) == 1 and warm:
+            temperatures[TEMPERATURES[moved[0]]] = warm[0]
+    return temperatures
+
+
+def _task(system: Children) -> Talk[dict[str, Any]]:
+    """The state of the only task, and of it while it is ready."""
+    controllers = yield from children(list((yield from _below(system.get("Controllers"))).values()))
+    folders = yield from children([below["TaskControls"] for below in controllers if "TaskControls" in below])
+    tasks = [task for folder in folders for task in folder.values()]
+    if len(tasks) != 1:
+        return {}
+    operation = yield from _below((yield from _below(tasks[0])).get("TaskControlOperation"))
+    machine = yield from _below(operation.get("TaskControlStateMachine"))
+    ready = yield from _below(machine.get("ReadySubstateMachine"))
+    states = {STATE: machine.get("CurrentState"), READY: ready.get("CurrentState")}
+    return {name: node for name, node in states.items() if node is not None}
+
+
+def _below(node: Any | None) -> Talk[Children]:
+    """What is below a node; nothing where there is no such node."""
+    if node is None:
+        return {}
+    return (yield from children([node]))[0]
+
+
+def _parameters(nodes: Sequence[Any]) -> Talk[list[Children]]:
+    """What is in the ParameterSet of each node."""
+    return (yield from _parameters_of_children((yield from children(nodes))))
+
+
+def _parameters_of_children(below: Sequence[Children]) -> Talk[list[Children]]:
+    sets = yield from children([node["ParameterSet"] for node in below if "ParameterSet" in node])
+    remaining = iter(sets)
+    return [next(remaining) if "ParameterSet" in node else {} for node in below]
+
+
+def engineering_units(variables: Sequence[Any]) -> Talk[list[Any | None]]:
+    """Return the EUInformation of each variable; None where it has none."""
+    below = yield from children(variables)
+    units = yield from values([node["EngineeringUnits"] for node in below if "EngineeringUnits" in node])
+    remaining = iter(units)
+    read = [next(remaining) if "EngineeringUnits" in node else None for node in below]
+    return [unit if isinstance(unit, ua.EUInformation) else None for unit in read]
+
+
+def values(variables: Sequence[Any]) -> Talk[list[Any]]:
+    """Return the value of each variable; None where it cannot be read."""
+    if not variables:
+        return []
+    results = (yield read_request(variables)).Results or ()
+    read = [None if result.Value is None else result.Value.Value for result in results]
+    return [*read, *[None] * len(variables)][: len(variables)]
+
+
+def read_request(variables: Sequence[Any]) -> Any:
+    """Return a request for values as they are now, with the stamps of their source."""
+    request = ua.ReadRequest()
+    request.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Source
+    request.Parameters.NodesToRead = [ua.ReadValueId(node, ua.AttributeIds.Value) for node in variables]
+    return request
+
+
+def children(nodes: Sequence[Any]) -> Talk[list[Children]]:
+    """Return what is below each node, by browse name; nothing below one that cannot be browsed."""
+    if not nodes:
+        return []
+    request = ua.BrowseRequest()
+    request.Parameters.NodesToBrowse = [
+        ua.BrowseDescription(node, ua.BrowseDirection.Forward, _HIERARCHICAL, True, 0, _ALL_RESULTS) for node in nodes
+    ]
+    results = (yield request).Results or ()
+    if len(results) != len(nodes):
+        raise Unfit(f"the server answers for {len(results)} nodes where it was asked for {len(nodes)}; update it")
+    named = [_named(result.References) for result in results]
+    open_ = {k: result.ContinuationPoint for k, result in enumerate(results) if result.ContinuationPoint}
+    for _ in range(_MOST_PAGES):
+        if (shown := sum(map(len, named))) > _MOST_NODES:
+            raise Unfit(f"the server shows {shown} nodes where a robot is looked for; name `axes` by node ids")
+        if not open_:
+            break
+        next_page = ua.BrowseNextRequest()
+        next_page.Parameters.ReleaseContinuationPoints = False
+        next_page.Parameters.ContinuationPoints = list(open_.values())
+        pages = dict(zip(open_, (yield next_page).Parameters.Results or (), strict=False))
+        for k, page in pages.items():
+            named[k] |= _named(page.References)
+        open_ = {k: page.ContinuationPoint for k, page in pages.items() if page.ContinuationPoint}
+    return list(named)
+
+
+def _named(references: Sequence[Any] | None) -> dict[str, Any]:
+    return {reference.BrowseName.Name or "": reference.NodeId for reference in references or ()}
+
+
+CHANNEL_MS = 3_600_000
+"""How long a channel is asked to live before it is renewed."""
+_SHORTEST_SESSION_S = 10.0
+"""A session that was left is soon given up by the server, which has few."""
+_NONCE = bytes(32)
+"""Some servers want one of 32 bytes even where nothing is encrypted with it."""
+_QUEUED_S = 1.0
+_LIFETIME = 10
+"""Times without any message after which the server gives the subscription up."""
+
+
+class Refused(Exception):
+    """The server refuses a request; the name of its status code."""
+
+
+def hello(feedback: OPCUARobotics) -> Any:
+    """Return what opens a connection."""
+    sizes = {"ReceiveBufferSize": CHUNK, "SendBufferSize": CHUNK, "MaxMessageSize": LIMIT}
+    return ua.Hello(**sizes, MaxChunkCount=CHUNKS, EndpointUrl=endpoint(feedback))
+
+
+def endpoint(feedback: OPCUARobotics) -> str:
+    """Return the address of the server as OPC UA writes it."""
+    return f"opc.{feedback.port}{feedback.path}"
+
+
+def channel_request(*, renew: bool) -> Any:
+    """Return the request for a channel without security, or for the next token of the one that is open."""
+    request = ua.OpenSecureChannelRequest()
+    kind = ua.SecurityTokenRequestType
+    request.Parameters.RequestType = kind.Renew if renew else kind.Issue
+    request.Parameters.SecurityMode = ua.MessageSecurityMode.None_
+    request.Parameters.RequestedLifetime = CHANNEL_MS
+    return request
+
+
+def session(feedback: OPCUARobotics) -> Talk[None]:
+    """Open a session without a user. Raises Unfit where the server wants one."""
+    request = ua.CreateSessionRequest()
+    asked = request.Parameters
+    asked.ClientDescription.ApplicationUri = "urn:rig"
+    asked.ClientDescription.ApplicationName = ua.LocalizedText("rig")
+    asked.ClientDescription.ApplicationType = ua.ApplicationType.Client
+    asked.EndpointUrl, asked.SessionName, asked.ClientNonce = endpoint(feedback), "rig", _NONCE
+    asked.RequestedSessionTimeout = 1e3 * max(_SHORTEST_SESSION_S, 2 * feedback.timeout_s)
+    asked.MaxResponseMessageSize = LIMIT
+    created = (yield request).Parameters
+    unsecured = [end for end in created.ServerEndpoints or () if end.SecurityMode == ua.MessageSecurityMode.None_]
+    tokens = [token for end in unsecured for token in end.UserIdentityTokens or ()]
+    anonymous = [token for token in tokens if token.TokenType == ua.UserTokenType.Anonymous]
+    if not anonymous:
+        raise Unfit("the server wants a user or encryption for reading; allow anonymous reading in its settings")
+    activation = ua.ActivateSessionRequest()
+    activation.Parameters.UserIdentityToken = ua.AnonymousIdentityToken(PolicyId=anonymous[0].PolicyId)
+    yield activation
+
+
+def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
+    """Subscribe to all nodes, by their places as handles. Raises Refused where the server does not serve that."""
+    interval_ms = 1e3 / feedback.rate_hz
+    request = ua.CreateSubscriptionRequest()
+    asked = request.Parameters
+    asked.RequestedPublishingInterval, asked.PublishingEnabled = interval_ms, True
+    asked.RequestedMaxKeepAliveCount = _keep_alive(interval_ms, feedback)
+    asked.RequestedLifetimeCount = _LIFETIME * asked.RequestedMaxKeepAliveCount
+    made = (yield request).Parameters
+    if made.RevisedPublishingInterval * made.RevisedMaxKeepAliveCount > 500 * feedback.timeout_s:
+        change = ua.ModifySubscriptionRequest()
+        changed = change.Parameters
+        changed.SubscriptionId = made.SubscriptionId
+        changed.RequestedPublishingInterval = made.RevisedPublishingInterval
+        changed.RequestedMaxKeepAliveCount = _keep_alive(made.RevisedPublishingInterval, feedback)
+        changed.RequestedLifetimeCount = _LIFETIME * changed.RequestedMaxKeepAliveCount
+        yield change
+    items = ua.CreateMonitoredItemsRequest()
+    items.Parameters.SubscriptionId = made.SubscriptionId
+    items.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Both  # the server's own, where there is no source's
+    items.Parameters.ItemsToCreate = []
+    for place, node in enumerate(nodes.all):
+        item = ua.MonitoredItemCreateRequest()
+        item.ItemToMonitor = ua.ReadValueId(node, ua.AttributeIds.Value)
+        item.MonitoringMode = ua.MonitoringMode.Reporting
+        sampled = item.RequestedParameters
+        sampled.ClientHandle, sampled.SamplingInterval = place, interval_ms
+        sampled.QueueSize, sampled.DiscardOldest = max(2, round(1e3 * _QUEUED_S / interval_ms)), True
+        sampled.Filter = ua.DataChangeFilter(Trigger=ua.DataChangeTrigger.StatusValueTimestamp)
+        items.Parameters.ItemsToCreate.append(item)
+    results = (yield items).Results or ()
+    refused = [result.StatusCode.name for result in results[: len(nodes.axes)] if not result.StatusCode.is_good()]
+    if refused or len(results) < len(nodes.axes):
+        raise Refused(refused[0] if refused else "too few answers")
+
+
+def _keep_alive(interval_ms: float, feedback: OPCUARobotics) -> int:
+    """After how many intervals without anything new the server says so: three times within the time-out."""
+    return max(1, int(1e3 * feedback.timeout_s / 3 / max(interval_ms, 1.0)))
+
+
+def publish_request(acknowledged: Any | None = None) -> Any:
+    """Return a request that the server answers with what is new. acknowledged: the answer before."""
+    request = ua.PublishRequest()
+    if acknowledged is not None:
+        number = acknowledged.NotificationMessage.SequenceNumber
+        request.Parameters.SubscriptionAcknowledgements = [
+            ua.SubscriptionAcknowledgement(acknowledged.SubscriptionId, number)
+        ]
+    return request

@@ -1,0 +1,179 @@
+"""What the values of a robot's nodes mean: samples of all axes together, and faults.
+
+A server samples each axis for itself, and what it sends at once may hold several samples of an axis or only some of the
+axes. Samples whose stamps lie together are one position; an axis without one then is where it was.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from asyncua import ua
+
+from daq.apps.opc_ua.channel import NO_STAMP
+from daq.apps.opc_ua.nodes import RobotNodes, condition_of, read_request
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
+from daq.protocol.framing import Message
+from daq.protocol.numerals import are_angles
+from rigs.schema.feedback import OPCUARobotics, condition_columns
+
+_AXES = 6
+
+
+@dataclass(frozen=True, slots=True)
+class AxisValue:
+    """A value of an axis 0 … 5. angle_deg: nan where the server calls it bad. clock_s: since 1970, nan without a stamp.
+    status: 0 good, else the server's code."""
+
+    axis: int
+    angle_deg: float
+    clock_s: float
+    status: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ArmPosition:
+    """All axes at one time. apart_s: how far the stamps of the axes lie apart."""
+
+    angles_deg: tuple[float, ...]
+    clock_s: float
+    status: int
+    apart_s: float
+
+
+class Together:
+    """Collects values. together_s: stamps no further apart than this are of one position."""
+
+    def __init__(self, together_s: float) -> None:
+        self._together_s = together_s
+        self._known: dict[int, AxisValue] = {}
+        self._open: dict[int, AxisValue] = {}
+
+    def take(self, values: Iterable[AxisValue]) -> Iterator[ArmPosition]:
+        """Yield every position that these values complete, or that a later value shows to be complete."""
+        ordered = sorted(values, key=lambda value: value.clock_s)
+        if any(math.isnan(value.clock_s) for value in ordered):
+            ordered = list({value.axis: value for value in ordered}.values())  # which belong together is not known
+        for value in ordered:
+            since_s = value.clock_s - min((begun.clock_s for begun in self._open.values()), default=value.clock_s)
+            if value.axis in self._open or since_s > self._together_s:
+                yield from self.end()
+            self._open[value.axis] = value
+            if len(self._open) == _AXES:
+                yield from self.end()
+
+    def end(self) -> Iterator[ArmPosition]:
+        """Yield the position that has begun, since no more of it comes."""
+        if not self._open:
+            return
+        stamps_s = [value.clock_s for value in self._open.values()]
+        self._known |= self._open
+        self._open = {}
+        angles_deg = tuple(self._known[axis].angle_deg for axis in range(_AXES) if axis in self._known)
+        if len(angles_deg) == _AXES and not any(map(math.isnan, angles_deg)):
+            status = max(value.status for value in self._known.values())
+            first_s, last_s = min(stamps_s), max(stamps_s)
+            yield ArmPosition(angles_deg, (first_s + last_s) / 2, status, last_s - first_s)
+
+
+_TOGETHER = 0.5
+"""Stamps of axes within this share of the interval are of one sample."""
+_APART_S = 1e-3
+"""Stamps further apart than this are reported: axes at 50 deg/s are then 0.05 deg from where they were together."""
+_UNCERTAIN, _SEVERITY, _CODE = 1, 30, 0xFFFF0000
+"""A status code begins with two bits of severity, 0 good and 1 uncertain; its number is the upper half (OPC 10000-4,
+7.39)."""
+_OVERFLOW = 0x480
+"""Bits of a status code: it is of a data value, and values before it found no room in the server's queue."""
+
+
+class RobotValues:
+    """Makes samples of the values of a robot's nodes, which go by their places in `RobotNodes.all`."""
+
+    def __init__(self, feedback: OPCUARobotics, nodes: RobotNodes) -> None:
+        self._nodes = nodes
+        self._columns = condition_columns(feedback)
+        self._names = list(nodes.condition)
+        self._shown: dict[str, Any] = {}
+        self._together = Together(_TOGETHER / feedback.rate_hz)
+        self._last_number = self._notes = self._positions = 0
+        self._apart_reported = False
+
+    def request(self) -> Any:
+        """Return the request for all values."""
+        return read_request(self._nodes.all)
+
+    def stand_still(self, note: Any) -> bool:
+        """Return whether a message of the subscription shows that stamps stand still: after the first position it
+        brings nothing new."""
+        return bool(self._notes) and self._positions < 2 and not note.NotificationData
+
+    def published(self, note: Any, message: Message) -> Iterator[Item]:
+        """Yield what a message of the subscription brings."""
+        at_ns = message.last_byte_ns
+        if not note.NotificationData:
+            yield from self._samples(self._together.end(), NO_TIME, message)
+            return
+        # Each message with data has the next number; one without has that of the next to come.
+        missing, self._last_number = note.SequenceNumber - self._last_number - 1, note.SequenceNumber
+        if missing > 0 and self._notes:
+            yield Fault(FaultKind.SKIPPED, at_ns, "messages of the subscription are missing", missing)
+        self._notes += 1
+        values = list[AxisValue]()
+        for data in note.NotificationData:
+            if isinstance(data, ua.DataChangeNotification):
+                for item in data.MonitoredItems or ():
+                    yield from self._take(item.ClientHandle, item.Value, values, at_ns)
+        yield from self._samples(self._together.take(values), NO_TIME, message)
+
+    def polled(self, results: Sequence[Any], asked_ns: int, message: Message) -> Iterator[Item]:
+        """Yield what an answer to `request` brings. Its stamps may be old, so the answer has none."""
+        values = list[AxisValue]()
+        for place, value in enumerate(results):
+            yield from self._take(place, value, values, message.last_byte_ns)
+        together = Together(math.inf)
+        unstamped = (replace(value, clock_s=math.nan) for value in values)
+        yield from self._samples(together.take(unstamped), asked_ns, message)
+
+    def _take(self, place: int, value: Any, values: list[AxisValue], at_ns: int) -> Iterator[Fault]:
+        """Add the value of an axis to `values`, or note what is shown of the condition; faults are yielded."""
+        code = value.StatusCode.value if value.StatusCode else 0
+        severity, plain = code >> _SEVERITY, None if value.Value is None else value.Value.Value
+        axes = len(self._nodes.axes)
+        if axes <= place < axes + len(self._names):
+            text = plain.Text if isinstance(plain, ua.LocalizedText) else plain
+            self._shown[self._names[place - axes]] = text if severity <= _UNCERTAIN else None
+        elif place < axes:
+            angle = math.nan
+            if isinstance(plain, float | int) and not isinstance(plain, bool) and severity <= _UNCERTAIN:
+                angle = float(plain)
+            if math.isnan(angle):
+                why = ua.StatusCode(code).name if severity > _UNCERTAIN else f"{plain!r}"[:60]
+                yield Fault(FaultKind.DEVICE_ERROR, at_ns, f"axis {place + 1}: {why} in place of an angle")
+            if code & _OVERFLOW == _OVERFLOW:
+                yield Fault(FaultKind.SKIPPED, at_ns, f"axis {place + 1}: values found no room in the server's queue")
+            status = code & _CODE if severity == _UNCERTAIN else 0
+            stamps = [
+                stamp for stamp in (value.SourceTimestamp, value.ServerTimestamp) if stamp not in (None, NO_STAMP)
+            ]
+            clock_s = float(stamps[0].timestamp()) if stamps else math.nan
+            values.append(AxisValue(place, angle * self._nodes.deg_per_unit[place], clock_s, status))
+
+    def _samples(self, positions: Iterable[ArmPosition], asked_ns: int, message: Message) -> Iterator[Item]:
+        shown, at_ns = condition_of(self._shown), message.last_byte_ns
+        condition = tuple(shown[name] for name in self._columns)
+        stamps = (asked_ns, message.first_byte_ns, at_ns)
+        for position in positions:
+            self._positions += 1
+            if not are_angles(position.angles_deg):
+                yield Fault(FaultKind.GARBLED, at_ns, f"angles {position.angles_deg} deg; left out")
+                continue
+            if position.apart_s > _APART_S and not self._apart_reported:
+                self._apart_reported = True
+                detail = f"the server stamps the axes of a position up to {1e3 * position.apart_s:.1f} ms apart"
+                yield Fault(FaultKind.DOUBTFUL, at_ns, f"{detail}; the middle is taken")
+            values = (*position.angles_deg, *condition)
+            yield Sample(values, *stamps, message.size, position.clock_s, position.status)

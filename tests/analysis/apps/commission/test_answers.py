@@ -1,0 +1,80 @@
+"""Answers that are kept between two runs of rig init: private, bounded, and checked when they are read."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from analysis.apps.commission.init_answers import Answers, forget_answers, keep_answers, kept_in, load_answers
+from rigs.errors import CellError, FileError
+from rigs.schema.robot import Pose
+from tests.support.drivers import keyence, modbus, rtde
+
+ANSWERS = Answers(
+    robot_address="robot",
+    feedback=rtde(rate_hz=125),
+    gauges=(modbus(), keyence(channel=2, line="38400 8N1")),
+    baseline_mm=50.0,
+    arm="ur10e",
+    tool=Pose(xyz_mm=(0, 0, 150)),
+)
+
+
+def test_what_is_kept_comes_back(tmp_path: Path) -> None:
+    rig_file = tmp_path / "cell.yaml"
+    assert load_answers(rig_file) == Answers() and load_answers(rig_file).count == 0
+    keep_answers(rig_file, ANSWERS)
+    assert load_answers(rig_file) == ANSWERS and ANSWERS.count == 6
+    keep_answers(rig_file, Answers(arm="ur10"))
+    assert load_answers(rig_file) == Answers(arm="ur10")
+    forget_answers(rig_file)
+    forget_answers(rig_file)
+    assert not list(tmp_path.iterdir())
+
+
+def test_only_the_owner_can_read_them(tmp_path: Path) -> None:
+    keep_answers(tmp_path / "cell.yaml", ANSWERS)
+    assert kept_in(tmp_path / "cell.yaml").stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b"\xff\xfe",
+        b'{"arm": 3}',
+        b'{"os": "system"}',
+        b'{"gauges": [{"interface": "none"}]}',
+        b"x" * 200_000,
+    ],
+)
+def test_damaged_answers_are_one_line(tmp_path: Path, data: bytes) -> None:
+    kept_in(tmp_path / "cell.yaml").write_bytes(data)
+    with pytest.raises(FileError) as error:
+        load_answers(tmp_path / "cell.yaml")
+    (line,) = error.value.lines()
+    assert "cell.yaml.init" in line and "\n" not in line
+
+
+def test_a_directory_or_a_pipe_in_their_place(tmp_path: Path) -> None:
+    os.mkfifo(kept_in(tmp_path / "a.yaml"))
+    kept_in(tmp_path / "b.yaml").mkdir()
+    for name in ("a.yaml", "b.yaml"):
+        with pytest.raises(FileError):
+            load_answers(tmp_path / name)
+
+
+def test_answers_of_somebody_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    keep_answers(tmp_path / "cell.yaml", ANSWERS)
+    monkeypatch.setattr(os, "geteuid", lambda: 4242)
+    with pytest.raises(FileError, match="belongs to another user"):
+        load_answers(tmp_path / "cell.yaml")
+
+
+def test_a_directory_that_cannot_be_written(tmp_path: Path) -> None:
+    with pytest.raises(CellError, match="cannot be written"):
+        keep_answers(tmp_path / "none" / "cell.yaml", ANSWERS)

@@ -1,0 +1,194 @@
+"""`rig circle fit` and `rig ball fit` as a person types them: blocks, files written, refusals, the live watch."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from analysis import save_run, simulate
+from analysis.robot.geometry.circle import frame_of
+from analysis.robot.geometry.driven_programs import circle_of
+from analysis.robot.kinematics.arm import arm_of
+from analysis.robot.kinematics.follow import follow
+from rigs.load import SHIPPED, load
+from tests.support.bench import BIN, Bench, rig_text
+from tests.support.command_line import ran
+from tests.support.simulated_laps import lap_run
+
+UR10E = (SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return lap_run(tmp_path_factory.mktemp("lap"), seed=1)
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Path:
+    """A rig file whose circle is elsewhere than the robot drives."""
+    path = tmp_path / "cell.yaml"
+    path.write_text(UR10E.replace("centre_mm: [-650, -200, 250]", "centre_mm: [-600, -150, 200] # by ruler"))
+    path.chmod(0o640)
+    return path
+
+
+def test_the_block_is_printed_with_its_uncertainties_and_nothing_is_written(run: Path, cell: Path) -> None:
+    before = cell.read_text()
+    done = ran("circle", "fit", run, "--rig", cell)
+    assert done.returncode == 0, done.stderr
+    block = yaml.safe_load(done.stdout)["tests"]["circle"]
+    assert block["centre_mm"] == pytest.approx([-650, -200, 250], abs=0.05)
+    assert all("# u " in line for line in done.stdout.splitlines()[2:] if "posture" not in line)
+    assert re.search(r"centre_mm: .* # u .* mm$", done.stdout, re.M)
+    assert re.search(r"normal: .* # u .*°$", done.stdout, re.M)
+    assert "nothing is written" in done.stderr and cell.read_text() == before
+    assert list(cell.parent.iterdir()) == [cell]
+
+
+def test_the_file_is_written_and_the_old_one_kept_each_time(run: Path, cell: Path) -> None:
+    before = cell.read_text()
+    done = ran("circle", "fit", run, "--rig", cell, "--write")
+    assert done.returncode == 0 and "cell.yaml.1" in done.stderr, done.stderr
+    assert (cell.parent / "cell.yaml.1").read_text() == before
+    first = cell.read_text()
+    assert yaml.safe_load(first)["tests"]["circle"]["centre_mm"] == pytest.approx([-650, -200, 250], abs=0.05)
+    assert "# by ruler" in first and cell.stat().st_mode & 0o777 == 0o640
+    again = ran("circle", "fit", run, "--rig", cell, "--write")
+    assert again.returncode == 0 and "has these values already" in again.stderr and cell.read_text() == first
+    cell.write_text(first.replace("radius_mm: ", "radius_mm: 1", 1))
+    assert ran("circle", "fit", run, "--rig", cell, "--write").returncode == 0
+    assert len(list(cell.parent.iterdir())) == 3 and ran("check", cell).returncode == 0
+
+
+def test_a_posture_from_which_a_program_can_be_driven_is_proposed(tmp_path: Path) -> None:
+    """An arc with axis 6 turned back so far that a lap from there would leave its limits."""
+    circle = circle_of(load("ur10e")[0])
+    poses = frame_of(circle).poses(np.radians(np.linspace(0, 90, 300)))
+    q = np.degrees(follow(arm_of(load("ur10e")[0].robot), poses, np.radians(circle.posture_deg), "test"))
+    q[:, 5] -= 360
+    rows = [f"{k / 50},acw,{','.join(map(str, one))},0,0" for k, one in enumerate(q)]
+    heads = "t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm"
+    (tmp_path / "arc.csv").write_text("\n".join([heads, *rows]))
+    imported = ran("import", tmp_path / "arc.csv", "--rig", "ur10e", "--test", "yaw", "-o", tmp_path / "arc")
+    assert imported.returncode == 0, imported.stderr
+    done = ran("circle", "fit", tmp_path / "arc")
+    assert done.returncode == 0, done.stderr
+    (said,) = [line for line in done.stderr.splitlines() if "cannot drive" in line]
+    assert "it can with posture_deg: [" in said, said
+
+
+def test_json_has_the_values_and_their_uncertainties(run: Path) -> None:
+    done = ran("circle", "fit", run, "--json")
+    found = json.loads(done.stdout)
+    assert found["test"] == "circle" and found["radius_mm"] == pytest.approx(70, abs=0.02)
+    assert set(found["u"]) >= {"centre_mm", "normal_deg", "radius_mm"}
+    assert len(found["u"]["centre_mm"]) == 3 and 0 < found["u"]["radius_mm"] < 0.02
+
+
+def test_the_ball_of_a_circle_and_of_stands(run: Path, cell: Path, tmp_path: Path) -> None:
+    done = ran("ball", "fit", run, "--rig", cell, "--write")
+    assert done.returncode == 0, done.stderr
+    assert yaml.safe_load(cell.read_text())["tests"]["hemisphere"]["centre_mm"] == pytest.approx(
+        [-650, -200, 250], abs=0.05
+    )
+    radial = simulate("ur10e", "radial", seed=1)
+    done = ran("ball", "fit", save_run(radial, tmp_path / radial.path), "--rig", cell)
+    assert yaml.safe_load(done.stdout)["tests"]["hemisphere"]["centre_mm"] == pytest.approx([-800, -200, 0], abs=0.05)
+    mixed = ran("ball", "fit", tmp_path / radial.path, run)
+    assert mixed.returncode == 3 and "one kind" in mixed.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        ((), 2, "give run directories, or --live"),
+        (("RUN", "--live"), 2, "both runs and --live"),
+        (("RUN", "--write"), 2, "give it with --rig FILE"),
+        (("RUN", "--rig", "ur10e", "--write"), 3, "shipped rig"),
+        (("RUN", "--rig", "paper-fanuc"), 3, "another robot"),
+        (("nothing",), 3, "nothing"),
+        (("RUN", "--rig", "nothing.yaml"), 3, "no such rig file"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(words: tuple[str, ...], code: int, said: str, run: Path) -> None:
+    done = ran("circle", "fit", *(run if word == "RUN" else word for word in words))
+    assert done.returncode == code and done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1 and said in done.stderr, done.stderr
+
+
+def test_a_run_of_single_readings_is_no_circle(tmp_path: Path) -> None:
+    radial = simulate("ur10e", "radial", seed=1)
+    done = ran("circle", "fit", save_run(radial, tmp_path / radial.path))
+    assert done.returncode == 3 and "no motion" in done.stderr
+
+
+def test_a_read_only_file_stays_as_it_is(run: Path, cell: Path) -> None:
+    before = cell.read_text()
+    cell.chmod(0o440)
+    done = ran("circle", "fit", run, "--rig", cell, "--write")
+    assert done.returncode == 3 and done.stdout == "" and len(done.stderr.splitlines()) == 1
+    assert "is read-only" in done.stderr and cell.read_text() == before and list(cell.parent.iterdir()) == [cell]
+
+
+def test_a_directory_that_cannot_be_written_leaves_the_file(run: Path, cell: Path) -> None:
+    before = cell.read_text()
+    cell.parent.chmod(0o500)
+    try:
+        done = ran("circle", "fit", run, "--rig", cell, "--write")
+    finally:
+        cell.parent.chmod(0o700)
+    if done.returncode == 0:
+        pytest.skip("this user may write everywhere")
+    assert done.returncode == 4 and cell.read_text() == before
+
+
+def test_without_a_daemon_live_is_one_line(tmp_path: Path) -> None:
+    rig_file = tmp_path / "cell.yaml"
+    rig_file.write_text(UR10E.replace("name: ur10e", "name: nobody"))
+    done = ran("circle", "fit", "--live", "--rig", rig_file)
+    assert done.returncode == 4 and len(done.stderr.splitlines()) == 1 and "no daemon runs" in done.stderr
+
+
+def test_points_that_a_daemon_reads_are_fitted_when_ctrl_c_ends_it(tmp_path: Path) -> None:
+    data = yaml.safe_load(rig_text())
+    data["feedback"]["rate_hz"] = 125  # a robot that is led by hand needs no more, and four programs look at it
+    points = jogged_points()
+    with Bench(tmp_path, yaml.safe_dump(data)) as bench:
+        bench.motion.deg = points[0]
+        bench.start()
+        with subprocess.Popen(
+            [BIN / "rig", "circle", "fit", "--live", "--rig", bench.rig, "--write"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=bench.env,
+        ) as watch:
+            assert watch.stderr is not None and "jog or lead" in watch.stderr.readline()
+            for number, point in enumerate(points, start=1):
+                bench.motion.deg = point
+                wanted = "stood still" if number == 1 else f"{number} points"
+                end_s = time.monotonic() + 60
+                while wanted not in (line := watch.stderr.readline()):
+                    assert time.monotonic() < end_s and line, number
+            watch.send_signal(signal.SIGINT)
+            out, err = watch.communicate(timeout=60)
+        assert watch.returncode == 0, err
+        circle = yaml.safe_load(out)["tests"]["circle"]
+        assert circle["centre_mm"] == pytest.approx([-650, -200, 250], abs=0.1)
+        assert yaml.safe_load(bench.rig.read_text())["tests"]["circle"]["radius_mm"] == pytest.approx(70, abs=0.1)
+
+
+def jogged_points() -> list[list[float]]:
+    """Joint angles in degrees at four points of the shipped circle."""
+    circle = circle_of(load("ur10e")[0])
+    poses = frame_of(circle).poses(np.radians([0.0, 90.0, 180.0, 270.0]))
+    q = follow(arm_of(load("ur10e")[0].robot), poses, np.radians(circle.posture_deg), "test")
+    return [row.tolist() for row in np.degrees(q)]

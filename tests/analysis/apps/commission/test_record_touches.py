@@ -1,0 +1,75 @@
+"""`rig record touch` follows a person by the daemon's samples and writes a run that the other commands read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis import load_run
+from analysis.apps.commission.record_touches import TONE, record_touches
+from analysis.procedures.results import result_of
+from analysis.procedures.shared.simulated_touches import planned_touches
+from rigs.arms import load_arm
+from rigs.errors import CellError, FileError
+from rigs.load import parse
+from tests.analysis.apps.commission.test_touching import EVERY_S, guided
+
+TEXT = f"name: cell\n{load_arm('ur5').text}tests: {{touch: {{sockets: [A, B], touches: 12}}}}\n"
+
+
+class Served:
+    """A daemon whose robot was guided, with all its samples at hand."""
+
+    def __init__(self, touches: int = 12, end: BaseException | None = None) -> None:
+        """end: what comes after the last sample, the person's Ctrl-C where none is given."""
+        self._end = end or KeyboardInterrupt()
+        planned = planned_touches(parse(TEXT, "cell.yaml"))
+        assert planned.came_from is not None
+        self.planned = planned
+        rows = guided(planned.q[:touches], planned.came_from[:touches])
+        columns = [f"q{axis}_deg" for axis in range(1, 7)]
+        every = [[int(1e9 * EVERY_S * k), *row] for k, row in enumerate(rows.tolist())]
+        self._robot = {"rows": every, "columns": columns, "newest": len(every)}
+
+    def ask(self, command: str, **fields: Any) -> dict[str, Any]:
+        assert command == "samples"
+        if "rig" in fields:
+            return {"rig_lines": TEXT.splitlines(), "streams": {}}
+        if fields["after"]:
+            raise self._end
+        return {"streams": {"robot": self._robot}}
+
+
+def test_the_touches_of_a_person_are_a_run(tmp_path: Path) -> None:
+    served, said = Served(), list[str]()
+    run = record_touches(served, "monday", tmp_path / "monday", "ada", "left", None, said.append)
+    assert sum(line.startswith(TONE) for line in said) == 12
+    found = load_run(run)
+    assert (found.run.manifest.test, found.run.manifest.placement, found.run.manifest.operator) == (
+        "touch",
+        "left",
+        "ada",
+    )
+    np.testing.assert_allclose(found.table.q, served.planned.q, atol=1e-9)
+    assert result_of(found).figures["rms_mm"].value < 1e-4
+
+
+def test_a_person_who_ends_early_keeps_what_was_touched(tmp_path: Path) -> None:
+    run = record_touches(Served(8), "monday", tmp_path / "monday", "ada", "", None, lambda _: None)
+    assert len(load_run(run).table.q) == 8
+
+
+def test_a_robot_that_falls_silent_takes_no_touch_along(tmp_path: Path) -> None:
+    said, silent = list[str](), CellError("robot", "no joint angles for 5 s", "see rig doctor")
+    with pytest.raises(CellError, match="no joint angles"):
+        record_touches(Served(8, silent), "monday", tmp_path / "monday", "ada", "", None, said.append)
+    assert said[-1].endswith("8 touches are kept") and len(load_run(tmp_path / "monday").table.q) == 8
+
+
+def test_too_few_touches_are_not_kept(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="3 touches were made, and at least 6 are needed"):
+        record_touches(Served(3), "monday", tmp_path / "monday", "ada", "", None, lambda _: None)
+    assert not (tmp_path / "monday").exists()

@@ -1,0 +1,86 @@
+"""The ball of a hemisphere from stands about it: held by a link with and without its gauge, or as a circle's centre."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from analysis import Measured, simulate
+from analysis.apps.commission.touched_ball import touched_ball
+from daq.store import Run
+from rigs.errors import FileError
+from rigs.load import load
+from tests.support.stood_about import CENTRE, recorded_stands
+
+
+def of_simulation(seed: int | None) -> Measured:
+    return simulate("ur10e", "radial", seed=seed)
+
+
+def test_a_radial_run_shows_the_ball_where_it_was() -> None:
+    rig = load("ur10e")[0]
+    found = touched_ball([of_simulation(3).run], rig)
+    error = found.centre - np.array(rig.tests.hemisphere.centre_mm)  # type: ignore[union-attr]
+    assert np.abs(error).max() < 0.02
+    assert found.radius_mm == pytest.approx(400, abs=0.02)
+    assert list(found.values(rig)) == ["centre_mm"]
+
+
+@pytest.mark.parametrize("gauge", [True, False])
+def test_a_recorded_run_shows_it_with_and_without_a_gauge(gauge: bool, tmp_path: Path) -> None:
+    run, rig = recorded_stands(tmp_path, gauge=gauge)
+    found = touched_ball([run], rig)
+    # Without the gauge nothing shows that the ball is elsewhere than in the middle of where the robot stood.
+    truth = CENTRE if gauge else np.array(rig.tests.hemisphere.centre_mm)  # type: ignore[union-attr]
+    assert np.abs(found.centre - truth).max() < 0.05
+    assert (np.abs(found.centre - truth) < 4 * found.u_centre_mm).all()
+    assert any("without gauge g1" in doubt for doubt in found.doubts) != gauge
+
+
+def test_a_rig_file_without_a_hemisphere_gets_radius_and_posture(tmp_path: Path) -> None:
+    run, rig = recorded_stands(tmp_path, gauge=True)
+    bare = rig.model_copy(update={"tests": rig.tests.model_copy(update={"hemisphere": None, "repeatability": None})})
+    assert set(touched_ball([run], bare).values(bare)) == {"centre_mm", "radius_mm", "posture_deg"}
+
+
+def refused(run: Run) -> str:
+    with pytest.raises(FileError) as raised:
+        touched_ball([run], load("ur10e")[0])
+    assert raised.value.remedy
+    return raised.value.what
+
+
+def test_stands_at_home_are_not_used() -> None:
+    run = of_simulation(3).run
+    assert run.table is not None
+    q1 = run.table["q1_deg"].to_numpy().copy()
+    q1[[0, -1]] += 12.0
+    place = run.table.column_names.index("q1_deg")
+    found = touched_ball([replace(run, table=run.table.set_column(place, "q1_deg", pa.array(q1)))], load("ur10e")[0])
+    assert np.abs(found.centre - [-800, -200, 0]).max() < 0.02
+    assert any("2 stands are not used" in doubt for doubt in found.doubts)
+
+
+def rows_of(run: Run, rows: list[int]) -> Run:
+    assert run.table is not None
+    return replace(run, table=run.table.take(rows))
+
+
+def test_three_places_are_refused() -> None:
+    assert "3 places" in refused(rows_of(of_simulation(None).run, [0, 10, 20]))
+
+
+def test_places_in_one_plane_are_refused() -> None:
+    run = of_simulation(None).run
+    assert run.table is not None
+    ring = np.flatnonzero(np.isclose(run.table["polar_deg"].to_numpy(), 90.0))
+    said = refused(rows_of(run, ring[::3].tolist()))
+    assert "plane" in said or "(u)" in said
+
+
+def test_a_run_of_poses_is_refused() -> None:
+    assert "without stands" in refused(simulate("ur10e", "yaw", "acw", seed=None).run)

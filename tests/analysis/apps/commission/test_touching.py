@@ -1,0 +1,78 @@
+"""A person's touches are taken where the robot stands with its ball in the socket, once each, with the way it came."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.apps.commission.touched_ball import STANDS_S, Touching
+from analysis.procedures.shared.simulated_touches import planned_touches
+from analysis.robot.geometry.pose_setup import moved_by
+from analysis.robot.kinematics.arm import Array, arm_of
+from rigs.arms import load_arm
+from rigs.load import parse
+from rigs.rig import Rig
+
+EVERY_S = 0.1
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    text = load_arm("franka-fr3").text
+    return parse(f"name: seven\n{text}tests: {{touch: {{sockets: [A, B], touches: 12}}}}\n", "seven.yaml")
+
+
+def touching(rig: Rig, touches: int = 12) -> Touching:
+    arm = arm_of(rig.robot)
+    ball = moved_by(np.eye(4), np.array([0.0, 0.0, 100.0]), np.zeros(3))
+    return Touching(replace(arm, T_flange_tool=arm.T_flange_tool @ ball), ("A", "B"), touches)
+
+
+def guided(postures: Array, came_from: Array) -> Array:
+    """Angles (n, axes) in degrees of an arm that goes from posture to posture by where it came from, and stands."""
+    rows: list[Array] = []
+    at = came_from[0] + 0.1
+    for here, before in zip(np.degrees(postures), np.degrees(came_from), strict=True):
+        for start, end in ((at, before), (before, here)):
+            rows += list(start + np.linspace(0, 1, 20)[:, None] * (end - start))
+        rows += [here] * round((STANDS_S + 1.0) / EVERY_S)
+        at = here
+    return np.array(rows)
+
+
+def fed(guide: Touching, rows: Array) -> list[str]:
+    seen = [guide.feed(EVERY_S * k, row) for k, row in enumerate(rows)]
+    return [one for one in seen if one != "nothing"]
+
+
+def test_each_stand_in_a_socket_is_a_touch_with_the_way_each_joint_came(rig: Rig) -> None:
+    planned = planned_touches(rig)
+    assert planned.came_from is not None
+    guide = touching(rig)
+    assert fed(guide, guided(planned.q, planned.came_from)) == ["seated"] * 12
+    assert guide.socket == ""
+    table = guide.table
+    assert table.socket.tolist() == planned.socket.tolist()
+    np.testing.assert_allclose(table.q, planned.q, atol=1e-9)
+    assert table.came_from is not None
+    sides = np.sign(table.q - table.came_from)
+    np.testing.assert_array_equal(sides, np.sign(planned.q - planned.came_from))
+
+
+def test_a_rest_elsewhere_is_no_touch_and_is_said_once(rig: Rig) -> None:
+    planned = planned_touches(rig)
+    assert planned.came_from is not None
+    guide, q, came = touching(rig), planned.q[:2].copy(), planned.came_from[:2]
+    q[1] = planned.q[8]  # socket B, while A is asked for
+    assert fed(guide, guided(q, came)) == ["seated", "elsewhere"]
+    assert guide.count == 1
+
+
+def test_the_same_posture_again_is_no_second_touch(rig: Rig) -> None:
+    planned = planned_touches(rig)
+    assert planned.came_from is not None
+    q = planned.q[[0, 0]]
+    guide = touching(rig)
+    assert fed(guide, guided(q, q + np.radians(2.0))) == ["seated", "same posture"]

@@ -1,0 +1,119 @@
+"""Parameters entered at an emulated controller: each name changes what its maker says, and others are refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis.apps.emulate.driving import Controller
+from analysis.apps.makers.emulated import COUNTS_PER_DEG, GEAR_RATIO
+from rigs.errors import FileError
+from rigs.schema.vocabulary import MakerName
+from tests.support.interpreters.arms import rig_of
+from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
+
+ARMS: dict[MakerName, str] = {
+    "ur": "ur10e",
+    "fanuc": "paper-fanuc",
+    "kuka": "kuka-kr-10-r1100-2",
+    "abb": "abb-irb-120",
+    "yaskawa": "yaskawa-gp7",
+}
+
+
+def of(maker: MakerName) -> Controller:
+    return Controller.of_rig(rig_of(ARMS[maker]), maker)
+
+
+def entry(parameter: str, add: Any, unit: str, now: float | None = None) -> dict[str, Any]:
+    return {"parameter": parameter, "axis": 2, "add": add, "unit": unit, "now": now}
+
+
+def entered(maker: MakerName, *entries: Any) -> Controller:
+    return of(maker).entered({"controller": {"name": maker, "entries": list(entries)}}, "corrections.yaml")
+
+
+@pytest.mark.parametrize(
+    ("maker", "parameter", "unit", "per_deg"),
+    [
+        ("kuka", "$MAMES[2]", "deg", 1.0),
+        ("fanuc", "$DMR_GRP[1].$MASTER_COUN[2]", "counts", COUNTS_PER_DEG),
+        ("abb", "MOTOR_CALIB rob1_2 cal_offset", "rad", np.radians(GEAR_RATIO)),
+        ("yaskawa", "home position (ABSO data) of axis 2", "pulses", COUNTS_PER_DEG),
+    ],
+)
+def test_a_zero_changes_the_reading_as_at_a_controller_that_counts(
+    maker: MakerName, parameter: str, unit: str, per_deg: float
+) -> None:
+    """Beside a controller that turns counts into readings by the maker's formula."""
+    zero, none = np.array([1e5, -2e5, 3e4, 0, 7e3, -1e4]), np.zeros(6)
+    model = of(maker).flange
+    counting = Mastered(model, model, zero, np.full(6, per_deg), none, zero, none)
+    counts, add = counting.counts_at(np.arange(6.0)), np.array([0, 0.05 * per_deg, 0, 0, 0, 0])
+    if maker == "kuka":
+        other = Mastered(model, model, zero, np.full(6, per_deg), add, zero, none)
+    else:
+        other = Mastered(model, model, zero + add, np.full(6, per_deg), none, zero, none)
+    more_deg = other.reading_deg(counts) - counting.reading_deg(counts)
+    found = entered(maker, entry(parameter, float(add[1]), unit))
+    np.testing.assert_allclose(np.degrees(found.reads_more), more_deg, atol=1e-9)
+    assert np.abs(more_deg[1]) == pytest.approx(0.05)
+
+
+def test_deltas_of_a_universal_robot_are_those_of_the_makers_product() -> None:
+    """The classic Denavit-Hartenberg product of the maker, by its table of the UR10e."""
+    a, d = np.array([0, -0.6127, -0.57155, 0, 0, 0]), np.array([0.1807, 0, 0, 0.17415, 0.11985, 0.11655])
+    alpha = np.array([np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0])
+    maker, q = UniversalRobots(a, alpha, d, NO_DELTA, NO_DELTA), np.array([0.1, -1.2, 1.4, 0.3, 0.9, 2])
+    deltas = [("delta_theta", 4, 2e-3), ("delta_a", 2, 6e-4), ("delta_d", 5, -4e-4), ("delta_alpha", 3, 1e-3)]
+    for name, index, value in deltas:
+        before = maker.flange(q, maker.delta)[1]
+        maker = maker.with_added(name, index, value)
+        assert np.linalg.norm(maker.flange(q, maker.delta)[1] - before) > 0.05, name
+    unit = {"delta_theta": "rad", "delta_alpha": "rad"}
+    ours = entered("ur", *(entry(f"{name}[{at}]", value, unit.get(name, "m")) for name, at, value in deltas))
+    R, p = maker.flange(q, maker.delta)
+    np.testing.assert_allclose(ours.flange(q)[1], p, atol=1e-9)
+    np.testing.assert_allclose(ours.flange(q)[0], R, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("maker", "parameter", "field", "axis"),
+    [
+        ("fanuc", "$PARAM_GROUP[1].$DH_A[2]", "a", 3),
+        ("fanuc", "$PARAM_GROUP[1].$DH_D[4]", "d", 4),
+        ("kuka", "$LENGTH_A", "a", 2),
+        ("kuka", "length in $TX3P3", "d", 4),
+        ("kuka", "length in $TFLWP", "d", 6),
+    ],
+)
+def test_a_length_grows_whichever_its_sign(maker: MakerName, parameter: str, field: str, axis: int) -> None:
+    before = getattr(of(maker).arm, field)
+    after = getattr(entered(maker, entry(parameter, 0.4, "mm", float(abs(before[axis - 1])))).arm, field)
+    grown = np.abs(after) - np.abs(before)
+    assert grown[axis - 1] == pytest.approx(0.4) and not np.delete(grown, axis - 1).any()
+
+
+@pytest.mark.parametrize(
+    ("corrections", "says"),
+    [
+        (None, "has no entries for a controller"),
+        ({"controller": None}, "has no entries for a controller"),
+        ({"controller": {"name": "kuka", "entries": "none"}}, "has no entries for a controller"),
+        ({"controller": {"name": "ur", "entries": []}}, "is for a controller of 'ur', and this one is of 'kuka'"),
+        ([entry("$MAMES[7]", 0.1, "deg")], "entry 1: '$MAMES[7]' is no parameter"),
+        ([entry("$MAMES[1]", 0.1, "deg"), entry("$MAMES[1]", 0.1, "rad")], "entry 2: $MAMES[1] is changed by a number"),
+        ([entry("$MAMES[1]", float("nan"), "deg")], "changed by a number in deg, and not by nan"),
+        ([entry("$MAMES[1]", True, "deg")], "changed by a number in deg, and not by True"),
+        ([entry("$MAMES[1]", "1", "deg")], "changed by a number in deg, and not by '1'"),
+        ([7], "entry 1: 'None' is no parameter"),
+        ([entry("$LENGTH_A", 0.3, "mm", 123.0)], "$LENGTH_A is 25 mm at this controller"),
+    ],
+)
+def test_what_is_no_entry_is_one_line(corrections: Any, says: str) -> None:
+    given = {"controller": {"name": "kuka", "entries": corrections}} if isinstance(corrections, list) else corrections
+    with pytest.raises(FileError) as error:
+        of("kuka").entered(given, "corrections.yaml")
+    assert says in str(error.value) and "\n" not in str(error.value)

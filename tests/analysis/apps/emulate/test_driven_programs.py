@@ -1,0 +1,216 @@
+"""The emulated robot drives what `rig program` wrote, with an arm whose faults its controller does not know.
+
+Judged from the outside: where the tool went follows from the commanded angles by an arm that is multiplied out apart
+from the product, before and after what `rig correct` wrote has been entered.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from analysis.apps.emulate.pendant import Pendant
+from analysis.apps.emulate.robot import Trace
+from analysis.apps.makers.correct_rig import correct_rig
+from analysis.apps.makers.programs.motion_plan import demand_of
+from analysis.apps.makers.programs.planned import plans_of
+from analysis.apps.makers.report import correction_report
+from analysis.apps.makers.writing import programs_of, write_programs
+from analysis.robot.geometry.driven_programs import circle_program
+from rigs.effects import Effect, Found, JointOffset, LinkGeometry
+from rigs.errors import FileError
+from rigs.load import load, parse
+from rigs.rig import Rig
+from rigs.schema.vocabulary import DrivenTest, MakerName
+from tests.support.faulty_arm import flange_at, frame
+from tests.support.independent_arm import Array, Wrong
+from tests.support.interpreters.arms import pose_of, rig_of
+
+CASES: list[tuple[MakerName, str]] = [
+    ("ur", "ur10e"),
+    ("fanuc", "paper-fanuc"),
+    ("kuka", "kuka-kr-10-r1100-2"),
+    ("abb", "abb-irb-120"),
+    ("yaskawa", "yaskawa-gp7"),
+]
+LENGTHS = ("ur", "fanuc", "kuka")
+"""Makers at whose controllers lengths can be entered."""
+ZERO_2_DEG, ZERO_4_DEG, A2_MM = -0.08, 0.05, 0.6
+
+
+def found(**sd: float) -> Found:
+    return Found(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A rig with hidden effects, its programs, and the same effects for the independent arm."""
+
+    hidden: Rig
+    programs: Path
+    wrong: Wrong
+    maker: MakerName
+
+    def pendant(self) -> Pendant:
+        return Pendant(self.hidden, self.programs, self.maker)
+
+
+def cell(maker: MakerName, name: str, folder: Path, test: DrivenTest = "yaw") -> Cell:
+    rig = rig_of(name).model_copy(update={"effects": ()})
+    effects: list[Effect] = [
+        JointOffset(axis=2, offset_deg=ZERO_2_DEG, found=found(offset_deg=0.002)),
+        JointOffset(axis=4, offset_deg=ZERO_4_DEG, found=found(offset_deg=0.002)),
+    ]
+    wrong = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
+    wrong.offset[[1, 3]] = np.radians([ZERO_2_DEG, ZERO_4_DEG])
+    if maker in LENGTHS:
+        effects.append(LinkGeometry(axis=3, field="a", delta=A2_MM, found=found(delta=0.02)))
+        wrong.a[2] = A2_MM
+    write_programs(maker, programs_of(maker, [(plan, demand_of(plan)) for plan in plans_of(rig, test, 3.0)]), folder)
+    return Cell(rig.model_copy(update={"effects": tuple(effects)}), folder, wrong, maker)
+
+
+def corrections(cell: Cell, folder: Path) -> Path:
+    written = correction_report.write(correct_rig(cell.hidden, None, cell.maker), folder)
+    return next(path for path in written if path.name == "corrections.yaml")
+
+
+def off_mm(cell: Cell, trace: Trace, more_deg: Array) -> Array:
+    """How far (n,) mm from its circle the tool really was from the second arc on; the joints read more_deg (6,) more
+    than the links of the real arm stand at."""
+    circle, tool = cell.hidden.tests.circle, pose_of(cell.hidden.robot.tool)
+    assert circle
+    base = pose_of(cell.hidden.robot.base)
+    rows = np.arange(np.searchsorted(trace.t_s, trace.end_s / 8), len(trace.q), 40)
+    T_tool = frame(tool.place, tool.turn)
+    places = np.array(
+        [(flange_at(cell.hidden, q, cell.wrong) @ T_tool)[:3, 3] for q in trace.q[rows] - np.radians(more_deg)]
+    )
+    from_ball = base.turn.apply(places) + base.place - circle.centre_mm
+    normal = np.array(circle.normal) / np.linalg.norm(circle.normal)
+    height = from_ball @ normal
+    radius = np.linalg.norm(from_ball - height[:, None] * normal, axis=1)
+    return np.hypot(radius - circle.radius_mm, height)
+
+
+@pytest.mark.parametrize(("maker", "name"), CASES)
+def test_what_was_entered_brings_the_tool_onto_the_circle(maker: MakerName, name: str, tmp_path: Path) -> None:
+    here = cell(maker, name, tmp_path / "programs")
+    file = corrections(here, tmp_path / "found")
+    pendant = here.pendant()
+    program = plans_of(here.hidden, "yaw", 3.0)[0].name
+    before = pendant.trace(program)
+    entries = yaml.safe_load(file.read_text(encoding="utf-8"))["controller"]["entries"]
+    more_deg = np.zeros(6)
+    for one in entries:
+        more_deg[one["axis"] - 1] += one["reading_deg"]
+    count, more_rad = pendant.enter(file)
+    assert count == len(entries) >= 2
+    np.testing.assert_allclose(np.degrees(more_rad), more_deg, atol=1e-7)
+    after = pendant.trace(program)
+    assert off_mm(here, before, np.zeros(6)).max() > 0.2
+    # The decimals of a job (0.001 mm) and the six digits of the entries are what is left.
+    assert off_mm(here, after, more_deg).max() < (5e-3 if maker == "yaskawa" else 1e-3)
+    wave = [float(np.ptp(trace.g_mm[len(trace.g_mm) // 8 :], axis=0).max()) for trace in (before, after)]
+    assert wave[0] > 0.1 and wave[1] < 0.02 * wave[0], "what the gauges read of it"
+
+
+@pytest.mark.parametrize(("maker", "name"), CASES)
+def test_without_effects_the_joints_are_the_simulators(maker: MakerName, name: str, tmp_path: Path) -> None:
+    """The program's laps at the speed of the rig file: angles that the plan's own simulator drives, and its time."""
+    here = cell(maker, name, tmp_path)
+    trace = here.pendant().trace(plans_of(here.hidden, "yaw", 3.0)[1].name)
+    q = circle_program(here.hidden, "cw").q
+    tolerance = 1e-4 if maker == "yaskawa" else 1e-6
+    np.testing.assert_allclose(trace.q[0], q[0], atol=tolerance)
+    np.testing.assert_allclose([trace.q.min(axis=0), trace.q.max(axis=0)], [q.min(axis=0), q.max(axis=0)], atol=1e-4)
+    circle = here.hidden.tests.circle
+    assert circle
+    steps = np.linalg.norm(np.diff([pose_place(here.hidden, one) for one in trace.q[2000:2010]], axis=0), axis=1)
+    assert steps / np.diff(trace.t_s[2000:2010]) == pytest.approx(circle.speed_mm_s, rel=1e-3)
+
+
+def pose_place(rig: Rig, q: Array) -> Array:
+    tool = pose_of(rig.robot.tool)
+    place: Array = (flange_at(rig, q) @ frame(tool.place, tool.turn))[:3, 3]
+    return place
+
+
+@pytest.mark.parametrize("maker", ["ur", "yaskawa"])
+@pytest.mark.parametrize("test", ["radial", "repeatability"])
+def test_targets_are_dwelt_at(maker: MakerName, test: DrivenTest, tmp_path: Path) -> None:
+    here = cell(maker, "ur10e", tmp_path, test)
+    trace = here.pendant().trace(f"{test} ur10e")
+    stands = np.flatnonzero((np.diff(trace.t_s) > 2.9) & (np.abs(np.diff(trace.q, axis=0)).max(axis=1) < 1e-12))
+    plan = plans_of(here.hidden, test, 3.0)[0]
+    assert len(stands) >= sum(type(step).__name__ == "Dwell" for step in plan.steps) - 1
+    assert trace.g_mm.shape == (len(trace.t_s), 2) and np.ptp(trace.g_mm[stands]) < 3.0
+
+
+def test_outputs_and_registers_are_the_signal(tmp_path: Path) -> None:
+    text = load("ur10e")[1]
+    data = yaml.safe_load(text)
+    data["automatic"] = {
+        "rules": [{"test": "yaw", "direction": "acw", "when": {"signal": 2}}, {"test": "roll", "when": {"signal": 1}}]
+    }
+    data["automatic"]["rules"][1]["direction"] = "acw"
+    shown = {}
+    for place in ({"outputs": [3, 9]}, {"int_register": 12}):
+        data["feedback"]["signal"] = place
+        rig = parse(yaml.safe_dump(data), "cell")
+        folder = tmp_path / str(len(shown))
+        plans = plans_of(rig, "yaw", 3.0)
+        write_programs("ur", programs_of("ur", [(plan, demand_of(plan)) for plan in plans]), folder)
+        trace = Pendant(rig, folder).trace(plans[0].name)
+        assert not trace.holds_s, "an automatic run waits for nobody"
+        shown[next(iter(place))] = trace.signals
+        begin_s, end_s = next(t_s for t_s, value in trace.signals if value == 2.0), trace.signals[-1][0]
+        assert 2.9 < begin_s < 3.1 and end_s == pytest.approx(trace.end_s - 3.0, abs=1e-6)
+    assert [value for _, value in shown["int_register"]] == [2.0, 0.0]
+    assert shown["outputs"][-1][1] == 0.0 and 2.0 in [value for _, value in shown["outputs"]]
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("nix", "is none of the programs in"),
+        ("yaw", "is none of the programs in"),
+        ("lap", "names none of the tests"),
+        ("yaw_roll", "names yaw and roll of the tests"),
+        ("yaw_fanuc", "is for a controller of 'fanuc', and this one is of 'ur'"),
+        ("yaw_text", "the controller refuses it: "),
+        ("yaw_still", "it moves nothing"),
+        ("yaw_tool", "the program moves before it has a tool"),
+        ("yaw_far", "out of reach"),
+        ("yaw_limit", "axis 1 is sent to 572.96°, beyond its limits"),
+        ("yaw_list", "a joint move has no six joint angles"),
+        ("yaw_arc", "it is not understood"),
+        ("yaw_huge", "no place of an arm"),
+        ("/nowhere/yaw.script", "No such file or directory"),
+    ],
+)
+def test_what_it_cannot_drive_is_one_line(tmp_path: Path, name: str, says: str) -> None:
+    pose = "p[0.5, 0.1, 0.4, 0, 0, 0]"
+    body = {
+        "lap": "",
+        "yaw_roll": "",
+        "yaw_text": "sing()",
+        "yaw_still": "sleep(1)",
+        "yaw_tool": "movej([0,0,0,0,0,0])",
+        "yaw_far": f"set_tcp({pose})\n  movej([0,-1.5,1.5,0,1,0])\n  movel(p[9, 0, 0, 0, 0, 0])",
+        "yaw_limit": f"set_tcp({pose})\n  movej([10,0,0,0,0,0])",
+        "yaw_list": f"set_tcp({pose})\n  movej({pose})",
+        "yaw_arc": f"set_tcp({pose})\n  movej([0,-1.5,1.5,0,1,0])\n  movec([0,0,0,0,0,0], {pose})",
+        "yaw_huge": f"set_tcp({pose})\n  movej([0,-1.5,1.5,0,1,0])\n  movel(p[1000, 0, 0, 0, 0, 0])",
+    }
+    for stem, text in body.items():
+        (tmp_path / f"{stem}.script").write_text(f"def a():\n  {text}\nend\na()\n")
+    (tmp_path / "yaw_fanuc.LS").write_text("/PROG  A\n")
+    with pytest.raises(FileError) as error:
+        Pendant(load("ur10e")[0], tmp_path).trace(name)
+    assert says in str(error.value) and "\n" not in str(error.value)

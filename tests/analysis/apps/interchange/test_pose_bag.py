@@ -1,0 +1,260 @@
+"""Bags of ROS 2 as poses: stops of an arm of another generator, written by the rosbags library in both its formats."""
+
+from __future__ import annotations
+
+import io
+import re
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from analysis.apps.interchange.bags import file_of
+from analysis.apps.interchange.pose_bag import StandTable, stands_of_bag
+from analysis.runs.loading import load_measured
+from rigs.arms import load_arm
+from rigs.errors import FileError
+from rigs.load import load, parse
+from rigs.rig import Rig
+from tests.support import soft_arm
+from tests.support.command_line import ran
+from tests.support.seven_axes import draw_truth, pose_table
+
+pytest.importorskip("rosbags.rosbag2")
+from tests.support.driven_bag import (
+    JOINTS,
+    POINT,
+    POSE,
+    TF,
+    TRANSFORM,
+    Driven,
+    StoragePlugin,
+    drive,
+    drive_points,
+)
+
+MCAP, SQLITE = StoragePlugin.MCAP, StoragePlugin.SQLITE3
+
+
+def stands(path: Path, rig: Rig | None = None, topic: str = "") -> StandTable:
+    file = file_of(path)
+    return stands_of_bag(file.read_bytes(), str(file), rig or load("ur10")[0], topic)
+
+
+def columns(found: StandTable) -> dict[str, np.ndarray]:
+    rows = np.genfromtxt(io.BytesIO(found.text), delimiter=",", names=True)
+    return {name: rows[name] for name in rows.dtype.names}
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(4)
+
+
+def held(found: StandTable, truth: Driven, kept: slice = slice(None)) -> None:
+    table = columns(found)
+    q = np.stack([table[f"{name}_rad"] for name in JOINTS], axis=1)
+    assert q == pytest.approx(truth.q[kept], abs=2e-6)
+    place = np.stack([table[f"{axis}_m"] for axis in "xyz"], axis=1)
+    assert np.abs(place - truth.place_m[kept]).max() < 5e-5
+    assert 0.005 < table["std_x_mm"].mean() < 0.04 and table["readings"].min() >= 10
+
+
+@pytest.mark.parametrize("storage", [MCAP, SQLITE])
+@pytest.mark.parametrize("kind", [POSE, POINT, TRANSFORM, TF])
+def test_each_stop_is_a_row_with_its_scatter(
+    tmp_path: Path, rng: np.random.Generator, kind: str, storage: StoragePlugin
+) -> None:
+    truth = drive(tmp_path / "bag", rng, kind=kind, storage=storage)
+    found = stands(tmp_path / "bag", topic="/seen:target" if kind == TF else "")
+    held(found, truth)
+    assert ("qx" in columns(found)) == (kind != POINT)
+
+
+def test_joints_are_those_that_the_rig_file_names(tmp_path: Path, rng: np.random.Generator) -> None:
+    truth = drive(tmp_path / "bag", rng)
+    data = yaml.safe_load(load("ur10")[1])
+    data["feedback"] = {"interface": "ros2_joint_states", "port": "tcp://robot:9090", "joints": JOINTS}
+    found = stands(tmp_path / "bag", parse(yaml.safe_dump(data), "rig.yaml"))
+    assert "finger_rad" not in columns(found)
+    held(found, truth)
+    data["feedback"]["joints"] = ["a", "b", "c", "d", "e", "f"]
+    with pytest.raises(FileError, match="fewer than two messages of /joint_states with the joints a, b"):
+        stands(tmp_path / "bag", parse(yaml.safe_dump(data), "rig.yaml"))
+
+
+def test_stops_that_the_instrument_did_not_see_are_counted(tmp_path: Path, rng: np.random.Generator) -> None:
+    truth = drive(tmp_path / "bag", rng, blind=(0, 1, 2))
+    found = stands(tmp_path / "bag")
+    held(found, truth, slice(3, None))
+    assert "left out 3 of 20 stands of the robot: fewer than 3 readings of /seen" in found.doubts
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [({"clock_off_s": 7.0}, r"lie -7\.00. s apart, so their clocks differ"), ({"stamped": False}, "have no stamps")],
+)
+def test_clocks_that_differ_are_told_and_the_bags_own_is_taken(
+    tmp_path: Path, rng: np.random.Generator, given: dict[str, float], told: str
+) -> None:
+    truth = drive(tmp_path / "bag", rng, **given)  # type: ignore[arg-type]
+    found = stands(tmp_path / "bag")
+    held(found, truth)
+    assert any(re.search(told, doubt) for doubt in found.doubts)
+
+
+@pytest.mark.parametrize(
+    ("kind", "topic", "told"),
+    [
+        (TF, "", r"places 3 things \(/seen:link_1, /seen:link_2, /seen:target\)"),
+        (POSE, "/other", "places nothing on '/other'; give --topic one of /seen"),
+    ],
+)
+def test_what_is_not_clear_is_asked(tmp_path: Path, rng: np.random.Generator, kind: str, topic: str, told: str) -> None:
+    drive(tmp_path / "bag", rng, kind=kind, stops=2)
+    with pytest.raises(FileError, match=told):
+        stands(tmp_path / "bag", topic=topic)
+
+
+def test_a_bag_is_imported_by_a_map_that_the_run_keeps(tmp_path: Path, rng: np.random.Generator) -> None:
+    truth = drive(tmp_path / "bag", rng, storage=SQLITE)
+    done = ran("import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    assert "topic: /seen" in done.stderr and "turn as quaternion qx … qw" in done.stderr
+    assert "without checksums" in done.stderr
+    measured = load_measured(tmp_path / "run")
+    assert measured.table.q == pytest.approx(truth.q, abs=2e-6)
+    ran("export", tmp_path / "run", "--to", "map", "-o", tmp_path / "map.yaml")
+    done = ran(
+        "import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "again",
+        "--map", tmp_path / "map.yaml",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert load_measured(tmp_path / "again").table.q == pytest.approx(measured.table.q)
+
+
+def test_seven_axes_are_found_by_their_names(tmp_path: Path, rng: np.random.Generator) -> None:
+    robot = load_arm("franka-fr3").robot
+    table = pose_table(robot, draw_truth(robot, rng, ()), rng, np.array([10.0, 20.0, 100.0]), 20)
+    drive_points(tmp_path / "bag", rng, [f"fr3_joint{axis}" for axis in range(1, 8)], table.q, table.xyz_mm)
+    rig = tmp_path / "fr3.yaml"
+    rig.write_text("name: fr3\n" + ran("arms", "franka-fr3").stdout)
+    done = ran("import", tmp_path / "bag", "--rig", rig, "--test", "pose", "-o", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    assert load_measured(tmp_path / "run").table.q == pytest.approx(table.q, abs=2e-6)
+
+
+def test_a_camera_on_the_tool_is_recognised(tmp_path: Path, rng: np.random.Generator) -> None:
+    drive(tmp_path / "bag", rng, on_tool=True)
+    done = ran("import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    assert "sees: from the tool" in done.stderr
+    done = ran("analyse", tmp_path / "run", "--json")
+    assert done.returncode == 0, done.stderr
+
+
+def _spoilt(change: Callable[[sqlite3.Connection], object], path: Path) -> bytes:
+    with sqlite3.connect(path) as database:
+        change(database)
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "DROP TABLE messages",
+        "DROP TABLE messages; CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL "
+        "SELECT id + 1 FROM n) SELECT id, 1 AS topic_id, id AS timestamp, x'00' AS data FROM n",
+        "UPDATE messages SET data = x'00'",
+        "UPDATE messages SET data = 5",
+        "UPDATE topics SET type = 'x'",
+        "DELETE FROM messages",
+    ],
+)
+def test_a_database_that_is_no_bag_is_one_line(tmp_path: Path, rng: np.random.Generator, sql: str) -> None:
+    drive(tmp_path / "bag", rng, stops=2, storage=SQLITE)
+    data = _spoilt(lambda database: database.executescript(sql), file_of(tmp_path / "bag"))
+    for broken in (data, data[: len(data) // 2], data[:100] + bytes(len(data) - 100)):
+        with pytest.raises(FileError) as error:
+            stands_of_bag(broken, "bag.db3", load("ur10")[0])
+        assert "\n" not in str(error.value)
+
+
+def test_a_directory_without_one_file_is_told(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="directory with no files of a bag"):
+        file_of(tmp_path)
+
+
+@pytest.mark.parametrize("storage", [MCAP, SQLITE])
+def test_a_damaged_bag_is_one_line_or_what_is_left(
+    tmp_path: Path, rng: np.random.Generator, storage: StoragePlugin
+) -> None:
+    drive(tmp_path / "bag", rng, stops=3, storage=storage, kind=TF)
+    whole = file_of(tmp_path / "bag").read_bytes()
+    for _ in range(40):
+        data = bytearray(whole)
+        for at in rng.integers(0, len(data), 8):
+            data[at] = rng.integers(0, 256)
+        try:
+            stands_of_bag(bytes(data), "bag", load("ur10")[0], "/seen:target")
+        except FileError as error:
+            assert "\n" not in str(error)
+
+
+def test_messages_without_a_turn_or_of_another_kind_are_counted(tmp_path: Path, rng: np.random.Generator) -> None:
+    truth = drive(tmp_path / "bag", rng, storage=SQLITE)
+    with sqlite3.connect(file_of(tmp_path / "bag")) as database:
+        (topic,) = database.execute("SELECT id FROM topics WHERE name = '/seen'").fetchone()
+        rows = database.execute("SELECT id, data FROM messages WHERE topic_id = ? LIMIT 5", (topic,)).fetchall()
+        for at, data in rows:
+            database.execute("UPDATE messages SET data = ? WHERE id = ?", (data[:-32] + bytes(32), at))
+    found = stands(tmp_path / "bag")
+    held(found, truth)
+    assert any("/seen: left out 5 of" in doubt for doubt in found.doubts)
+
+
+def test_a_bag_with_a_log_beside_it_is_read_once_it_is_closed(tmp_path: Path, rng: np.random.Generator) -> None:
+    truth = drive(tmp_path / "bag", rng, storage=SQLITE)
+    database = sqlite3.connect(file_of(tmp_path / "bag"))
+    database.execute("PRAGMA journal_mode = WAL")
+    database.execute("CREATE TABLE more (id INTEGER)")
+    database.commit()
+    with pytest.raises(FileError, match=r"was not closed: its last messages are in bag\.db3-wal"):
+        file_of(tmp_path / "bag")
+    database.close()
+    held(stands(tmp_path / "bag"), truth)
+
+
+@pytest.mark.parametrize("topic", ["/tcp_pose_broadcaster/pose", "/tf:tool0", "/franka/O_T_EE"])
+def test_a_topic_of_the_controller_is_asked_about(
+    tmp_path: Path, rng: np.random.Generator, topic: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its places are wrong by the noise of a tracker here, so that nothing but the name speaks."""
+    monkeypatch.chdir(tmp_path)
+    q = np.radians(rng.uniform((-90, -120, -110, -120, -80, -150), (90, -40, 110, 120, 80, 150), (20, 6)))
+    arm = soft_arm.wrong(soft_arm.nominal("ur10"), rng)
+    drive_points(tmp_path / "bag", rng, JOINTS, q, arm.tool_mm(q, np.array([0.0, 0.0, 150.0])) + 400, topic)
+    done = ran("import", tmp_path / "bag", "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run")
+    assert done.returncode == 3 and f"{topic} sounds like what the robot says of itself" in done.stderr
+
+
+LEFT = [f"left_{name}" for name in JOINTS]
+
+
+@pytest.mark.parametrize(
+    ("names", "beside", "told"),
+    [
+        (JOINTS, ("/joint_states", LEFT), "holds the joints of two arms on one topic .*left_"),
+        ([], None, "name none of them"),
+    ],
+)
+def test_whose_joints_they_are_has_to_be_told(
+    tmp_path: Path, rng: np.random.Generator, names: list[str], beside: tuple[str, list[str]] | None, told: str
+) -> None:
+    q = np.radians(rng.uniform(-60, 60, (3, 6)))
+    drive_points(tmp_path / "bag", rng, names, q, q[:, :3] * 1000, beside=beside)
+    with pytest.raises(FileError, match=told):
+        stands(tmp_path / "bag")

@@ -1,0 +1,165 @@
+"""A bag of ROS 2 as a table: messages as CDR has them, and a bag of the rosbags library as a peer."""
+
+from __future__ import annotations
+
+import csv
+import io
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+
+from analysis.apps.interchange import bags
+from analysis.apps.interchange.bags import MCAP_MAGIC as MAGIC
+from analysis.apps.interchange.ros_bag import table_of_bag
+from rigs.errors import FileError
+from rigs.load import SHIPPED, parse
+from rigs.rig import Rig
+from tests.support.bags import BEGIN_NS, JOINTS, MS, NUMBER, STATE, bag, joint_state, number, rig
+
+
+def states(times_ms: Sequence[int]) -> list[tuple[str, str, int, bytes]]:
+    """Joint k at k rad/s, in another order and with a joint more."""
+    names = ["finger", *reversed(JOINTS)]
+    return [
+        ("/joint_states", STATE, ms, joint_state(names, [9.0, *(axis * ms / 1000 for axis in range(6, 0, -1))]))
+        for ms in times_ms
+    ]
+
+
+def gauges(name: str, times_ms: Sequence[int], mm: float) -> list[tuple[str, str, int, bytes]]:
+    return [(f"/{name}", NUMBER, ms, number(mm + ms / 1000)) for ms in times_ms]
+
+
+def read(data: bytes, by: Rig | None = None) -> tuple[list[str], np.ndarray[Any, Any], tuple[str, ...]]:
+    text, doubts = table_of_bag(data, "lap.mcap", by or rig())
+    names, *rows = csv.reader(io.StringIO(text.decode()))
+    return names, np.array(rows, dtype=float), doubts
+
+
+WHOLE = [*states(range(0, 1000, 10)), *gauges("g1", range(15, 900, 20), 0.1), *gauges("g2", range(3, 990, 20), -0.2)]
+
+
+def test_rows_are_gauge_ones_and_the_rest_is_interpolated() -> None:
+    names, rows, doubts = read(bag(*WHOLE))
+    assert names == ["t_s", *(f"q{axis}_deg" for axis in range(1, 7)), "g1_mm", "g2_mm", "u_t_s", "u_lag_s"]
+    ms = np.arange(15, 900, 20)
+    assert rows[:, 0] == pytest.approx((ms - 15) / 1000)
+    for axis in range(1, 7):
+        assert rows[:, axis] == pytest.approx(np.degrees(axis * ms / 1000), abs=1e-9)
+    assert rows[:, 7] == pytest.approx(0.1 + ms / 1000) and rows[:, 8] == pytest.approx(-0.2 + ms / 1000)
+    assert len(doubts) == 1 and "received" in doubts[0]
+
+
+def test_rows_at_a_gap_of_the_joints_are_left_out_and_counted() -> None:
+    gone = [one for one in WHOLE if not (one[0] == "/joint_states" and 300 < one[2] < 500)]
+    _, rows, doubts = read(bag(*gone))
+    assert not ((rows[:, 0] > 0.29) & (rows[:, 0] < 0.48)).any()
+    assert "robot: 10 rows are left out at gaps" in doubts[0]
+
+
+def test_both_byte_orders_are_read() -> None:
+    big = [("/joint_states", STATE, ms, joint_state(JOINTS, [0.5] * 6, ">")) for ms in range(0, 1000, 10)]
+    _, rows, _ = read(bag(*big, *WHOLE[100:]))
+    assert rows[:, 1:7] == pytest.approx(np.degrees(0.5))
+
+
+@pytest.mark.parametrize(
+    ("messages", "told"),
+    [
+        (WHOLE[100:], "usable messages of /joint_states"),
+        ([one for one in WHOLE if one[0] != "/g2"], r"of /g2 .*; it has /g1 \(std_msgs/msg/Float64\), /joint_states"),
+        ([("/joint_states", STATE, ms, joint_state(["a"], [1.0])) for ms in range(99)], "fewer than two usable"),
+        ([("/g1", "std_msgs/msg/String", 1, b"")], "std_msgs/msg/String"),
+        ([*states(range(0, 100, 10)), *gauges("g1", [500, 520], 0), *gauges("g2", [500, 520], 0)], "at the same time"),
+        ([("/joint_states", STATE, 1, b"\0\1\0\0\xff\xff")], "fewer than two usable"),
+    ],
+)
+def test_what_a_bag_lacks_is_one_line(messages: list[tuple[str, str, int, bytes]], told: str) -> None:
+    with pytest.raises(FileError, match=told):
+        read(bag(*messages))
+
+
+@pytest.mark.parametrize("bad", [b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 50, joint_state(["a"], [1.0])])
+def test_a_message_that_cannot_be_used_is_left_out_and_counted(bad: bytes) -> None:
+    _, rows, doubts = read(bag(*WHOLE, ("/joint_states", STATE, 1200, bad)))
+    assert len(rows) == 45 and "/joint_states: left out 1 of 101 messages" in doubts[0]
+
+
+def test_a_topic_in_another_encoding_is_not_taken_for_cdr() -> None:
+    out = io.BytesIO()
+    writer = Writer(out)
+    writer.start()
+    channel = writer.register_channel("/joint_states", "json", writer.register_schema(STATE, "jsonschema", b""))
+    writer.add_message(channel, BEGIN_NS, b'{"position": [0, 0, 0, 0, 0, 0]}', BEGIN_NS)
+    writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(FileError, match="JointState as json"):
+        read(out.getvalue())
+
+
+def test_a_bag_whose_recorder_was_killed_is_told_how_to_mend_it() -> None:
+    with pytest.raises(FileError, match=r"cut off.*mcap recover"):
+        read(bag(*WHOLE)[:-30])
+
+
+def test_a_rig_without_ros_is_told_what_to_write() -> None:
+    with pytest.raises(FileError, match="ros2_joint_states"):
+        read(bag(*WHOLE), parse((SHIPPED / "ur10e.yaml").read_text(), "ur10e.yaml"))
+
+
+def test_a_bag_that_is_cut_or_damaged_is_one_line_or_what_is_left() -> None:
+    data = bag(*WHOLE)
+    for size in range(len(MAGIC), len(data), len(data) // 60):
+        for broken in (data[:size], data[:size] + b"\xff\0\x7f" + data[size + 3 :]):
+            try:
+                read(broken)
+            except FileError as error:
+                assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
+def test_a_bag_that_stands_for_more_than_a_memory_holds_is_not_unpacked(
+    compression: CompressionType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A chunk may also state less than its frame unpacks to."""
+    monkeypatch.setattr(bags, "_MOST_UNPACKED", 1_000_000)  # private: 2 GB would take a minute
+    data = bag(*WHOLE, ("/camera", "sensor_msgs/msg/Image", 5, bytes(2_000_000)), compression=compression)
+    lying = data.replace(struct.pack("<Q", _largest_chunk(data)), struct.pack("<Q", 10), 1)
+    assert len(data) < 200_000 and lying != data
+    for one in (data, lying):
+        with pytest.raises(FileError, match=r"stands for more than 0\.001 GB once it is unpacked"):
+            read(one)
+    assert len(read(bag(*WHOLE, compression=compression))[1]) > 10
+
+
+def _largest_chunk(data: bytes) -> int:
+    records = StreamReader(io.BytesIO(data), emit_chunks=True).records
+    return max(one.uncompressed_size for one in records if isinstance(one, Chunk))
+
+
+def test_a_bag_of_the_rosbags_library_is_read(tmp_path: Path) -> None:
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    typesys = pytest.importorskip("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    types, empty = store.types, np.array([])
+    with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        topics = {"/joint_states": STATE, "/g1": NUMBER, "/g2": NUMBER}
+        to = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in topics.items()}
+        for ms in range(0, 1000, 10):
+            stamp = types["builtin_interfaces/msg/Time"](sec=5, nanosec=ms * MS)
+            header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="base_link")
+            state = types[STATE](header, JOINTS, np.arange(1, 7) * ms / 1000, empty, empty)
+            writer.write(to["/joint_states"], BEGIN_NS + ms * MS, store.serialize_cdr(state, STATE))
+            for name, mm in (("/g1", 0.1), ("/g2", -0.2)):
+                data = store.serialize_cdr(types[NUMBER](mm), NUMBER)
+                writer.write(to[name], BEGIN_NS + (ms + 5) * MS, data)
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    _, rows, _ = read(file.read_bytes())
+    assert len(rows) == 99 and rows[:, 7] == pytest.approx(0.1) and rows[:, 8] == pytest.approx(-0.2)
+    assert rows[:, 3] == pytest.approx(np.degrees(3 * (0.005 + 0.01 * np.arange(99))))

@@ -1,0 +1,324 @@
+"""URDF files become the robot section of a rig file, or one line that says what to do."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.apps.interchange.urdf import import_urdf
+from analysis.robot.description.rig_section import flange_poses, parsed
+from rigs.arms import load_arm
+from rigs.errors import CellError, FileError
+from tests.support.nightly import cases
+from tests.support.second_sources import SOURCES, Chain
+
+CHAINS = {
+    f"{name}, {key}": source
+    for name, found in SOURCES.items()
+    for key, source in found.items()
+    if isinstance(source, Chain)
+}
+KUKA = SOURCES["kuka-kr-6-r900-2"]["geometry"]
+assert isinstance(KUKA, Chain)
+GOOD = KUKA.urdf()
+LIMIT = 'lower="-3" upper="2.5" velocity="3.5"'
+AXIS = "<axis [^>]*>"
+FIFTH = re.search(r'<joint name="joint_5".*?</joint>', GOOD)
+assert FIFTH
+
+
+def urdf(folder: Path, text: str) -> Path:
+    file = folder / "arm.urdf"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize("name", cases(CHAINS, list(CHAINS)[::3]))
+def test_the_section_is_the_chain_in_its_own_terms(name: str, tmp_path: Path) -> None:
+    chain = CHAINS[name]
+    arm = import_urdf(urdf(tmp_path, chain.urdf()))
+    assert parsed(arm.section.text) == arm.section.robot
+    assert (arm.base, arm.tip) == ("base_link", "tool0")
+    q = np.random.default_rng(3).uniform(-2.5, 2.5, (200, len(chain.joints)))
+    controller = q.copy()
+    if chain.j3_counts_j2:
+        controller[:, 2] -= controller[:, 1]
+    expected = chain(controller)
+    expected[:, 2, 3] += 1000 * chain.base_m
+    np.testing.assert_allclose(flange_poses(arm.section.robot, q), expected, atol=1e-9, rtol=0)
+    assert arm.section.largest_mm < 1e-9
+    assert arm.section.largest_rad < 1e-9
+
+
+@pytest.mark.parametrize("name", ["abb-irb-120", "abb-irb-1600"])
+def test_the_constants_are_those_of_the_library(name: str, tmp_path: Path) -> None:
+    """Not only the same poses: the same lengths and angles, as a person would write them."""
+    chain = SOURCES[name]["geometry"]
+    assert isinstance(chain, Chain)
+    found, ours = import_urdf(urdf(tmp_path, chain.urdf())).section.robot, load_arm(name).robot
+    for its, axis in zip(found.axes, ours.axes, strict=True):
+        constants = (its.a_mm, its.alpha_deg, its.beta_deg, its.offset_deg)
+        assert constants == pytest.approx((axis.a_mm, axis.alpha_deg, 0, axis.offset_deg), abs=1e-9)
+        assert its.limits_deg == pytest.approx(np.degrees([-3, 2.5]))
+        assert its.speed_deg_s == pytest.approx(np.degrees(3.5))
+    assert sum(axis.d_mm for axis in found.axes) == pytest.approx(
+        sum(axis.d_mm for axis in ours.axes) + 1000 * chain.base_m
+    )
+    assert (found.base, found.tool, found.coupling) == (ours.base, ours.tool, ours.coupling)
+
+
+def test_the_right_angles_of_1571_are_named_and_kept(tmp_path: Path) -> None:
+    chain = SOURCES["doosan-m1013"]["geometry"]
+    assert isinstance(chain, Chain)
+    (doubt,) = import_urdf(urdf(tmp_path, chain.urdf())).doubts
+    assert "joint_1 and joint_2 0.0117 degrees off a right angle, joint_3 and joint_4 0.0117" in doubt
+
+
+def test_axes_that_are_nearly_parallel_are_named_and_kept(tmp_path: Path) -> None:
+    text = GOOD.replace('<axis xyz="0.0 1.0 0.0"/>', '<axis xyz="0.001 1.0 0.0"/>', 1)
+    arm = import_urdf(urdf(tmp_path, text))
+    assert any("joint_2 and joint_3 0.0573 degrees off parallel" in doubt for doubt in arm.doubts)
+    assert max(abs(axis.a_mm) for axis in arm.section.robot.axes) < 1000
+    assert any(axis.beta_deg for axis in arm.section.robot.axes)
+    assert import_urdf(urdf(tmp_path, GOOD)).doubts == ()
+
+
+def test_masses_that_are_fixed_together_are_one(tmp_path: Path) -> None:
+    def inertial(kg: float, x: float) -> str:
+        return f'<inertial><origin xyz="{x} 0 0.1"/><mass value="{kg}"/></inertial>'
+
+    text = GOOD.replace('<link name="link_6"/>', f'<link name="link_6">{inertial(3, 0.1)}</link>')
+    text = text.replace('<link name="tool0"/>', f'<link name="tool0">{inertial(1, 0.0)}</link>')
+    arm = import_urdf(urdf(tmp_path, text))
+    assert [axis.mass_kg for axis in arm.section.robot.axes] == [0, 0, 0, 0, 0, 4]
+    # At zero, link 6 stands as the base, with its centre 100 mm ahead and up; tool0's z is ahead, as that of axis 6.
+    x, y, z = arm.section.robot.axes[5].centre_mm
+    assert z == pytest.approx((3 * 100 + 1 * 100) / 4)
+    assert np.hypot(x, y) == pytest.approx((3 * 100 + 1 * 0) / 4)
+
+
+def test_meshes_are_not_needed_and_a_gripper_is_left_out(tmp_path: Path) -> None:
+    mesh = '<visual><geometry><mesh filename="package://nowhere/link.stl"/></geometry></visual>'
+    finger = (
+        '<link name="finger"/><joint name="grip" type="prismatic"><parent link="tool0"/><child link="finger"/></joint>'
+    )
+    text = GOOD.replace('<link name="link_1"/>', f'<link name="link_1">{mesh}</link>').replace(
+        "</robot>", f"{finger}</robot>"
+    )
+    arm = import_urdf(urdf(tmp_path, text))
+    assert arm.section.robot == import_urdf(urdf(tmp_path, GOOD)).section.robot
+    assert arm.doubts == ("further moving joints are left out, with the masses on them: grip",)
+
+
+def test_ends_that_are_not_on_their_axes_are_named(tmp_path: Path) -> None:
+    arm = import_urdf(urdf(tmp_path, GOOD), tip="link_6")
+    assert arm.section.robot.tool.rpy_deg != (0, 0, 0)
+    assert ["the tip is not on axis 6" in doubt for doubt in arm.doubts] == [True]
+    aside = re.sub(r'xyz="0.0 0.0 0.4"', 'xyz="0.1 0.0 0.4"', GOOD)
+    arm = import_urdf(urdf(tmp_path, aside))
+    assert arm.section.robot.base.xyz_mm == (100, 0, 0)
+    assert ["axis 1 does not go through" in doubt for doubt in arm.doubts] == [True]
+
+
+def test_a_base_on_a_branch_of_its_own_is_the_base_frame(tmp_path: Path) -> None:
+    branch = (
+        '<link name="base"/><joint name="turned" type="fixed"><parent link="base_link"/><child link="base"/>'
+        '<origin xyz="0 0 0.1" rpy="0 0 3.141592653589793"/></joint>'
+    )
+    text = GOOD.replace("</robot>", f"{branch}</robot>")
+    arm = import_urdf(urdf(tmp_path, text))
+    assert arm.base == "base"
+    root = import_urdf(urdf(tmp_path, text), base="base_link")
+    q = np.random.default_rng(3).uniform(-2.5, 2.5, (50, 6))
+    T = np.diag([-1.0, -1.0, 1.0, 1.0])
+    T[2, 3] = 100.0
+    np.testing.assert_allclose(T @ flange_poses(arm.section.robot, q), flange_poses(root.section.robot, q), atol=1e-9)
+
+
+SEVENTH = (
+    '<link name="link_7"/><joint name="joint_7" type="revolute"><parent link="tool0"/><child link="link_7"/>'
+    f"<limit {LIMIT}/></joint>"
+)
+BOMB = '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>' + GOOD.partition("\n")[2]
+MOVED_BASE = (
+    '<link name="stand"/><joint name="lift" type="prismatic"><parent link="base_link"/><child link="stand"/></joint>'
+)
+BAD = {
+    "three": (
+        GOOD.replace("revolute", "fixed", 3),
+        "3 turning joints from base_link to tool0, where an arm has 4 to 7; choose the ends of the arm",
+    ),
+    "prismatic": (
+        FIFTH.re.sub(lambda fifth: fifth.group().replace("revolute", "prismatic"), GOOD),
+        "joint joint_5 is prismatic; only a rail below all turning joints can slide",
+    ),
+    "a rail without limits": (
+        GOOD.replace("revolute", "prismatic", 1).replace(f'<limit {LIMIT} effort="0"/>', "", 1),
+        "joint joint_1 has no limits; write <limit>",
+    ),
+    "endless without a speed": (
+        GOOD.replace("revolute", "continuous", 1).replace('velocity="3.5"', "", 1),
+        "joint joint_1 has no limits; write <limit>",
+    ),
+    "floating": (GOOD.replace("revolute", "floating", 1), "joint joint_1 is floating; write type revolute, or remove"),
+    "no such type": (GOOD.replace("revolute", "screw", 1), "joint joint_1 is screw; write type revolute"),
+    "mimic": (
+        GOOD.replace("<limit", '<mimic joint="joint_2"/><limit', 1),
+        "joint joint_1 follows joint joint_2; write it as a joint of its own",
+    ),
+    "no limits": (GOOD.replace(f'<limit {LIMIT} effort="0"/>', "", 1), "joint joint_1 has no limits; write <limit>"),
+    "no velocity": (GOOD.replace('velocity="3.5"', "", 1), "joint joint_1 has no limits; write <limit>"),
+    "limits in disorder": (GOOD.replace('lower="-3"', 'lower="3"', 1), "lower 3, upper 2.5 and velocity 3.5; write"),
+    "velocity 0": (GOOD.replace('velocity="3.5"', 'velocity="0"', 1), "velocity 0; write the limits in order"),
+    "no axis": (re.sub(AXIS, '<axis xyz="0 0 0"/>', GOOD, count=1), "joint joint_1 has an axis of no length"),
+    "axis of two": (re.sub(AXIS, '<axis xyz="0 1"/>', GOOD, count=1), "joint joint_1 has axis xyz='0 1'; write three"),
+    "nan": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 nan"', 1), "joint joint_1 has origin xyz='0 0 nan'; write three"),
+    "infinite angle": (GOOD.replace('rpy="0.0 0.0 0.0"', 'rpy="0 0 inf"', 1), "has origin rpy='0 0 inf'; write three"),
+    "a large number": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 1e308"', 1), "joint joint_1 has origin xyz='0 0 1e308'"),
+    "a speed in words": (GOOD.replace('velocity="3.5"', 'velocity="fast"', 1), "velocity='fast'; write a number that"),
+    "no type": (GOOD.replace('type="revolute"', "", 1), "joint joint_1 has no type; write type revolute"),
+    "a word": (GOOD.replace('"0.0 0.0 0.4"', '"0.4 high"', 1), "joint joint_1 has origin xyz='0.4 high'; write three"),
+    "millimetres": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 400"', 1), "correct it: its units are metres and radians"),
+    "limits in degrees": (GOOD.replace('upper="2.5"', 'upper="170"'), "correct it: its units are metres and radians"),
+    "a negative mass": (
+        GOOD.replace('<link name="link_1"/>', '<link name="link_1"><inertial><mass value="-1"/></inertial></link>'),
+        "link link_1 has mass value='-1'; write a number that an arm has",
+    ),
+    "xacro elements": (
+        '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm prefix=""/></robot>',
+        "is xacro, not URDF; expand the macros first: xacro FILE > arm.urdf",
+    ),
+    "xacro numbers": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 ${height}"', 1), "expand the macros first: xacro FILE"),
+    "entities": (BOMB, "declares a document type or entities"),
+    "no XML": ("robot: {axes: []}\n", "not XML"),
+    "an empty file": ("", "not XML"),
+    "half a file": (GOOD[: len(GOOD) // 2], "not XML"),
+    "a robot of SDF": ("<sdf><model/></sdf>", "is not a URDF: it is a <sdf>"),
+    "no name": (
+        GOOD.replace('<robot name="chain">', "<robot>"),
+        "not readable as URDF: Attribute 'name' is missing in robot tag; correct it",
+    ),
+    "no parent": (GOOD.replace('<parent link="link_1"/>', ""), "No parent specified in joint 'joint_2'; correct it"),
+    "no link": (GOOD.replace('<link name="link_3"/>', ""), "'link_3' of joint 'joint_3' is not defined; correct it"),
+    "two links": (GOOD.replace('<link name="link_3"/>', '<link name="link_3"/>' * 2), "has two links named link_3"),
+    "two parents": (
+        GOOD.replace("</robot>", SEVENTH.replace("link_7", "link_1").replace('<link name="link_1"/>', "") + "</robot>"),
+        "link link_1 is the child of two joints",
+    ),
+    "no joints": (
+        '<robot name="x"><link name="a"/></robot>',
+        "has no moving joint; give the URDF of an arm of 4 to 7 axes",
+    ),
+    "too many": (
+        '<robot name="x">' + "".join(f'<link name="{one}"/>' for one in range(3000)) + "</robot>",
+        "has 3000 links and joints, more than 2000",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_bad_file_is_refused_in_one_line_with_a_remedy(kind: str, tmp_path: Path) -> None:
+    text, what = BAD[kind]
+    with pytest.raises(FileError) as refused:
+        import_urdf(urdf(tmp_path, text))
+    assert what in str(refused.value)
+    assert len(refused.value.lines()) == 1
+    assert str(refused.value).startswith(str(tmp_path))
+
+
+def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:
+    text = GOOD.replace('<parent link="base_link"/>', '<parent link="link_6"/>')
+    with pytest.raises(FileError, match="form a circle"):
+        import_urdf(urdf(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("base", "tip", "what"),
+    [
+        ("link_3", None, "3 turning joints from link_3 to tool0"),
+        ("tool0", "base_link", "moves the base tool0 itself"),
+        ("stand", None, "joint lift moves the base stand itself"),
+        ("flange", None, "has no link flange; its links are base_link, link_1, link_2, link_3, link_4 and"),
+        (None, "tool1", "has no link tool1"),
+    ],
+)
+def test_other_ends_have_other_joints(base: str | None, tip: str | None, what: str, tmp_path: Path) -> None:
+    text = GOOD.replace("</robot>", f"{SEVENTH}{MOVED_BASE}</robot>")
+    with pytest.raises(FileError, match=re.escape(what)):
+        import_urdf(urdf(tmp_path, text), base, tip)
+
+
+def test_five_axes_and_four_are_arms(tmp_path: Path) -> None:
+    for axes, base in ((5, "link_1"), (4, "link_2")):
+        arm = import_urdf(urdf(tmp_path, GOOD), base).section
+        assert len(arm.robot.axes) == len(arm.robot.coupling) == axes
+        assert arm.robot.built == "light"
+
+
+def test_a_joint_that_slides_below_all_turns_is_the_rail(tmp_path: Path) -> None:
+    """The way is in the base's frame, the limits are in mm, and the arm stands where the library has it."""
+    rail = (
+        '<link name="floor"/><joint name="rail" type="prismatic"><parent link="floor"/><child link="base_link"/>'
+        '<origin xyz="0.1 0.2 0.3" rpy="0 0 0.5"/><axis xyz="0 -2 0"/><limit lower="-0.5" upper="2.5" velocity="1"/>'
+        "</joint>"
+    )
+    section = import_urdf(urdf(tmp_path, GOOD.replace("</robot>", f"{rail}</robot>"))).section
+    assert section.robot.rail is not None
+    assert section.robot.rail.limits_mm == (-500, 2500)
+    np.testing.assert_allclose(section.robot.rail.direction, [np.sin(0.5), -np.cos(0.5), 0], atol=1e-9)
+    q = np.zeros((2, 7))
+    q[1, 6] = 1.0
+    there = flange_poses(section.robot, q)[:, :3, 3]
+    np.testing.assert_allclose(there[1] - there[0], 1000 * np.array(section.robot.rail.direction), atol=1e-6)
+    assert section.largest_mm < 1e-9  # held against the library at random places of the rail
+
+
+def test_the_jaw_of_a_gripper_is_no_axis_unless_somebody_says_so(tmp_path: Path) -> None:
+    jaw = '<link name="jaw"/>' + SEVENTH.replace('<link name="link_7"/>', "").replace("link_7", "jaw")
+    text = GOOD.replace("tool0", "hand").replace("</robot>", f"{jaw.replace('tool0', 'hand')}</robot>")
+    with pytest.raises(FileError, match=r"joint_7 to jaw, moves a gripper by its name; choose the flange: --tip hand"):
+        import_urdf(urdf(tmp_path, text))
+    assert len(import_urdf(urdf(tmp_path, text), tip="hand").section.robot.axes) == 6
+    assert len(import_urdf(urdf(tmp_path, text), tip="jaw").section.robot.axes) == 7
+
+
+def test_a_joint_without_end_gets_limits_and_is_named(tmp_path: Path) -> None:
+    arm = import_urdf(urdf(tmp_path, GOOD.replace("revolute", "continuous", 1)))
+    assert arm.section.robot.axes[0].limits_deg == (-360, 360)
+    assert ["turn without end: joint_1;" in doubt for doubt in arm.doubts] == [True]
+
+
+def test_several_ends_are_asked_for(tmp_path: Path) -> None:
+    text = GOOD.replace("tool0", "hand").replace("</robot>", f"{SEVENTH.replace('tool0', 'link_6')}</robot>")
+    with pytest.raises(FileError, match=r"has 2 ends: hand, link_7; choose one with --tip"):
+        import_urdf(urdf(tmp_path, text))
+    assert import_urdf(urdf(tmp_path, text), tip="hand").tip == "hand"
+
+
+def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    with file.open("wb") as sparse:
+        sparse.truncate(10**12)
+    with pytest.raises(FileError, match="is larger than"):
+        import_urdf(file)
+
+
+@pytest.mark.parametrize("what", ["missing", "directory", "latin"])
+def test_what_is_no_text_is_refused(what: str, tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    if what == "directory":
+        file.mkdir()
+    elif what == "latin":
+        file.write_bytes(GOOD.replace("chain", "Käfig").encode("latin-1"))
+    with pytest.raises(FileError):
+        import_urdf(file)
+
+
+def test_a_computer_without_the_library_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pytransform3d.urdf", None)
+    with pytest.raises(CellError, match=r"needs pytransform3d.urdf, which is missing; add it: .* 'pytransform3d>="):
+        import_urdf(urdf(tmp_path, GOOD))

@@ -1,0 +1,93 @@
+"""What the keys do."""
+
+import pytest
+
+from analysis.apps.live.controls import (
+    Action,
+    Controls,
+    Label,
+    Pause,
+    Quit,
+    Restart,
+    Speed,
+    Start,
+    Stop,
+    label_of,
+)
+from analysis.apps.live.view import LiveView, Reading
+
+READINGS = {"g1": Reading(0.5, 0.0), "g2": Reading(-0.25, 0.0)}
+
+
+def typed(text: str, controls: Controls | None = None) -> tuple[Controls, list[Action]]:
+    controls, actions = controls or Controls(), []
+    for key in text:
+        controls, action = controls.pressed(key, READINGS)
+        actions += [action] if action else []
+    return controls, actions
+
+
+def test_the_first_start_asks_for_a_label_and_the_next_does_not() -> None:
+    label = Label("lap", "yaw", "acw")
+    controls, actions = typed("slap yaw acw\r")
+    assert actions == [Start(label)] and controls.prompt is None
+    assert typed("s", controls)[1] == [Start(label)]
+    assert typed("l\x7f\x7f\x7fcw\r", controls)[0].label == Label("lap", "yaw", "cw")
+
+
+def test_a_label_alone_starts_nothing() -> None:
+    controls, actions = typed("llap radial\r")
+    assert not actions and controls.label == Label("lap", "radial", None)
+    assert controls.label.fields() == {"name": "lap", "test": "radial", "direction": None}
+
+
+@pytest.mark.parametrize("text", ["", "lap", "lap tap", "lap yaw", "lap yaw up", "lap radial cw", "lap yaw acw now"])
+def test_a_wrong_label_says_what_is_wrong_and_stays(text: str) -> None:
+    label, wrong = label_of(text)
+    assert label is None and wrong
+    controls, actions = typed(f"s{text}\r")
+    assert controls.prompt == text and controls.message == wrong and not actions
+
+
+def test_escape_leaves_the_prompt_and_keys_are_text_within_it() -> None:
+    controls, actions = typed("squez\x1b")
+    assert controls.prompt is None and not actions and controls.zero_mm == (0.0, 0.0)
+    assert typed("l\x01\x02" + "a" * 999)[0].prompt == "a" * 200
+
+
+def test_zero_is_an_offset_of_the_view_and_can_be_taken_back() -> None:
+    controls, actions = typed("z")
+    assert controls.zero_mm == (0.5, -0.25) and "recorded readings stay" in controls.message and not actions
+    assert typed("Z", controls)[0].zero_mm == (0.0, 0.0)
+
+
+def test_a_run_that_is_started_with_a_zero_notes_it() -> None:
+    label = Label("lap", "radial", None)
+    assert typed("zslap radial\r")[1] == [Start(label, (0.5, -0.25))]
+    assert Start(label, (0.5, -0.25)).request() == {**label.fields(), "view_zero_mm": (0.5, -0.25)}
+    assert typed("zZslap radial\r")[1] == [Start(label)] and Start(label).request() == label.fields()
+
+
+def test_units_go_round() -> None:
+    assert [typed("u" * k)[0].units.name for k in range(4)] == ["mm", "µm", "inch", "mm"]
+
+
+def test_every_other_key_is_an_action_or_nothing() -> None:
+    assert typed("er +-q?x")[1] == [Stop(), Restart(), Pause(), Speed(2.0), Speed(0.5), Quit()]
+    assert typed("?")[0].shows_help and not typed("??")[0].shows_help and not typed("?x")[0].shows_help
+
+
+@pytest.mark.parametrize(
+    ("before", "view"),
+    [
+        (LiveView(), LiveView(name="lap")),
+        (LiveView(name="lap"), LiveView()),
+        (LiveView(), LiveView(lost="gone")),
+        (LiveView(lost="gone"), LiveView()),
+    ],
+)
+def test_a_message_does_not_outlive_the_state_it_speaks_of(before: LiveView, view: LiveView) -> None:
+    controls = Controls().told("recording to runs/lap", before, before)
+    assert controls.told("", before, before).message == "recording to runs/lap"
+    assert not controls.told("", before, view).message
+    assert controls.told("refused", before, view).message == "refused"

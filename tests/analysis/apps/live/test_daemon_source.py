@@ -1,0 +1,236 @@
+"""The daemon as a source: what it sends becomes rows, and it may go and come back."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis.apps.live.controls import UNITS, Label, Pause, Start, Stop
+from analysis.apps.live.daemon_source import DaemonSource, tracks_of
+from analysis.apps.live.figures import figures, plain_line
+from analysis.apps.live.loop import DaemonPlayer
+from analysis.apps.live.view import LiveView
+from daq.store import load_manifest
+from rigs.errors import CellError
+from rigs.load import find
+from tests.support.bench import BIN, Bench
+from tests.support.live_terminal import PATIENCE_S, Terminal
+
+STATUS: dict[str, Any] = {
+    "ok": True,
+    "rig": "ur10e",
+    "baseline_mm": 50.0,
+    "streams": {},
+    "automatic": None,
+    "recording": None,
+    "last_end": "",
+}
+
+
+class FakeDaemon:
+    """Answers as rigd does, with samples of its own numbers."""
+
+    def __init__(self, path: Path, rig_text: str | None = None) -> None:
+        self.asked: list[dict[str, Any]] = []
+        self.rig_text = find("ur10e").read_text() if rig_text is None else rig_text
+        self.answers: Callable[[dict[str, Any]], dict[str, Any]] = self.usual
+        self._path, self._ends = path, threading.Event()
+        path.parent.mkdir(mode=0o700, exist_ok=True)
+        self._listener = socket.socket(socket.AF_UNIX)
+        self._listener.bind(str(path))
+        path.chmod(0o660)
+        self._listener.listen()
+        self._open: list[socket.socket] = []
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def usual(self, request: dict[str, Any]) -> dict[str, Any]:
+        if request["command"] == "status":
+            return STATUS
+        now_ns = time.monotonic_ns()
+        number = request["after"].get("g1", 0) + 2
+        rows = [[now_ns - 50_000_000, 0.1 * number], [now_ns, 0.1 * number]]
+        stream = {"newest": number, "columns": ["g1_mm"], "rows": rows}
+        lines = self.rig_text.splitlines() if request["rig"] else []
+        return {"ok": True, "now_ns": now_ns, "streams": {"g1": stream}, "rig_lines": lines}
+
+    def stop(self) -> None:
+        for sock in [self._listener, *self._open]:
+            with suppress(OSError):
+                sock.shutdown(socket.SHUT_RDWR)
+            sock.close()
+        self._path.unlink(missing_ok=True)
+
+    def _serve(self) -> None:
+        with suppress(OSError):
+            while True:
+                sock, _ = self._listener.accept()
+                self._open.append(sock)
+                threading.Thread(target=self._answer, args=(sock,), daemon=True).start()
+
+    def _answer(self, sock: socket.socket) -> None:
+        with suppress(OSError):
+            unread = b""
+            while received := sock.recv(65536):
+                unread += received
+                while b"\n" in unread:
+                    line, _, unread = unread.partition(b"\n")
+                    self.asked.append(json.loads(line))
+                    sock.sendall(json.dumps(self.answers(self.asked[-1])).encode() + b"\n")
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "rigd" / "ur10e.sock"
+
+
+@contextmanager
+def fake(path: Path, rig_text: str | None = None) -> Iterator[FakeDaemon]:
+    daemon = FakeDaemon(path, rig_text)
+    try:
+        yield daemon
+    finally:
+        daemon.stop()
+
+
+def watched_until(source: DaemonSource, view: LiveView, shown: Callable[[LiveView], object]) -> LiveView:
+    end_s = time.monotonic() + PATIENCE_S
+    while not shown(view):
+        assert time.monotonic() < end_s, view
+        for update in source.updates():
+            view = view.after(update)
+        time.sleep(0.02)
+    return view
+
+
+def test_samples_become_rows_and_each_is_asked_for_once(path: Path) -> None:
+    with fake(path) as daemon, DaemonSource(path) as source:
+        view = watched_until(source, LiveView(), lambda view: len(view.rows) > 6 and view.state)
+        assert view.cell is not None and view.cell.name == "ur10e"
+        assert view.readings["g1"].age_s < 5 and (np.diff(view.rows.t_s) > 0).all()
+        asked = [request for request in list(daemon.asked) if request["command"] == "samples"]
+        assert [request["rig"] for request in asked][:3] == [True, False, False]
+        assert [request["after"] for request in asked][:3] == [{}, {"g1": 2}, {"g1": 4}]
+        # Its whole state, which is dear, is asked for less often.
+        assert sum(request["command"] == "status" for request in list(daemon.asked)) < len(asked)
+
+
+def test_a_further_gauge_is_shown_and_no_row_waits_for_it(path: Path) -> None:
+    with fake(path) as daemon, DaemonSource(path) as source:
+
+        def once(request: dict[str, Any]) -> dict[str, Any]:
+            answer = daemon.usual(request)
+            if request["command"] == "samples" and "g3_g4" not in request["after"]:
+                rows = [[answer["now_ns"] - 10**10, 0.25, None], [answer["now_ns"] - 10**10 + 1, None, None]]
+                answer["streams"]["g3_g4"] = {"newest": 2, "columns": ["g3_mm", "g4_mm"], "rows": rows}
+            elif request["command"] == "samples":
+                answer["streams"]["g3_g4"] = {"newest": 2, "columns": ["g3_mm", "g4_mm"], "rows": []}
+            return answer
+
+        daemon.answers = once
+        view = watched_until(source, LiveView(), lambda view: len(view.rows) > 6 and "g3" in view.readings)
+        assert view.readings["g3"].mm == 0.25 and 10 <= view.readings["g3"].age_s < 20 and "g4" not in view.readings
+        assert figures(view)["gauges"]["g3"]["mm"] == 0.25
+        assert "g3 0.2500 mm" in plain_line(view, UNITS[0])
+
+
+def test_a_daemon_that_goes_is_waited_for_and_what_was_seen_stays(path: Path) -> None:
+    with fake(path) as daemon, DaemonSource(path) as source:
+        view = watched_until(source, LiveView(), lambda view: view.cell and len(view.rows) > 3)
+        daemon.stop()
+        view = watched_until(source, view, lambda view: view.lost)
+        assert "waiting for rigd" in view.lost
+        before, cell = len(view.rows), view.cell
+        with fake(path):
+            view = watched_until(source, view, lambda view: not view.lost and len(view.rows) > before)
+        assert view.cell is cell, "the same rig file is not read again"
+
+
+def test_an_older_rigd_is_named(path: Path) -> None:
+    refusal = {"ok": False, "where": "rigd", "what": "unknown command 'samples'", "remedy": "x", "exit_code": 4}
+    with fake(path) as daemon, DaemonSource(path) as source:
+        daemon.answers = lambda request: STATUS if request["command"] == "status" else refusal
+        watched_until(source, LiveView(), lambda view: "older than rig live" in view.lost)
+
+
+def test_what_is_not_rigds_is_said_and_asked_again(path: Path) -> None:
+    with fake(path) as daemon, DaemonSource(path) as source:
+        daemon.answers = lambda request: {"ok": True, "streams": {}}
+        watched_until(source, LiveView(), lambda view: "does not answer as rigd does" in view.lost)
+        daemon.answers = daemon.usual
+        watched_until(source, LiveView(), lambda view: len(view.rows))
+
+
+def test_a_rig_file_that_cannot_be_read_leaves_the_readings(path: Path) -> None:
+    with fake(path, "name: [") as _, DaemonSource(path) as source:
+        view = watched_until(source, LiveView(), lambda view: len(view.rows) > 2)
+        assert view.cell is None and "g1" in view.readings
+
+
+def test_without_a_daemon_it_does_not_begin(path: Path) -> None:
+    with pytest.raises(CellError), DaemonSource(path):
+        pass
+
+
+def test_a_refused_recording_is_a_notice(path: Path) -> None:
+    refusal = {"ok": False, "where": "g1", "what": "no reading", "remedy": "fix it", "exit_code": 4}
+    with fake(path) as daemon, DaemonSource(path) as source:
+        daemon.answers = lambda request: refusal if request["command"].startswith("record") else daemon.usual(request)
+        player = DaemonPlayer(source)
+        assert "only a run" in player.done(Pause())
+        assert player.done(Start(Label("lap", "radial", None))) and player.done(Stop())
+        notices: list[str] = []
+
+        def told(view: LiveView) -> bool:
+            notices.extend(update.notice for update in source.updates() if update.notice)
+            return notices.count("g1: no reading; fix it") == 2
+
+        watched_until(source, LiveView(), told)
+
+
+def test_values_that_are_not_there_are_left_out() -> None:
+    streams = {
+        "g1_g2": {"newest": 2, "columns": ["g1_mm", "g2_mm"], "rows": [[1e9, 0.1, None], [2e9, 0.2, 0.3]]},
+        "robot": {"newest": 0, "columns": [f"q{axis}_deg" for axis in range(1, 7)], "rows": []},
+    }
+    tracks = tracks_of(streams)
+    assert tracks["g1"].t_s.tolist() == [1, 2] and tracks["g2"].values.tolist() == [[0.3]] and "robot" not in tracks
+
+
+def test_readings_of_a_gauge_that_counts_towards_are_turned() -> None:
+    streams = {"g1_g2": {"newest": 1, "columns": ["g1_mm", "g2_mm"], "rows": [[1e9, 0.1, 0.2]]}}
+    tracks = tracks_of(streams, (1, -1))
+    assert tracks["g1"].values.tolist() == [[0.1]] and tracks["g2"].values.tolist() == [[-0.2]]
+
+
+def test_a_real_daemon_is_watched_recorded_lost_and_found_again(tmp_path: Path) -> None:
+    with Bench(tmp_path) as bench:
+        bench.start().all_reading()
+        with Terminal([BIN / "rig", "live"], 100, 30, {"XDG_RUNTIME_DIR": str(tmp_path)}) as terminal:
+            terminal.until(lambda text: "0.1000" in text or ("connected" in text and "g1 mm" in text))
+            terminal.until(lambda text: "robot  connected" in text, "links")
+            terminal.type("slap radial\r")
+            terminal.until(lambda text: "recording lap (radial)" in text, "start")
+            terminal.type("e")
+            terminal.until(lambda text: "not recording" in text, "end")
+            terminal.type("s")
+            terminal.until(lambda text: "recording lap (radial)" in text, "second start")
+            bench.signalled(signal.SIGKILL)
+            terminal.until(lambda text: "waiting for rigd" in text and "last known" in text, "loss")
+            bench.start()
+            terminal.until(lambda text: "waiting for rigd" not in text and "robot  connected" in text, "return")
+            text = terminal.until(lambda text: "recording lap was cut" in text, "cut")
+            assert "recording to" not in text and "not recording" in text and "s start" in text
+            terminal.type("q")
+            assert terminal.ended() == 0 and terminal.is_as_before()
+        ended, _ = sorted((tmp_path / "runs").glob("*_lap*"))
+        assert load_manifest(ended).exit_status == "complete"

@@ -1,0 +1,100 @@
+"""`rig live` as a command: lines for scripts and screen readers, recorded runs, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from analysis import save_run, simulate
+from tests.support.bench import BIN, Bench
+from tests.support.command_line import ran
+from tests.support.live_terminal import Terminal
+from tests.support.nightly import cases
+from tests.support.recorded_lap import recorded
+from tests.support.simulated_laps import lap_run
+
+ROOT = Path(__file__).parents[4]
+PORTABLE = [sys.executable, ROOT / "tests" / "portable_child.py", "live"]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return lap_run(tmp_path_factory.mktemp("lap"))
+
+
+def test_a_run_is_played_in_lines_to_its_end(run: Path) -> None:
+    done = ran("live", "--run", run, "--speed", "64", "--plain")
+    assert done.returncode == 0 and done.stderr == ""
+    first, *_, last = done.stdout.splitlines()
+    assert first.startswith("at 0.") and last.startswith("at 48.2 s; g1 ") and "reversals" in last
+    assert all(line.isprintable() for line in done.stdout.splitlines())
+
+
+def test_runs_are_played_one_after_the_other_with_their_curves_over_each_other(run: Path, tmp_path: Path) -> None:
+    done = ran("live", "--run", run, "--run", lap_run(tmp_path, direction="cw"), "--speed", "64", "--json")
+    shown = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [shown[0]["direction"], shown[-1]["direction"]] == ["acw", "cw"]
+    assert shown[0]["band_deg"]["cw"] is None and all(shown[-1]["band_deg"].values())
+
+
+def test_a_run_is_played_as_json(run: Path) -> None:
+    done = ran("live", "--run", run, "--speed", "64", "--json")
+    last = json.loads(done.stdout.splitlines()[-1])
+    assert last["recording"] == "yaw-acw-exact" and last["band_deg"]["acw"] > 0 and last["reversals"] > 10
+
+
+@pytest.mark.parametrize("option", cases(("--plain", "--json", ""), ("",)))
+def test_a_run_is_played_where_nothing_is_posix(run: Path, option: str) -> None:
+    command = [*PORTABLE, "--run", run, "--speed", "64", *option.split()]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500, cwd=ROOT)
+    assert done.returncode == 0 and done.stderr == "" and "yaw" in done.stdout
+
+
+def test_a_recorded_run_is_played_by_its_aligned_times(tmp_path: Path) -> None:
+    done = ran("live", "--run", recorded(tmp_path), "--speed", "64", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1])["band_deg"]["acw"] > 0
+
+
+def test_what_cannot_be_played_is_one_line(tmp_path: Path) -> None:
+    targets = simulate("ur10e", "radial")
+    path = save_run(targets, tmp_path / targets.path)
+    done = ran("live", "--run", path)
+    assert done.returncode == 3 and len(done.stderr.splitlines()) == 1 and "holds targets and no motion" in done.stderr
+    missing = ran("live", "--run", tmp_path / "nothing")
+    assert missing.returncode == 3 and len(missing.stderr.splitlines()) == 1
+
+
+def test_without_a_daemon_it_is_one_line(tmp_path: Path) -> None:
+    for options in ((), ("--plain",), ("--json",)):
+        done = ran("live", "--rig", "nobody", *options, XDG_RUNTIME_DIR=str(tmp_path))
+        assert done.returncode == 4 and len(done.stderr.splitlines()) == 1 and done.stdout == ""
+
+
+@pytest.mark.parametrize("option", cases(("--plain", "--json"), ("--json",)))
+def test_lines_of_a_running_daemon_go_on_until_they_are_stopped(tmp_path: Path, option: str) -> None:
+    with Bench(tmp_path) as bench:
+        bench.start().all_reading()
+        process = subprocess.Popen([BIN / "rig", "live", option], stdout=subprocess.PIPE, env=bench.env, text=True)
+        assert process.stdout is not None
+        line = next(line for line in process.stdout if "0.1" in line and "g2" in line)
+        assert option == "--plain" or json.loads(line)["gauges"]["g1"]["mm"] == pytest.approx(0.1)
+        process.send_signal(signal.SIGINT)
+        process.stdout.close()
+        assert process.wait(300) == 0
+        once = bench.run("rig", "live")
+        assert once.returncode == 0 and "connected" in once.stdout
+
+
+def test_no_colour_is_sent_where_none_is_wanted(run: Path) -> None:
+    for env, coloured in (({}, True), ({"NO_COLOR": "1"}, False)):
+        with Terminal([BIN / "rig", "live", "--run", run, "--speed", "64"], 80, 24, env) as terminal:
+            terminal.until(lambda text: "ended" in text)
+            assert (b"\x1b[1;96m" in terminal.received) == coloured
+            terminal.type("q")
+            assert terminal.ended() == 0

@@ -1,0 +1,193 @@
+"""The screen at any size: exactly as large as the terminal, and whole in what it says."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.cells import cell_len
+from rich.segment import Segment
+
+from analysis.apps.live.canvas import Canvas, height_of, put_large, width_of
+from analysis.apps.live.controls import UNITS, Controls, label_of
+from analysis.apps.live.screen import screen
+from analysis.apps.live.view import LiveView, Played, Reading
+from analysis.report.plain_console import PlainConsole
+from tests.support.simulated_laps import lap_run, watched_lap
+
+EVIL = "a\x1b]0;title\x07\x1b[31m\nforged\r\u202e机机"
+SIZES = [(1, 1), (2, 50), (300, 1), (20, 5), (59, 17), (60, 18), (80, 24), (81, 25), (100, 30), (120, 40), (160, 50)]
+SIZES += [(169, 41), (170, 41), (250, 70), (60, 200), (400, 18)]
+
+
+def evil_state() -> dict[str, object]:
+    stream = {
+        "connected": False,
+        "rate_hz": 1.0,
+        "counters": {EVIL: 3, "samples": 1},
+        "last": {"g1_mm": 1.0},
+        "age_s": {"g1_mm": 100.0},
+        "last_fault": EVIL,
+    }
+    clock = {"late_s": 0.1, "drift_ppm": None, "offset_s": 0.0}
+    return {
+        "rig": EVIL,
+        "recording": EVIL,
+        "test": EVIL,
+        "direction": None,
+        "seconds": 1.0,
+        "automatic": {"waits_for": [EVIL], "why_not": EVIL},
+        "last_end": EVIL,
+        "streams": dict.fromkeys([EVIL, *(f"s{k}" for k in range(9))], stream),
+        "clocks": {EVIL: clock},
+        "host": {EVIL: 1},
+        "disk": {"free_bytes": 1, "size_bytes": 100},
+        "samples": {},
+        "synced": {EVIL: 1},
+    }
+
+
+@pytest.fixture(scope="module")
+def views(tmp_path_factory: pytest.TempPathFactory) -> list[LiveView]:
+    whole = watched_lap(lap_run(tmp_path_factory.mktemp("lap")))
+    one_gauge = watched_lap(lap_run(tmp_path_factory.mktemp("paper"), "paper-fanuc"), 6.0)
+    return [
+        LiveView(),
+        LiveView(lost=EVIL),
+        LiveView(state=evil_state(), name=EVIL, test=EVIL, readings={"g1": Reading(-1e9, 100.0)}),
+        whole,
+        one_gauge,
+        LiveView(played=Played(EVIL, 1.0, 2.0, 64.0, paused=True)),
+    ]
+
+
+CONTROLS = [
+    Controls(),
+    Controls(units=UNITS[1], zero_mm=(0.5, -0.5), message=EVIL),
+    Controls(units=UNITS[2], shows_help=True, prompt=EVIL * 20),
+]
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_a_screen_is_exactly_as_large_as_the_terminal(views: list[LiveView], width: int, height: int) -> None:
+    for view in views:
+        for controls in CONTROLS:
+            lines = screen(view, controls, width, height).lines()
+            assert len(lines) == height
+            assert {cell_len(line) for line in lines} == {width}
+            assert all(line.isprintable() for line in lines)
+
+
+@settings(max_examples=60)
+@given(width=st.integers(1, 260), height=st.integers(1, 80))
+def test_no_size_breaks_it(width: int, height: int) -> None:
+    lines = screen(LiveView(readings={"g1": Reading(0.1, 0.0)}), Controls(), width, height).lines()
+    assert {cell_len(line) for line in lines} == {width} and len(lines) == height
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (250, 70)])
+def test_a_lap_is_shown_whole(views: list[LiveView], width: int, height: int) -> None:
+    text = "\n".join(screen(views[3], Controls(), width, height).lines())
+    for words in ("g1 mm", "g2 mm", "yaw", "φ", "acw", "less sine", "reach", "1 base", "rev, last", "trace", "q quit"):
+        assert words in text, (words, text)
+    assert sum("⠀" < character <= "⣿" for character in text) > 60
+
+
+def test_what_cannot_be_shown_is_said() -> None:
+    text = "\n".join(screen(LiveView(), Controls(), 80, 24).lines())
+    assert "no reading yet" in text and "no joints yet" in text and "no rig file yet" in text
+
+
+def test_a_loss_of_the_daemon_is_on_every_size(views: list[LiveView]) -> None:
+    for width, height in ((30, 5), (80, 24), (250, 70)):
+        assert "gone" in "\n".join(screen(LiveView(lost="gone"), Controls(), width, height).lines())
+
+
+def connected_state() -> dict[str, object]:
+    stream = {"connected": True, "rate_hz": 95.2, "counters": {}, "last": {}, "age_s": {}, "last_fault": ""}
+    return {"rig": "ur10e", "recording": None, "streams": {"g1": stream}, "automatic": None, "last_end": ""}
+
+
+def test_a_robot_that_is_disturbed_is_told_in_its_row() -> None:
+    state = connected_state()
+    last = {"safety_state": 2.0, "program_state": 1.0, "speed_percent": 40.0, "temperature1_c": 30.0}
+    ages_s = {**dict.fromkeys(last, 0.1), "temperature1_c": 100.0}
+    robot = {**state["streams"]["g1"], "last": last, "age_s": ages_s}  # type: ignore[index]
+    view = LiveView(state={**state, "streams": {"robot": robot}})
+    text = "\n".join(screen(view, Controls(), 120, 40).lines())
+    assert "protective stop · speed 40 %" in text and "silent" not in text
+    ages_s["safety_state"] = 100.0
+    text = "\n".join(screen(view, Controls(), 120, 40).lines())
+    assert "protective stop" not in text and "speed 40 %" in text, "what is no longer shown"
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (250, 70)])
+def test_all_figures_are_dim_while_the_daemon_is_lost(views: list[LiveView], width: int, height: int) -> None:
+    view = replace(views[3], played=None, state=connected_state())
+    assert "connected" in "\n".join(screen(view, Controls(), width, height).lines())
+    canvas = screen(replace(view, lost="gone"), Controls(), width, height)
+    text = "\n".join(canvas.lines())
+    assert "last known" in text and "connected" not in text and "95.2 Hz" in text
+    lines: list[list[Segment]] = [[]]
+    for segment in PlainConsole(width=width).render(canvas):
+        if segment.text == "\n":
+            lines.append([])
+        else:
+            lines[-1].append(segment)
+    assert {str(segment.style) for line in lines[1:-1] for segment in line} == {"dim"}
+    assert "bold red" in {str(segment.style) for segment in lines[0]}
+
+
+def test_a_wrong_label_is_explained_whole_at_80_columns() -> None:
+    controls = Controls(prompt="monday yaw")
+    for text in ("monday yaw", "monday", "monday radial acw"):
+        _, wrong = label_of(text)
+        lines = screen(LiveView(), replace(controls, message=wrong), 80, 24).lines()
+        shown = " ".join(" ".join(lines[-4:-1]).split())
+        assert wrong in shown and "monday yaw█" in lines[-1]
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (30, 10)])
+def test_a_message_leaves_the_keys_in_sight(width: int, height: int) -> None:
+    lines = screen(LiveView(), Controls(message="recording to runs/lap"), width, height).lines()
+    assert "recording to runs/lap" in lines[-2] and "s start" in lines[-1]
+
+
+def test_without_a_curve_no_reach_and_no_sine_are_shown(views: list[LiveView]) -> None:
+    standing = LiveView(views[3].cell)
+    text = "\n".join(screen(standing, Controls(), 250, 70).lines())
+    assert "reach" not in text and "less" not in text and "0.0001" not in text and "acw –" in text
+
+
+def test_without_colour_nothing_but_text_is_sent(views: list[LiveView], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("NO_COLOR", "1")
+    console = PlainConsole(width=80)
+    with console.capture() as captured:
+        console.print(screen(views[3], Controls(), 80, 24), end="", crop=False)
+    assert "\x1b[9" not in captured.get() and "\x1b[3" not in captured.get()
+
+
+def test_a_wide_character_is_cut_and_covered_whole() -> None:
+    canvas = Canvas(4, 1)
+    area = canvas.area()
+    area.put(0, 0, "机机机")
+    assert canvas.lines() == ["机机"]
+    area.put(0, 1, "x")
+    assert canvas.lines() == [" x机"]
+    area.put(0, 3, "机")
+    assert canvas.lines() == [" x机"]
+    area.put(0, 2, "é")  # an accent of its own has no cell
+    assert cell_len(canvas.lines()[0]) == 4
+
+
+@pytest.mark.parametrize("scale", [1, 2, 3])
+def test_large_digits_fill_the_place_they_say(scale: int) -> None:
+    text = "-01.23456789+ "
+    canvas = Canvas(width_of(text, scale), height_of(scale))
+    put_large(canvas.area(), 0, 0, text, scale, "")
+    wider = Canvas(canvas.width + 9, canvas.height + 3)
+    put_large(wider.area(), 0, 0, text, scale, "")
+    assert [line[: canvas.width] for line in wider.lines()[: canvas.height]] == canvas.lines()
+    assert all(not line[canvas.width :].strip() for line in wider.lines())
+    assert not "".join(wider.lines()[canvas.height :]).strip()

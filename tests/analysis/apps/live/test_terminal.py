@@ -1,0 +1,122 @@
+"""The screen in a terminal: keys through a pty, no old fragments after a change of size, everything put back."""
+
+from __future__ import annotations
+
+import io
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pyte
+import pytest
+
+from analysis.apps.live.canvas import Canvas
+from analysis.apps.live.controls import Controls
+from analysis.apps.live.screen import screen
+from analysis.apps.live.terminal import Painter
+from analysis.apps.live.view import LiveView
+from tests.support.bench import BIN
+from tests.support.live_terminal import Terminal
+from tests.support.simulated_laps import lap_run, watched_lap
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return lap_run(tmp_path_factory.mktemp("lap"))
+
+
+@pytest.fixture(scope="module")
+def view(run: Path) -> LiveView:
+    return watched_lap(run, 20.0)
+
+
+@pytest.fixture
+def playing(run: Path) -> Iterator[Terminal]:
+    command = [BIN / "rig", "live", "--run", run, "--speed", "64"]
+    with Terminal(command, 120, 40, {}) as terminal:
+        terminal.until(lambda text: "ended" in text and "yaw" in text)
+        yield terminal
+
+
+def shows(terminal: pyte.Screen, canvas: Canvas) -> bool:
+    return [line.rstrip() for line in terminal.display] == [line.rstrip() for line in canvas.lines()]
+
+
+def test_a_shrunk_and_a_grown_terminal_hold_the_new_picture_alone(view: LiveView) -> None:
+    out, terminal = io.StringIO(), pyte.Screen(120, 40)
+    stream, painter = pyte.Stream(terminal), Painter(out)
+    for width, height in [(120, 40), (80, 24), (30, 6), (200, 60), (80, 24), (61, 18), (120, 40)]:
+        terminal.resize(height, width)
+        canvas = screen(view, Controls(), width, height)
+        painter.paint(canvas)
+        stream.feed(out.getvalue())
+        out.seek(out.truncate(0))
+        assert shows(terminal, canvas), (width, height)
+
+
+def test_what_has_not_changed_is_not_sent_again(view: LiveView) -> None:
+    out = io.StringIO()
+    painter = Painter(out)
+    for _ in range(2):
+        painter.paint(screen(view, Controls(), 80, 24))
+    whole = len(out.getvalue())
+    painter.paint(screen(view, Controls(message="x"), 80, 24))
+    assert len(out.getvalue()) < 1.2 * whole
+    painter.forget()
+    painter.paint(screen(view, Controls(), 80, 24))
+    assert len(out.getvalue()) > 1.8 * whole
+
+
+def test_a_picture_too_large_for_its_terminal_does_not_wrap(view: LiveView) -> None:
+    """The terminal has shrunk since it was measured: one picture is cut, the next one is right."""
+    out, terminal = io.StringIO(), pyte.Screen(60, 20)
+    with Painter(out) as painter:
+        painter.paint(screen(view, Controls(), 100, 30))
+        painter.paint(canvas := screen(view, Controls(), 60, 20))
+        pyte.Stream(terminal).feed(out.getvalue())
+    assert shows(terminal, canvas)
+
+
+def test_keys_of_a_person_reach_the_view(playing: Terminal) -> None:
+    playing.type("u")
+    playing.until(lambda text: "g1 µm" in text, "units")
+    playing.type("z")
+    playing.until(lambda text: "recorded readings stay" in text and "less " in text, "zero")
+    playing.type("?")
+    playing.until(lambda text: "─ keys ─" in text, "help")
+    playing.type("\x1b[A")  # an arrow key is none of ours
+    playing.type("s")
+    playing.until(lambda text: "label (name test direction" in text, "prompt")
+    playing.type("lap yaw acw\r")
+    playing.until(lambda text: "a run that is played cannot be recorded" in text, "start")
+    playing.type("q")
+    assert playing.ended() == 0 and playing.is_as_before()
+    assert playing.process.stderr is not None and playing.process.stderr.read() == b""
+    assert playing.received.endswith(b"\x1b[?7h\x1b[?25h\x1b[?1049l")
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_leaves_the_terminal_as_it_was(playing: Terminal, end: signal.Signals) -> None:
+    playing.process.send_signal(end)
+    assert playing.ended() == 0 and playing.is_as_before()
+    assert playing.received.endswith(b"\x1b[?1049l")
+
+
+def test_a_resized_terminal_shows_no_old_fragments(playing: Terminal) -> None:
+    for width, height in [(80, 24), (40, 8), (200, 50), (100, 30)]:
+        playing.resize(width, height)
+        marker = "q quit" if width >= 80 else "reversals"
+        text = playing.until(lambda text, w=width, m=marker: is_fresh(text, w, m), f"{width} x {height}")  # type: ignore[misc]
+        assert text.count("g1 ") == 1 and text.count("g2 ") == 1
+        assert text.count("q quit") <= 1 and text.count("trace") == (width >= 80)
+
+
+def is_fresh(text: str, width: int, marker: str) -> bool:
+    """Whether the picture is that of this width and whole: both gauges are there, the keys stand in the last row, and
+    nothing beyond the edge."""
+    lines = text.split("\n")
+    if "g1 " not in text or "g2 " not in text:  # half of it is drawn
+        return False
+    if width < 60:
+        return marker in text and "trace" not in text
+    return marker in lines[-1] and len(lines[-1]) == width and text.count("min ") == 2

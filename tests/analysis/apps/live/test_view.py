@@ -1,0 +1,198 @@
+"""The model behind the screen, on simulated laps: its figures beside those of `rig analyse`."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis import evaluate, load_run
+from analysis.apps.live.controls import UNITS, Controls
+from analysis.apps.live.figures import angle_deg, figures, phi_deg, plain_line, shown_curves
+from analysis.apps.live.live_rows import Rows, cell_of
+from analysis.apps.live.played_run import played_run
+from analysis.apps.live.screen import screen
+from analysis.apps.live.view import Event, LiveView, Reading, Update
+from analysis.procedures.circle.joint_reversals import turns
+from analysis.runs.laps import laps_of
+from analysis.runs.tables import CircleTable
+from rigs.load import load
+from tests.support.simulated_laps import lap_run, watched, watched_lap
+
+
+@pytest.fixture(scope="module")
+def acw(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return lap_run(tmp_path_factory.mktemp("acw"))
+
+
+@pytest.fixture(scope="module")
+def whole(acw: Path) -> LiveView:
+    return watched_lap(acw)
+
+
+def test_the_band_is_that_of_the_analysis(acw: Path, whole: LiveView) -> None:
+    curve, other = shown_curves(whole)
+    measured = evaluate(load_run(acw)).figures["band_deg"]
+    assert curve.is_whole and not len(other.phi)
+    # A circle angle holds the last reading of either lap there; without noise that is the curve.
+    assert curve.band == pytest.approx(measured.value, rel=0.02)
+
+
+def test_the_error_has_the_shape_that_the_analysis_finds(acw: Path, whole: LiveView) -> None:
+    curve, _ = shown_curves(whole)
+    expected = evaluate(load_run(acw)).curve.error_deg
+    assert np.abs(curve.error - expected).max() < 0.1 * np.ptp(expected)
+
+
+def test_the_reversals_are_those_of_the_analysis(acw: Path, whole: LiveView) -> None:
+    measured = load_run(acw)
+    assert isinstance(measured.table, CircleTable)
+    expected = {(turn.axis, round(np.degrees(turn.phi))) for turn in turns(laps_of(measured.table, measured.rig, "x"))}
+    seen = [(one.axis, np.degrees(one.phi_rad)) for one in whole.reversals]
+    for axis, phi in expected:
+        # The wrist that turns all the way round turns back only where the program does.
+        assert any(axis == other and abs((phi - at + 180) % 360 - 180) < 3 for other, at in seen), (axis, phi)
+
+
+def test_a_way_back_is_no_measurement(acw: Path) -> None:
+    unlabelled = watched(played_run(acw, 1.0), view=LiveView(played_run(acw, 1.0).cell))
+    for view in (unlabelled, watched_lap(acw)):
+        assert len(view.acw.curve().phi) and not len(view.cw.curve().phi)
+
+
+def test_before_half_a_lap_the_mean_alone_is_taken_off(acw: Path) -> None:
+    early, _ = shown_curves(watched_lap(acw, 5.0))
+    assert len(early.phi) and not early.less_sine and not early.is_whole
+    later, _ = shown_curves(watched_lap(acw, 14.0))
+    assert later.less_sine and not later.is_whole and later.band < early.band
+
+
+def test_extremes_and_trend_are_of_the_readings(whole: LiveView, acw: Path) -> None:
+    rows = played_run(acw, 1.0).rows
+    assert whole.extremes_mm is not None
+    assert whole.extremes_mm[:, 0] == pytest.approx(rows.g_mm.min(axis=0))
+    assert whole.extremes_mm[:, 1] == pytest.approx(rows.g_mm.max(axis=0))
+    rising = LiveView().after(Update(rows=ramp(0.25)))
+    assert rising.trends_mm_s == pytest.approx([0.25, -0.25])
+
+
+def ramp(slope_mm_s: float) -> Rows:
+    t_s = np.arange(0.0, 3.0, 0.1)
+    return Rows(t_s, np.outer(t_s, [slope_mm_s, -slope_mm_s]), np.full((len(t_s), 6), np.nan))
+
+
+def test_restarting_forgets_curves_and_extremes(whole: LiveView) -> None:
+    fresh = whole.restarted()
+    assert fresh.extremes_mm is None and not fresh.reversals and not len(fresh.acw.curve().phi)
+    assert len(fresh.rows) == len(whole.rows)
+
+
+def test_the_next_recording_of_a_direction_replaces_its_curve_alone(whole: LiveView) -> None:
+    other = whole.labelled("b", "yaw", "cw")
+    assert len(other.acw.curve().phi)
+    assert not len(whole.labelled("c", "yaw", "acw").acw.curve().phi)
+    assert not len(other.labelled("d", "roll", "cw").acw.curve().phi)
+    assert len(whole.labelled(None, None, None).acw.curve().phi)
+
+
+def state(**faults: int) -> dict[str, Any]:
+    stream = {"connected": True, "rate_hz": 1.0, "counters": faults, "last": {}, "age_s": {}, "last_fault": "no answer"}
+    return {"rig": "cell", "recording": None, "streams": {"g1": stream}, "automatic": None, "last_end": ""}
+
+
+def test_new_faults_become_events_and_old_ones_do_not() -> None:
+    view = LiveView().after(Update(state=state(silent=3)))
+    assert not view.events
+    view = view.after(Update(state=state(silent=5, garbled=1)))
+    assert [event.words for event in view.events] == ["g1: 2 silent, 1 garbled: no answer"]
+    lost = state(silent=5, garbled=1)
+    lost["streams"]["g1"]["connected"] = False
+    assert view.after(Update(state=lost)).events[-1].words == "g1: connection lost"
+
+
+def recording(name: str, run: str) -> dict[str, Any]:
+    return {**state(), "recording": name, "run": run, "test": "yaw", "direction": "acw", "seconds": 1.0}
+
+
+def words_after(*updates: Update) -> list[str]:
+    view = LiveView().after(Update(state=state(), readings={}))
+    for update in updates:
+        view = view.after(update)
+    return [event.words for event in view.events]
+
+
+def test_a_recording_that_was_cut_is_an_event() -> None:
+    begun = Update(state=recording("lap", "runs/1_lap"), readings={})
+    lost, back = Update(lost="waiting for rigd"), Update(readings={})
+    words = words_after(begun, lost, lost, Update(notice="refused"), lost, back, Update(state=state(), readings={}))
+    assert words == [
+        "recording lap began: runs/1_lap",
+        "rigd does not answer while lap is recorded",
+        "rigd answers again",
+        "recording lap was cut: rigd was started again",
+    ]
+
+
+def test_a_cut_recording_is_said_until_the_next_begins() -> None:
+    begun, ended = (Update(state=one, readings={}) for one in (recording("lap", "runs/1_lap"), state()))
+    view = LiveView().after(begun).after(Update(lost="waiting for rigd")).after(ended).after(ended)
+    assert figures(view)["cut"] == "recording lap was cut: rigd was started again"
+    assert "recording lap was cut" in plain_line(view, UNITS[0])
+    assert "recording lap was cut" in screen(view, Controls(), 80, 24).lines()[0]
+    assert figures(view.after(begun))["cut"] is None
+
+
+def test_a_recording_that_ended_is_no_cut() -> None:
+    begun = Update(state=recording("lap", "runs/1_lap"), readings={})
+    ended = Update(state={**state(), "last_end": "complete: asked for"}, readings={})
+    assert words_after(begun, begun, ended, ended)[1:] == ["recording lap ended: complete: asked for"]
+    another = Update(state=recording("lap", "runs/2_lap"), readings={})
+    assert words_after(begun, another)[1:] == ["recording lap ended", "recording lap began: runs/2_lap"]
+
+
+def test_a_refused_request_does_not_end_a_loss() -> None:
+    view = LiveView(lost="waiting for rigd").after(Update(notice="no daemon answers"))
+    assert view.lost and not view.after(Update(readings={})).lost
+
+
+def test_reversals_are_counted_beyond_the_events_that_are_kept() -> None:
+    q = np.zeros((1201, 6))
+    q[:, 2] = np.radians(np.arange(1201) % 2 * 5.0)
+    view = LiveView(cell_of(load("ur10e")[0])).after(Update(rows=Rows(np.arange(1201.0), np.zeros((1201, 2)), q)))
+    noisy = view.after(Update(state=state(silent=0)))
+    for count in range(1, 300):
+        noisy = noisy.after(Update(state=state(silent=count)))
+    assert noisy.reversal_counts == (0, 0, 1199, 0, 0, 0) and noisy.last_reversals[3].t_s == 1199.0
+    found = json.loads(json.dumps(figures(noisy)))
+    assert found["reversals"] == 1199 and found["joints_reversals"] == [0, 0, 1199, 0, 0, 0]
+    assert "1199 reversals" in plain_line(noisy, UNITS[0])
+    fresh = noisy.restarted()
+    assert fresh.reversal_counts == (0,) * 6 and not fresh.last_reversals
+
+
+def test_another_rig_file_begins_curves_and_reversals_again(whole: LiveView) -> None:
+    assert whole.cell is not None
+    other = replace(whole, events=(*whole.events, Event(0.0, "g1: lost"))).after(Update(cell=whole.cell))
+    assert not other.reversals and sum(other.reversal_counts) == 0 and other.events == (Event(0.0, "g1: lost"),)
+
+
+def test_figures_are_plain_and_say_what_is_missing(whole: LiveView) -> None:
+    found = figures(whole)
+    assert found["direction"] == "acw" and set(found["gauges"]) == {"g1", "g2"}
+    assert len(found["joints_deg"]) == 6
+    nothing = figures(LiveView())
+    assert nothing["angle_deg"] is None and nothing["phi_deg"] is None and nothing["gauges"] == {}
+    assert plain_line(LiveView(lost="gone"), UNITS[0]) == "gone"
+    assert "0.1000 mm" in plain_line(LiveView(readings={"g1": Reading(0.1, 0.0)}), UNITS[0])
+    zeroed = plain_line(LiveView(readings={"g1": Reading(0.1, 0.0), "g2": Reading(0.3, 0.0)}), UNITS[0], (0.02, 0.0))
+    assert "g1 0.0800 mm less 0.0200; g2 0.3000 mm;" in zeroed
+    assert "5 s old" in plain_line(LiveView(readings={"g1": Reading(0.1, 5.0)}), UNITS[0])
+
+
+def test_the_angle_follows_the_zero_of_the_view(whole: LiveView) -> None:
+    zeros = (whole.readings["g1"].mm, whole.readings["g2"].mm)
+    assert angle_deg(whole) != pytest.approx(0.0, abs=1e-3)
+    assert angle_deg(whole, zeros) == pytest.approx(0.0, abs=1e-12)
+    assert phi_deg(whole) is not None

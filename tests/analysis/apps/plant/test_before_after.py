@@ -1,0 +1,78 @@
+"""Before and after a repair: a difference counts where the spread between runs does not explain it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.apps.plant.before_after import differences, headlines
+from analysis.apps.plant.collect import collect
+from analysis.apps.plant.history_file import FILE, write_records
+from analysis.apps.plant.records import Record
+from analysis.procedures.shared.quantity import Quantity
+from rigs.errors import FileError
+from tests.support.dated_runs import dated_run
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Three runs with a play, three without."""
+    directory = tmp_path_factory.mktemp("runs")
+    return [dated_run(directory, day, 0.02 if day < 3 else 0.004) for day in range(6)]
+
+
+def test_what_a_repair_changed_is_larger_than_the_spread(runs: list[Path]) -> None:
+    found = {one.figure: one for one in differences(runs[3:], runs[:3])}
+    play = found["play_j3_deg"]
+    assert play.is_larger and play.difference.value == pytest.approx(-0.016, abs=0.002)
+    assert play.before == pytest.approx(0.02, abs=0.002) and (play.runs_before, play.runs_after) == (3, 3)
+    assert play.sentence.startswith("Play of axis 3 of yaw acw fell from 0.0")
+    assert play.sentence.endswith("that the spread between runs explains.")
+    assert not found["play_j2_deg"].is_larger and ": within the " in found["play_j2_deg"].sentence
+
+
+def test_the_same_robot_twice_differs_by_no_more_than_its_spread(runs: list[Path]) -> None:
+    assert not any(one.is_larger for one in differences(runs[1:3], [runs[0]]))
+
+
+def test_one_run_a_side_shows_no_spread_and_says_so(runs: list[Path]) -> None:
+    for one in differences(runs[3:4], runs[:1]):
+        assert not one.is_larger and not np.isfinite(one.difference.u)
+        assert "repeat them" in one.sentence and one.to_dict()["difference"]["u"] is None
+
+
+def test_without_a_known_spread_it_is_not_said_that_nothing_differs(runs: list[Path]) -> None:
+    (line,) = headlines(differences(runs[3:4], runs[:1]))
+    assert line.startswith("The spread between runs is not known") and "record two or more runs" in line
+    several = headlines(differences(runs[1:3], [runs[0]]))
+    assert several == ["No figure differs by more than the spread between runs explains."]
+    assert "known" not in " ".join(headlines(differences(runs[3:], runs[:3])))
+
+
+def test_a_history_beside_the_runs_lends_its_spread(tmp_path: Path) -> None:
+    before, after = dated_run(tmp_path, 0, 0.01), dated_run(tmp_path, 20, 0.02)
+    one = collect(tmp_path, "ur10e", lambda done, total: None).runs[0]
+    rng = np.random.default_rng(1)
+    others = [replace(one, name=f"earlier-{k}", fingerprint=str(k), figures=scattered(one, rng)) for k in range(30)]
+    write_records(tmp_path / FILE, others, [], from_new=False)
+    found = {one.figure: one for one in differences([after], [before])}
+    assert found["play_j3_deg"].is_larger and np.isfinite(found["band_deg"].difference.u)
+
+
+def scattered(record: Record, rng: np.random.Generator) -> dict[str, Quantity]:
+    """The figures of a record with a scatter of 0.0005 in each."""
+    return {
+        name: replace(one, value=one.value + 0.0005 * rng.standard_normal()) for name, one in record.figures.items()
+    }
+
+
+def test_runs_that_cannot_be_compared_are_refused(runs: list[Path], tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="is on both sides"):
+        differences(runs[:2], runs[1:])
+    with pytest.raises(FileError, match="no test, direction, placement and program in common"):
+        differences([dated_run(tmp_path, 0, 0.01, "cw")], runs[:1])
+    with pytest.raises(FileError, match="no such run"):
+        differences([tmp_path / "nowhere"], runs[:1])

@@ -1,0 +1,203 @@
+"""`rig fleet` as a person calls it: the table, the pages, the Parquet file, and what is wrong in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+from urllib.parse import unquote
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from analysis.cli import app
+from tests.support.command_line import ended
+from tests.support.plant_runs import known_robot, write_visits
+from tests.support.store_cases import edit_manifest
+
+VISITS = 10
+PAGE = (Path(__file__).parents[4] / "docs" / "fleet.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with the plant that the page names: three robots, one grown, one run cut off."""
+    directory = tmp_path_factory.mktemp("work")
+    for number in (1, 2, 3):
+        one = known_robot(number, VISITS, 0.03 if number == 3 else 0.0)
+        for _ in write_visits(directory / "plant" / one.name, one, list(range(VISITS))):
+            pass
+    cut = next((directory / "plant" / "robot-002").iterdir())
+    next(cut.glob("*.parquet")).unlink()
+    return directory
+
+
+@pytest.fixture(autouse=True)
+def here(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(work)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(work / "cache"))
+
+
+def fleet(*words: str) -> str:
+    done = CliRunner().invoke(app, ["fleet", *words], env={"COLUMNS": "200"})
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_the_robots_are_listed_what_needs_attention_first() -> None:
+    printed = fleet("plant")
+    names = re.findall(r"^ (robot-\d+) +(\w+)", printed, re.M)
+    assert names[0] == ("robot-003", "beyond") and len(names) == 3
+    assert "1 run has no figures and is left out" in printed and "the ledger lists this chunk" in printed
+    assert "30 runs, 30 of them read (new, changed, or unreadable the last time)" in printed
+
+
+def test_json_has_every_robot_and_every_run_that_is_left_out() -> None:
+    found = json.loads(fleet("plant", "--json"))
+    assert found["robots"][0]["robot"] == "robot-003"
+    assert {one["robot"]: one["runs"] for one in found["robots"]} == {"robot-001": 10, "robot-002": 9, "robot-003": 10}
+    left_out = next(one for one in found["robots"] if one["robot"] == "robot-002")["without_figures"]
+    assert len(left_out) == 1 and found["runs"] == 30 and Path(found["catalogue"]).is_file()
+
+
+def test_the_page_opens_the_history_of_each_robot(work: Path) -> None:
+    fleet("plant", "-o", "page/plant.html")
+    html = (work / "page" / "plant.html").read_text()
+    links = [unquote(link) for link in re.findall(r'<th scope="row"><a href="([^"]+)"', html)]
+    assert len(links) == 3 and all(link.startswith("plant-robots/robot-00") for link in links)
+    pages = [work / "page" / link for link in links]
+    assert all('<a href="../plant.html">all robots</a>' in page.read_text() for page in pages)
+    written = [page.stat().st_mtime_ns for page in pages]
+    fleet("plant", "-o", "page/plant.html")
+    assert [page.stat().st_mtime_ns for page in pages] == written
+    assert "<script" not in html and "http" not in html.replace("http-equiv", "")
+
+
+def test_what_changed_is_empty_where_nothing_did_and_simulated_robots_are_called_so(work: Path) -> None:
+    simulated = "All runs are simulated or of an emulated cell; no robot was measured."
+    printed = fleet("plant", "-o", "page/plant.html")
+    html = (work / "page" / "plant.html").read_text()
+    assert simulated in printed and simulated in html and html.count("(simulated)") == 3
+    rows = re.findall(r"<tr>\s*<th scope=.row.>.*?</tr>", html, re.S)
+    changed = [re.sub(r"<[^>]*>", "", row.split('<td class="found">')[2].partition("</td>")[0]) for row in rows]
+    assert "fell from" in changed[0] and changed[1:] == ["", ""]
+    assert all(simulated in page.read_text() for page in (work / "page" / "plant-robots").iterdir())
+    assert {one["simulated"] for one in json.loads(fleet("plant", "--json"))["robots"]} == {9, 10}
+
+
+def test_a_hostile_name_reaches_no_page_and_no_terminal_raw(work: Path) -> None:
+    name = "<b>\x1b[31m../../x\u202e"
+    one = known_robot(1, VISITS, 0.0)
+    for path in write_visits(work / "hostile" / os.fsdecode(b"\xff\x1b<i>"), one, [0.0, 1.0]):
+        edit_manifest(path, {"rig_name": name})
+    next(path.glob("*.parquet")).unlink()
+    (work / "hostile" / "bad\nforged").mkdir()
+    (work / "hostile" / "bad\nforged" / "manifest.json").write_text("{")
+    printed = fleet("hostile", "-o", "hostile.html", "--parquet", "hostile.parquet")
+    assert "\x1b" not in printed and "\\x1b[31m" in printed
+    assert "\nforged" not in printed and r"bad\nforged: " in printed
+    html = (work / "hostile.html").read_text()
+    assert "<b>" not in html and "&lt;b&gt;" in html and "\u202e" not in html and "\x1b" not in html
+    (page,) = (work / "hostile-robots").iterdir()
+    assert re.fullmatch(r"[A-Za-z0-9_.-]+\.html", page.name)
+    assert pq.read_table(work / "hostile.parquet")["robot"][0].as_py() == name
+    assert fleet("hostile").endswith("3 runs, 1 of them read (new, changed, or unreadable the last time)\n")
+    assert "\x1b" not in fleet("hostile", "--json")
+
+
+def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
+    fleet("plant", "--parquet", "figures.parquet", "--jobs", "2")
+    table = pq.read_table(work / "figures.parquet").to_pylist()
+    figures = [row for row in table if row["figure"]]
+    assert {row["problem"] for row in figures} == {None}
+    assert sum(row["figure"] == "reversal_mean_mm" for row in figures) == 3 * VISITS - 1
+    assert len([row for row in table if row["problem"]]) == 1
+    grown = [row for row in figures if row["robot"] == "robot-003" and row["figure"] == "reversal_mean_mm"]
+    assert grown[0]["standing"] == "pass" and grown[-1]["standing"] == "fail" and grown[0]["fail"] == 0.26
+    fleet("plant", "--parquet", "figures.parquet")
+    assert pq.read_table(work / "figures.parquet").to_pylist() == table
+    assert not list(work.glob("*.tmp"))
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("nowhere",), "error: nowhere: no such directory; give the directory that holds the plant's runs"),
+        (("empty",), "error: empty: holds no runs; give the directory that holds the plant's runs"),
+        (("plant", "--catalogue", "letter"), "error: letter: is not a catalogue of rig fleet; give another"),
+        (("plant", "-o", "page.txt"), "error: page.txt: is not the name of a page; give --output FILE.html"),
+        (("plant", "--parquet", "empty"), "error: empty: Is a directory; give another --parquet"),
+        (("plant", "--parquet", "letter"), "error: letter: exists already, and rig did not make it; give another"),
+        (("plant", "--parquet", "own.parquet"), "error: own.parquet: exists already, and rig did not make it; give"),
+        (("plant", "--parquet", "letter/x"), "error: letter/x: Not a directory; give another --parquet"),
+    ],
+)
+def test_what_is_wrong_is_one_line(
+    work: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], line: str
+) -> None:
+    (work / "empty").mkdir(exist_ok=True)
+    (work / "letter").write_text("Dear all,")
+    pq.write_table(pa.table({"robot": ["mine"]}), work / "own.parquet")
+    assert ended("fleet", *words) == (2 if "the name of" in line else 3)
+    assert capsys.readouterr().err.strip().startswith(line)
+    assert (work / "letter").read_text() == "Dear all," and not list(work.glob("*.tmp"))
+
+
+def test_without_a_place_for_its_catalogue_every_run_is_read(
+    work: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (work / "letter").write_text("Dear all,")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(work / "letter"))
+    for _ in range(2):
+        assert ended("fleet", "plant") == 0
+        done = capsys.readouterr()
+        assert "every run is read again each time: give --catalogue FILE" in done.err
+        assert "30 runs, 30 of them read" in done.out
+    assert ended("fleet", "plant", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["catalogue"] is None
+
+
+def test_damaged_records_are_one_line_and_the_next_start_makes_them_again(
+    work: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fleet("plant", "--catalogue", "own.sqlite")
+    with closing(sqlite3.connect(work / "own.sqlite")) as file, file:
+        file.execute("update runs set record = '{'")
+    assert ended("fleet", "plant", "--catalogue", "own.sqlite", "--parquet", "again.parquet") == 3
+    assert "own.sqlite: is damaged" in capsys.readouterr().err and not list(work.glob("again.*"))
+    assert "30 runs, 30 of them read" in fleet("plant", "--catalogue", "own.sqlite", "--parquet", "again.parquet")
+
+
+def snippet(language: str) -> str:
+    """The one block of a language on the page."""
+    (block,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.S)
+    return str(block)
+
+
+def test_the_commands_of_the_page_run(work: Path) -> None:
+    for line in snippet("sh").splitlines():
+        command = line.split("#")[0].split()
+        assert command[:2] == ["rig", "fleet"]
+        fleet(*command[2:])
+
+
+def test_pandas_reads_the_table_as_the_page_says(work: Path) -> None:
+    pytest.importorskip("pandas", reason="pandas is not installed")
+    fleet("plant", "--parquet", "figures.parquet")
+    script = [sys.executable, "-W", "error", "-c", snippet("python")]
+    printed = subprocess.run(script, cwd=work, capture_output=True, text=True, check=True).stdout
+    assert re.search(r"robot-003 .*0\.\d+", printed)
+
+
+def test_duckdb_reads_the_table_as_the_page_says(work: Path) -> None:
+    duckdb = pytest.importorskip("duckdb", reason="DuckDB is not installed")
+    fleet("plant", "--parquet", "figures.parquet")
+    rows = duckdb.sql(snippet("sql")).fetchall()
+    assert rows[0][0] == "robot-003" and len(rows) == 1

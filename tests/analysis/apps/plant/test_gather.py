@@ -1,0 +1,273 @@
+"""From the directory of a plant to its robots: each run is read once, whatever happens to runs and catalogue."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from analysis.apps.plant import catalogue
+from analysis.apps.plant.collect import Collected, Workers
+from analysis.apps.plant.gather import Fleet, gather
+from analysis.apps.plant.history import history_of
+from analysis.apps.plant.records import Record
+from analysis.apps.plant.robot_state import state_of
+from analysis.procedures.shared.quantity import Quantity
+from daq.store import mark_kept
+from rigs.errors import CellError, FileError
+from rigs.schema.limits import Limits
+from tests.support.dask_cluster import cluster
+from tests.support.plant_runs import known_robot, write_visits
+
+VISITS = 12
+
+
+def write(plant: Path, number: int, grown_deg: float, days: range = range(VISITS)) -> list[Path]:
+    one = known_robot(number, VISITS, grown_deg)
+    return list(write_visits(plant / one.name / "runs", one, list(days)))
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three robots: healthy, with a play that grew beyond the limit, with one that grew a little."""
+    plant = tmp_path_factory.mktemp("written") / "plant"
+    for number, grown_deg in enumerate((0.0, 0.03, 0.004), start=1):
+        write(plant, number, grown_deg)
+    return plant
+
+
+@pytest.fixture
+def plant(written: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(written, tmp_path / "plant")
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "catalogue.sqlite"
+
+
+def gathered(plant: Path, file: Path, jobs: int = 1) -> Fleet:
+    return gather(plant, file, Workers(jobs), silent)
+
+
+def silent(doing: str, done: int, total: int) -> None:
+    pass
+
+
+def runs_of(plant: Path, number: int) -> list[Path]:
+    return sorted((plant / f"robot-{number:03d}" / "runs").iterdir())
+
+
+def content(plant: Path) -> str:
+    """A digest of everything below a directory."""
+    found = hashlib.sha256()
+    for path in sorted(plant.rglob("*")):
+        status = path.stat()
+        found.update(f"{path} {status.st_mtime_ns}".encode() + (path.read_bytes() if path.is_file() else b""))
+    return found.hexdigest()
+
+
+def test_what_needs_attention_comes_first(plant: Path, file: Path) -> None:
+    before = content(plant)
+    found = gathered(plant, file)
+    assert [(one.robot, one.attention) for one in found.robots] == [
+        ("robot-002", "beyond"),
+        ("robot-003", "changed"),
+        ("robot-001", "within"),
+    ]
+    worst, changed, healthy = found.robots
+    assert worst.folder == str(Path("robot-002/runs")) and worst.runs == VISITS
+    assert "beyond 0.26 since 2025-12-0" in worst.worst and worst.worst_ratio > 1
+    assert " and 7 Dec 2025" in worst.trend and worst.changed == changed.changed == "2025-12-07"
+    assert healthy.trend == "" and healthy.last == "2025-12-12T06:00:00+00:00" and healthy.tests == ("repeatability",)
+    assert content(plant) == before
+
+
+def test_only_what_changed_is_read_again(written: Path, plant: Path, file: Path) -> None:
+    first = gathered(plant, file)
+    assert (first.runs, first.examined) == (3 * VISITS, 3 * VISITS)
+    again = gathered(plant, file)
+    assert (again.examined, again.robots) == (0, first.robots)
+    mark_kept(runs_of(plant, 1)[0], True)
+    chunk = next(runs_of(plant, 2)[0].glob("*.parquet"))
+    status = chunk.stat()
+    chunk.write_bytes(bytes(status.st_size))
+    os.utime(chunk, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert gathered(plant, file).examined == 0  # sizes and times alone are looked at
+    os.utime(chunk)
+    assert gathered(plant, file).robots != first.robots
+    shutil.copy2(next(written.glob(f"robot-002/runs/{chunk.parent.name}/*.parquet")), chunk)
+    write(plant, 1, 0.0, range(VISITS, VISITS + 1))
+    shutil.rmtree(runs_of(plant, 3)[0])
+    third = gathered(plant, file)
+    assert (third.runs, third.examined, third.gone) == (3 * VISITS, 2, 1)
+    assert {one.robot: one.runs for one in third.robots} == {"robot-001": 13, "robot-002": 12, "robot-003": 11}
+    file.unlink()
+    assert gathered(plant, file).robots == third.robots
+
+
+def test_a_bad_run_costs_its_own_row(plant: Path, file: Path) -> None:
+    cut, unreadable, unsealed = runs_of(plant, 1)[:3]
+    chunk = next(cut.glob("*.parquet"))
+    chunk.write_bytes(chunk.read_bytes()[:-100])
+    (unreadable / "manifest.json").write_text("{")
+    ledger = unsealed / "ledger.jsonl"
+    ledger.write_bytes(b"".join(ledger.read_bytes().splitlines(keepends=True)[:-1]))
+    found = gathered(plant, file)
+    healthy = next(one for one in found.robots if one.robot == "robot-001")
+    assert healthy.runs == VISITS - 3
+    assert [name for name, _ in healthy.without_figures] == [cut.name, unsealed.name]
+    assert "changed since it was recorded" in healthy.without_figures[0][1]
+    assert "cut off" in healthy.without_figures[1][1]
+    assert found.strays == (
+        (str(unreadable.relative_to(plant)), "its manifest is missing, or it or the marks cannot be read"),
+    )
+    assert gathered(plant, file).robots == found.robots
+    (unreadable / "manifest.json").unlink()
+    assert gathered(plant, file).strays == (
+        (str(unreadable.relative_to(plant)), "its manifest is missing, or it or the marks cannot be read"),
+    )
+    shutil.copytree(runs_of(plant, 1)[5], unsealed, dirs_exist_ok=True)
+    mended = next(one for one in gathered(plant, file).robots if one.robot == "robot-001")
+    assert [name for name, _ in mended.without_figures] == [cut.name] and mended.copies == 1
+
+
+def test_a_robot_without_figures_is_listed(plant: Path, file: Path) -> None:
+    for run in runs_of(plant, 1):
+        next(run.glob("*.parquet")).unlink()
+    found = next(one for one in gathered(plant, file).robots if one.robot == "robot-001")
+    assert (found.attention, found.runs, found.last) == ("unreadable", 0, "")
+    assert found.doubts == [f"{VISITS} without figures"]
+
+
+def test_a_name_in_two_directories_is_two_robots(plant: Path, file: Path) -> None:
+    shutil.move(plant / "robot-002" / "runs", plant / "other")
+    for run in runs_of(plant, 1)[:3]:
+        shutil.move(run, plant / "other" / run.name)
+    found = {(one.folder, one.robot): one.runs for one in gathered(plant, file).robots}
+    assert found[("other", "robot-001")] == 3 and found[(str(Path("robot-001/runs")), "robot-001")] == 9
+    assert found[("other", "robot-002")] == VISITS
+
+
+@pytest.mark.parametrize("content", [b"", b"nonsense" * 2000], ids=["empty", "damaged"])
+def test_a_damaged_catalogue_is_made_again(plant: Path, file: Path, content: bytes) -> None:
+    first = gathered(plant, file)
+    file.write_bytes(content)
+    again = gathered(plant, file)
+    assert (again.robots, again.examined) == (first.robots, 3 * VISITS)
+    assert again.notes == ((f"{file} was damaged: it was made again from the runs",) if content else ())
+    assert gathered(plant, file).examined == 0
+
+
+def test_a_catalogue_damaged_within_is_made_again(plant: Path, file: Path) -> None:
+    first = gathered(plant, file)
+    whole = bytearray(file.read_bytes())
+    whole[8192:-4096] = b"\x7f" * (len(whole) - 8192 - 4096)
+    file.write_bytes(whole)
+    again = gathered(plant, file)
+    assert again.robots == first.robots and any("was damaged" in note for note in again.notes)
+
+
+def test_a_catalogue_of_another_version_is_made_again(plant: Path, file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as newer:
+        newer.setattr(catalogue, "VERSION", catalogue.VERSION + 1)
+        first = gathered(plant, file)
+    again = gathered(plant, file)
+    assert (again.robots, again.examined) == (first.robots, 3 * VISITS)
+    assert any("another version" in note for note in again.notes)
+
+
+def test_a_file_of_somebody_else_is_left_alone(tmp_path: Path, plant: Path, file: Path) -> None:
+    for held in (b"a letter", b"SQLite format 3\0" + bytes(100)):
+        file.write_bytes(held)
+        with pytest.raises(FileError, match="is not a catalogue of rig fleet; give another --catalogue"):
+            catalogue.refuse_foreign(file)
+        assert file.read_bytes() == held
+    file.unlink()
+    os.mkfifo(file)
+    with pytest.raises(FileError, match="is not a regular file"):
+        catalogue.refuse_foreign(file)
+    file.unlink()
+    catalogue.refuse_foreign(file)
+    gathered(plant, file)
+    catalogue.refuse_foreign(file)
+
+
+def test_a_catalogue_that_cannot_be_made_is_one_line(plant: Path, tmp_path: Path) -> None:
+    (tmp_path / "blocked").write_text("")
+    with pytest.raises(CellError, match=r"catalogue cannot be written: .*; give another file: --catalogue FILE"):
+        gathered(plant, tmp_path / "blocked" / "catalogue.sqlite")
+
+
+def test_a_plant_without_runs_is_refused(tmp_path: Path, file: Path) -> None:
+    with pytest.raises(FileError, match="holds no runs"):
+        gathered(tmp_path, file)
+    with pytest.raises(FileError, match="no such directory"):
+        gathered(tmp_path / "nowhere", file)
+    assert not file.exists()
+
+
+def test_several_processes_find_the_same(plant: Path, file: Path, tmp_path: Path) -> None:
+    assert gathered(plant, file, jobs=2).robots == gathered(plant, tmp_path / "other.sqlite").robots
+
+
+def test_two_at_once_share_a_catalogue(plant: Path, file: Path) -> None:
+    with ThreadPoolExecutor(2) as pool:
+        first, second = pool.map(lambda _: gathered(plant, file), range(2))
+    assert first.robots == second.robots == gathered(plant, file).robots
+    assert gathered(plant, file).examined == 0
+
+
+def test_robots_that_another_command_finds_meanwhile_are_its_own(plant: Path, file: Path) -> None:
+    def another(doing: str, done: int, total: int) -> None:
+        if (doing, done) == ("judging robots", total):
+            shutil.rmtree(plant / "robot-001")
+            write(plant, 4, 0.0)
+            gathered(plant, file)
+
+    found = gather(plant, file, Workers(1), another)
+    assert {one.robot for one in found.robots} == {f"robot-{number:03d}" for number in (1, 2, 3)}
+    assert {(one.folder, one.robot) for one in found.robots} == found.digests.keys()
+
+
+def test_what_was_read_before_an_end_is_kept(plant: Path, file: Path) -> None:
+    def ended(doing: str, done: int, total: int) -> None:
+        if done == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        gather(plant, file, Workers(1), ended)
+    assert gathered(plant, file).examined == 3 * VISITS - 5
+
+
+@pytest.mark.nightly  # that a cluster gives the same is shown by tests/analysis/runs/batch in each commit
+def test_the_workers_of_a_cluster_find_the_same(plant: Path, file: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
+    (tmp_path / "dask").mkdir()
+    with cluster(tmp_path / "dask") as dask:
+        found = gather(plant, file, Workers(1, dask.address), silent)
+    assert found.robots == gathered(plant, tmp_path / "other.sqlite").robots
+
+
+def test_a_corrected_program_mends_no_arm() -> None:
+    def run(day: int, band_deg: float, corrected: str = "") -> Record:
+        figures = {"band_deg": Quantity(band_deg + 1e-4 * (day % 3), 1e-4, "deg", 720, "measured")}
+        when = f"2025-12-{day:02d}T06:00:00+00:00"
+        name = f"{day:02d}{corrected}"
+        return Record(name, name, "cell", when, "yaw", "acw", "", "", "", figures, name, False, corrected)
+
+    as_it_is = [run(day, 0.08) for day in range(1, 11)]
+    limits = Limits.model_validate({"yaw": {"band_deg": {"fail": 0.05}}})
+    for corrected in ("targets", "entries"):
+        after = [run(day, 0.01, corrected) for day in range(11, 21)]
+        found = state_of("runs", Collected("cell", (*as_it_is, *after), (), (), limits))
+        assert (found.standing, found.trend, found.corrected) == ("fail", "", 10)
+        assert "10 driven corrected" in " ".join(found.doubts)
+        titles = [series.title for series in history_of(Collected("cell", (*as_it_is, *after), (), (), limits)).series]
+        assert len(titles) == 2 and titles[0] == "yaw acw" and titles[1] != titles[0]
+    mended = [run(day, 0.01) for day in range(11, 21)]
+    assert state_of("runs", Collected("cell", (*as_it_is, *mended), (), (), limits)).standing == "pass"

@@ -1,0 +1,151 @@
+"""`rig history` and `rig compare --against` as a person types them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from analysis import cli
+from analysis.apps.plant.history import history_of
+from analysis.apps.plant.history_page import write_page
+from analysis.apps.plant.history_words import remarks, sentences
+from rigs.errors import FileError, UseError
+from rigs.load import SHIPPED
+from tests.support import command_line
+from tests.support.dated_runs import dated_run
+from tests.support.figure_histories import Growth, collected, drawn_history
+
+GREW = drawn_history(3, 75, growth=Growth(40, 1), wild=0.01)
+STILL = drawn_history(4, 40, wild=0.0)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("runs")
+    for day in range(10):
+        dated_run(directory, day, 0.01 if day < 5 else 0.02)
+    (directory / "odd").mkdir()
+    (directory / "odd" / "manifest.json").write_text("{")
+    return directory
+
+
+def ran(*arguments: str | Path) -> str:
+    done = CliRunner().invoke(cli.app, [str(one) for one in arguments], env={"COLUMNS": "100"}, catch_exceptions=False)
+    assert done.exit_code == 0
+    return done.stdout
+
+
+def test_recorded_files_become_a_sentence_a_table_and_a_page(runs: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    shown = " ".join(ran("history", "ur10e", "--runs", runs, "-o", page).split())
+    assert re.search(r"Play of axis 3 rose from 0\.010?\d* to 0\.0[12]\d* ° between 5 and 6 May 2026", shown)
+    assert (
+        "1 run has no figures and is left out: odd: its manifest is missing, or it or the marks cannot be read" in shown
+    )
+    html = page.read_text()
+    assert html.count("<svg") >= 5 and "Play of axis 3 rose" in html
+    assert not re.search(r'(src|href)="(?!#)', re.sub(r'xlink:href="#', 'xlink:here="#', html)), "needs no other file"
+
+
+def test_a_limit_stands_in_the_table_and_on_the_page_with_its_day(runs: Path, tmp_path: Path) -> None:
+    limited = tmp_path / "limited.yaml"
+    shipped = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    limited.write_text(yaml.safe_dump(shipped | {"limits": {"yaw": {"circular_deviation_mm": 0.02}}}))
+    page = tmp_path / "page.html"
+    shown = " ".join(ran("history", "ur10e", "--runs", runs, "--rig", limited, "-o", page).split())
+    told = "of yaw acw has been beyond its limit of 0.02 mm since 1 May 2026 (run 000-acw)"
+    assert told in shown and "beyond 0.02" in shown.partition("limit")[2]
+    assert told in page.read_text() and "limit: beyond 0.02 since 2026-05-01" in page.read_text()
+    limited.write_text(yaml.safe_dump(shipped | {"limits": {}}))
+    assert "limit" not in ran("history", "ur10e", "--runs", runs, "--rig", limited), "this rig file has none"
+
+
+def test_json_and_csv_hold_every_point(runs: Path) -> None:
+    answer = json.loads(ran("history", "ur10e", "--runs", runs, "--json", "--figure", "play_j3_deg"))
+    (series,) = answer["series"]
+    assert [point["run"] for point in series["points"]] == [f"{day:03d}-acw" for day in range(10)]
+    assert (series["changes"][0]["after_run"], series["changes"][0]["by_run"]) == ("004-acw", "005-acw")
+    assert set(answer["without_figures"]) == {"odd"}
+    rows = list(csv.DictReader(io.StringIO(ran("history", "ur10e", "--runs", runs, "--csv"))))
+    own = [row for row in rows if row["figure"] == "play_j3_deg"]
+    assert [float(row["value"]) for row in own] == [point["value"] for point in series["points"]]
+
+
+def test_since_and_figure_choose_and_what_is_not_there_is_refused(runs: Path) -> None:
+    answer = json.loads(ran("history", "ur10e", "--runs", runs, "--json", "--since", "2026-05-08"))
+    assert {len(series["points"]) for series in answer["series"]} == {3}
+    assert "fewer than 8 runs" in " ".join(answer["remarks"])
+    assert all("limit" in sentence for sentence in answer["sentences"]), "no change is found in so few"
+    for options, kind, words in (
+        (["--since", "2027-01-01"], FileError, "no run since 2027-01-01"),
+        (["--figure", "nothing"], UseError, "'nothing'"),
+        (["--json", "--csv"], UseError, "cannot both be printed"),
+    ):
+        with pytest.raises(kind, match=words):
+            ran("history", "ur10e", "--runs", runs, *options)
+    with pytest.raises(UseError, match="a history is of a robot; give its name"):
+        ran("history", runs)
+
+
+def test_a_page_has_the_name_of_a_page(runs: Path, tmp_path: Path) -> None:
+    letter = tmp_path / "letter.txt"
+    letter.write_text("Dear all,")
+    done = command_line.ran("history", "ur10e", "--runs", runs, "-o", letter)
+    assert done.returncode == 2 and f"{letter}: is not the name of a page; give --output FILE.html" in done.stderr
+    assert letter.read_text() == "Dear all,"
+
+
+def test_a_copy_is_no_run_after_a_repair(runs: Path, tmp_path: Path) -> None:
+    run = next(path for path in sorted(runs.iterdir()) if path.is_dir())
+    copy = shutil.copytree(run, tmp_path / "copy")
+    for words in (("compare", run, "--against", copy), ("calibrate", run, "--hold-out", copy, "--fit", "backlash:1")):
+        done = command_line.ran(*words)
+        assert done.returncode == 3 and "holds the same readings as" in done.stderr
+
+
+def test_compare_takes_every_run_after_against(runs: Path) -> None:
+    after, before = ([runs / f"{day:03d}-acw" for day in days] for days in ((7, 8, 9), (0, 1, 2)))
+    answer = json.loads(ran("compare", *after, "--against", *before, "--json"))
+    larger = {one["figure"] for one in answer["differences"] if one["is_larger"]}
+    assert "play_j3_deg" in larger
+    assert {(one["runs_before"], one["runs_after"]) for one in answer["differences"]} == {(3, 3)}
+    assert "Play of axis 3 of yaw acw rose" in " ".join(ran("compare", *after, "--against", *before).split())
+    with pytest.raises(UseError, match="leave --rig, --unseen and --plot out"):
+        ran("compare", *after, "--rig", "ur10e", "--against", *before)
+
+
+def test_what_several_tests_show_is_one_sentence() -> None:
+    history = history_of(collected(GREW))
+    (play,) = [one for one in sentences(history) if "axis 2" in one]
+    assert play.startswith("Play of axis 2 rose from 0.01") and "show it too" in play
+
+
+def test_a_robot_that_does_not_change_is_said_not_to() -> None:
+    history = history_of(collected(STILL))
+    assert sentences(history) == ["No figure changed by more than its scatter between runs explains."]
+    assert "32 series of 160 runs looked at" in remarks(history)[0]
+
+
+def test_other_programs_and_placements_are_series_of_their_own() -> None:
+    half = len(STILL) // 2
+    moved = [replace(run, program="other", placement="north") for run in STILL[half:]]
+    titles = {series.title for series in history_of(collected([*STILL[:half], *moved])).series}
+    assert "yaw acw, placement north" in titles and len(titles) == 8
+
+
+def test_a_page_is_always_the_same(tmp_path: Path) -> None:
+    history = history_of(collected(GREW), "play_j2_deg")
+    for name in ("one.html", "two.html"):
+        write_page(history, tmp_path / name)
+    assert (tmp_path / "one.html").read_bytes() == (tmp_path / "two.html").read_bytes()
+    with pytest.raises(FileError, match="give another --output"):
+        write_page(history, tmp_path / "one.html" / "page.html")

@@ -1,0 +1,105 @@
+"""A figure beyond its limit is reported with the day on which it crossed, by runs whose days are known."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from datetime import UTC, date, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from analysis.apps.plant.changes import Trend
+from analysis.apps.plant.history import Series, history_of, judge
+from analysis.apps.plant.history_screen import as_object
+from analysis.apps.plant.history_words import against_limit, sentences
+from analysis.apps.plant.records import Record
+from analysis.procedures.shared.quantity import Quantity
+from rigs.schema.limits import Limit, Limits
+from tests.support.figure_histories import collected
+
+BEGAN = datetime(2026, 5, 1, 9, tzinfo=UTC)
+LIMITS = Limits.model_validate({"yaw": {"range_deg": {"watch": 0.01, "fail": 0.02}}})
+
+
+def runs_of(values: list[float], u: float = 0.0005) -> list[Record]:
+    """A run a day from 1 May on."""
+    return [
+        Record(f"lap-{day}", str(day), "ur10e", (BEGAN + timedelta(days=day - 1)).isoformat(), "yaw", "acw", "",
+               figures={"range_deg": Quantity(value, u, "deg")})
+        for day, value in enumerate(values, 1)
+    ]  # fmt: skip
+
+
+def judged_words(values: list[float], u: float = 0.0005) -> tuple[str, list[str]]:
+    """What stands in the table and the sentences about limits, without the search for changes."""
+    history = history_of(collected(runs_of(values, u), LIMITS))
+    (series,) = history.series
+    return against_limit(series), [line for line in sentences(history) if "limit" in line]
+
+
+def test_a_figure_that_crosses_is_reported_with_its_day() -> None:
+    table, lines = judged_words([0.024, 0.006, 0.0205, 0.024, 0.0205, 0.026])
+    assert table == "beyond 0.02 since 2026-05-04"  # on the 3rd and 5th the uncertainty reaches over the limit
+    assert lines == [
+        "Range with the sine of yaw acw has been beyond its limit of 0.02 ° since 4 May 2026 (run lap-4): the newest "
+        "run has 0.02600 ± 0.00050 °; 3 of 6 runs beyond, from 1 May 2026 to 6 May 2026."
+    ]
+
+
+def test_what_is_not_proven_within_is_to_be_watched_since_the_last_that_passed() -> None:
+    table, lines = judged_words([0.005, 0.0096, 0.024, 0.015])
+    assert table == "watch 0.01 since 2026-05-02"
+    assert "has not been proven within its limit of 0.01 ° since 2 May 2026 (run lap-2)" in lines[0]
+
+
+def test_a_repaired_robot_is_within_again_and_its_past_is_named() -> None:
+    table, lines = judged_words([0.025, 0.024, 0.005, 0.006])
+    assert table == "within 0.01"
+    assert "was beyond its limit, and has been within 0.01 ° since 3 May 2026 (run lap-3)" in lines[0]
+    assert "2 of 4 runs beyond, from 1 May 2026 to 2 May 2026" in lines[0]
+
+
+def test_a_figure_within_its_limit_and_one_without_a_limit_have_no_sentence() -> None:
+    assert judged_words([0.005, 0.006]) == ("within 0.01", [])
+    history = history_of(collected(runs_of([0.025, 0.025])), "range_deg")
+    assert judge(history.series[0]) is None and sentences(history) == []
+    assert as_object(history)["series"][0]["limit"] is None
+
+
+def test_an_unknown_uncertainty_proves_nothing() -> None:
+    assert judged_words([0.005, 0.5], float("nan"))[0] == "watch 0.01 since 2026-05-01"
+
+
+def test_a_wild_run_does_not_cross_where_later_ones_contradict_it() -> None:
+    runs = runs_of([0.005, 0.5, 0.005])
+    trend = Trend((), np.array([False, True, False]), 0.0)
+    judged = judge(Series("yaw acw", "range_deg", tuple(runs), trend, Limit(fail=0.02)))
+    assert judged is not None and judged.standing == "pass" and not judged.beyond and judged.count == 2
+
+
+@pytest.mark.parametrize("last", [1, 2, 3, 5])
+def test_a_damage_that_came_suddenly_is_beyond_the_limit_from_its_first_run_on(last: int) -> None:
+    table, lines = judged_words([*[0.005] * 20, *[0.5] * last])
+    assert table == "beyond 0.02 since 2026-05-21"
+    assert "beyond its limit of 0.02 ° since 21 May 2026 (run lap-21)" in lines[0]
+
+
+def test_days_are_those_of_the_computers_time_zone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Six in the morning of 21 May in Tokyo is 20 May in UTC, in which runs are stored."""
+    monkeypatch.setenv("TZ", "Asia/Tokyo")
+    time.tzset()
+    try:
+        run = replace(runs_of([0.5])[0], started="2026-05-20T21:00:00+00:00")
+        assert run.when.date().isoformat() == "2026-05-21"
+        assert len(history_of(collected([run], LIMITS), since=date(2026, 5, 21)).series) == 1
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+
+
+@pytest.mark.parametrize("given", [None, Limits()])
+def test_limits_of_a_rig_file_take_the_place_of_those_of_the_newest_run(given: Limits | None) -> None:
+    history = history_of(collected(runs_of([0.025, 0.025]), LIMITS), "range_deg", limits=given)
+    assert (judge(history.series[0]) is None) == (given is not None)
+    assert as_object(history)["sentences"] == ([] if given else sentences(history))

@@ -1,0 +1,108 @@
+"""The history of a young robot: one run, runs of one day, simulated runs; an axis is as wide as what is known."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from analysis.apps.plant.history import history_of
+from analysis.apps.plant.history_page import write_page
+from analysis.apps.plant.history_screen import as_object, as_screen
+from analysis.apps.plant.history_words import origin, sentences
+from analysis.apps.plant.records import Record
+from analysis.procedures.shared.quantity import Quantity
+from analysis.report.origins import simulated_runs
+from analysis.report.plain_console import PlainConsole
+from rigs.schema.limits import CircleLimits, Limit, Limits
+from tests.support.figure_histories import collected
+
+BEGAN = datetime(2026, 11, 25, 8, 5, tzinfo=UTC)
+LIMITS = Limits(yaw=CircleLimits(band_deg=Limit(watch=0.1, fail=0.2)))
+
+
+@pytest.fixture(autouse=True)
+def in_utc(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Record, "when", property(lambda run: datetime.fromisoformat(run.started)))
+
+
+def runs_at(minutes: Sequence[float], *, simulated: int = 0) -> list[Record]:
+    """Laps so many minutes after each other's begin, the first of them simulated."""
+    figures = {"band_deg": Quantity(0.25, 0.001, "deg"), "play_j1_deg": Quantity(0.02, 0.0005, "deg")}
+    return [
+        Record(f"lap-{k}", "f", "ur10e", (BEGAN + timedelta(minutes=at)).isoformat(), "yaw", "acw", "", "p",
+               figures=figures, readings=str(k), simulated=k < simulated)
+        for k, at in enumerate(minutes)
+    ]  # fmt: skip
+
+
+def page_of(runs: Sequence[Record], path: Path, limits: Limits | None = None) -> str:
+    write_page(history_of(collected(runs, limits)), path)
+    return path.read_text(encoding="utf-8")
+
+
+def axis_labels(html: str) -> list[str]:
+    """What is written along the axes of the first picture."""
+    return re.findall(r">([^<>]+)</text>", html[html.index("<svg") : html.index("</svg>")])
+
+
+def test_one_run_is_a_table_with_its_date_and_no_axis(tmp_path: Path) -> None:
+    html = page_of(runs_at([0]), tmp_path / "one.html")
+    assert "<svg" not in html and html.count("2026-11-25 08:05") == 2
+    assert "0.2500 ± 0.0010 °" in html and "0.02000 ± 0.00050 °" in html
+    assert "There is one run, on 25 Nov 2026: a change shows only from 8 runs of a test on." in html
+    assert "histories report a change" not in html, "nothing was looked for"
+
+
+def test_one_run_beyond_its_limit_is_no_story_over_time() -> None:
+    history = history_of(collected(runs_at([0]), LIMITS))
+    assert sentences(history) == [
+        "Error band of yaw acw is beyond its limit of 0.2 °: run lap-0 of 25 Nov 2026 has 0.2500 ± 0.0010 °."
+    ]
+    console = PlainConsole(width=100)
+    with console.capture() as shown:
+        console.print(as_screen(history))
+    assert "value ± u" in shown.get() and "since" not in shown.get()
+
+
+def test_runs_of_one_day_have_times_of_that_day(tmp_path: Path) -> None:
+    html = page_of(runs_at([0, 40, 80, 120]), tmp_path / "day.html")
+    labels = axis_labels(html)
+    assert {"09:00", "10:00"} <= set(labels) and "2026-Nov-25" in labels
+    assert not {label for label in labels if re.fullmatch(r"20\d\d", label)}
+    assert "There are 4 runs, on 25 Nov 2026" in html
+
+
+@pytest.mark.parametrize("days", [1, 30, 500])
+def test_an_axis_is_as_wide_as_its_runs(tmp_path: Path, days: int) -> None:
+    html = page_of(runs_at([0, 1440 * days / 2, 1440 * days]), tmp_path / "page.html")
+    years = {label for label in axis_labels(html) if re.fullmatch(r"20\d\d(-.*)?", label)}
+    assert years <= {"2026", "2027", "2028", "2026-Nov-25", "2026-Nov", "2026-Dec", "2026-Nov-26"}
+    assert days > 365 or "2028" not in years
+
+
+def test_runs_of_one_moment_have_no_axis(tmp_path: Path) -> None:
+    assert "<svg" not in page_of(runs_at([0, 0]), tmp_path / "page.html")
+
+
+@pytest.mark.parametrize(
+    ("simulated", "runs", "said"),
+    [
+        (0, 3, ""),
+        (1, 1, "This run is simulated or of an emulated cell; no robot was measured."),
+        (3, 3, "All runs are simulated or of an emulated cell; no robot was measured."),
+        (1, 3, "1 of 3 runs is simulated or of an emulated cell; that measured no robot."),
+    ],
+)
+def test_simulated_runs_are_called_so(tmp_path: Path, simulated: int, runs: int, said: str) -> None:
+    assert simulated_runs(simulated, runs) == said
+    history = history_of(collected(runs_at(range(runs), simulated=simulated)))
+    assert (origin(history), as_object(history)["origin"]) == (said, said)
+    console = PlainConsole(width=100)
+    with console.capture() as shown:
+        console.print(as_screen(history))
+    html = page_of(runs_at(range(runs), simulated=simulated), tmp_path / "page.html")
+    assert (said in shown.get()) and (said in html) and ("simulated" in html) == bool(said)

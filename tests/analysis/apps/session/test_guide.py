@@ -1,0 +1,263 @@
+"""A session from its first program to its report: in order, killed at each step, with runs in vain and by others."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from analysis.apps.session import session_report as report
+from analysis.apps.session.daemon_cell import Run
+from analysis.apps.session.next_step import Drive, Infer, next_of, why_nothing
+from analysis.apps.session.session_state import Aim, Place, Session, Step, Try
+from analysis.report.texts import texts_of
+from rigs.errors import CellError
+from rigs.load import load
+from tests.support.nightly import cases
+from tests.support.session_cell import (
+    NAMED,
+    Killed,
+    MortalPlace,
+    Oracle,
+    Screen,
+    Simulated,
+    begun,
+    cell_file,
+    gone_on,
+)
+
+_MOST_LIVES = 80
+AIMS: list[Aim] = cases(("check", "faults"), ("check",))
+"""A session that only checks corrects nothing and drives nothing again, which takes ten times as long."""
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    return tmp_path / "session"
+
+
+def _blank_page(_: Session, __: object, place: Place) -> Path:
+    page = place.directory / report.PAGE
+    page.write_text(" " * 20_000)
+    return page
+
+
+@pytest.fixture
+def page_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page is written without its charts, which are most of a session's time."""
+    monkeypatch.setattr(report, "write_report", _blank_page)
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A session from its first program to its page, what drove it, what it asked and what it said."""
+
+    session: Session
+    place: Path
+    driver: Simulated
+    oracle: Oracle
+    screen: Screen
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    folder = tmp_path_factory.mktemp("whole")
+    place = folder / "session"
+    begun(cell_file(folder), place)
+    driver, oracle, screen = Simulated(place), Oracle(), Screen()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "write_report", _blank_page)
+        return Whole(gone_on(place, driver, oracle, screen=screen), place, driver, oracle, screen)
+
+
+def finished(session: Session, place: Path) -> None:
+    """Check that a session came to its end: nothing open, the error fell, the page is there."""
+    assert not any(step.is_open for step in session.steps)
+    assert session.report is not None and (place / session.report).stat().st_size > 10_000
+    if session.aim == "check":
+        assert session.verified is None and session.correction is None
+        return
+    assert session.verified is not None and session.correction is not None
+    for before, after in (
+        (session.verified.same_before, session.verified.same_after),
+        (session.verified.elsewhere_before, session.verified.elsewhere_after),
+    ):
+        assert before is not None and after is not None
+        assert after.um < 0.3 * before.um
+
+
+def test_a_session_drives_finds_corrects_and_drives_again(whole: Whole) -> None:
+    session = whole.session
+    finished(session, whole.place)
+    assert whole.driver.stages == ["yaw", "other", "yaw"]
+    assert session.correction and session.correction.way in ("entries", "programs")
+    found, judges = len(session.runs_for("find")), len(session.runs_for("judge"))
+    assert whole.oracle.asked[-2:] == [(found, judges), (found + judges, 0)], "the place that judged joins afterwards"
+    assert session.answer and session.answer.joined == judges and session.judged and session.judged.judges == judges
+    assert any("at the other place" in line for line in whole.screen.lines)
+
+
+def test_its_page_has_its_charts(whole: Whole) -> None:
+    place = Place(whole.place)
+    (place.directory / report.PAGE).unlink()  # the blank one, which no page of rig replaces
+    correction = whole.session.correction
+    assert correction and correction.same and correction.work
+    unknown = correction.work.model_copy(update={"unknown": 0.82})
+    session = whole.session.model_copy(update={"correction": correction.model_copy(update={"work": unknown})})
+    page = report.write_report(session, load(whole.session.rig_file)[0], place)
+    text = page.read_text(encoding="utf-8")
+    assert page.stat().st_size > 10_000 and "data:image/svg" in text
+    assert texts_of("en").not_known(0.82) in text
+    assert f"to {correction.same.text}" in correction.sentence
+    figures = {"um": correction.same.um, "u": correction.same.u_um}
+    assert texts_of("en")("rms_without_u" if figures["u"] is None else "rms_and_u_of", **figures) in text
+    assert texts_of("en")("stands_now") in text.partition("</title>")[0]
+
+
+@pytest.mark.cpu_limit(150)
+@pytest.mark.usefixtures("page_at_once")
+def test_a_session_killed_at_each_step_has_the_same_end(whole: Whole, place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
+    mortal = Simulated(place)
+    for life in range(_MOST_LIVES):
+        before = Place(place).read()
+        try:
+            session = gone_on(place, mortal, Oracle(), MortalPlace(place, before=life % 2 == 0))
+        except Killed:
+            now = Place(place).read()
+            assert life % 2 or now == before, "a state that was not written is not there"
+            continue
+        break
+    else:
+        pytest.fail("it never came to its end")
+    finished(session, place)
+    assert mortal.driven == whole.driver.driven, "no program is driven twice: its run is found and taken"
+    same = {"tries", "began"}
+    assert [step.model_dump(exclude=same) for step in session.steps] == [
+        step.model_dump(exclude=same) for step in whole.session.steps
+    ]
+    assert session.verified == whole.session.verified and not session.left_alone
+
+
+@pytest.mark.usefixtures("page_at_once")
+def test_what_is_answered_stops_the_search(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place, minutes=3.6)
+    session = gone_on(place, Simulated(place), Oracle())
+    skipped = [step for step in session.steps if step.skipped]
+    assert [step.purpose for step in skipped] == ["find"], "the answer to four runs comes while the fifth is driven"
+    assert len(session.runs_for("find")) == 5
+    finished(session, place)
+
+
+@pytest.mark.usefixtures("page_at_once")
+def test_an_ambiguous_answer_puts_the_separating_test_next(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
+    ambiguous = NAMED.model_copy(update={"condition": "ambiguous", "next_test": "roll on the circle"})
+    driver = Simulated(place)
+    with Place(place) as held:
+        session = held.read()
+        assert session is not None
+        held.write(session.model_copy(update={"minutes": 30.0}))
+    session = gone_on(place, driver, Oracle([ambiguous] * 6 + [NAMED]))
+    assert "roll" in driver.stages and driver.stages.index("roll") < driver.stages.index("other")
+    roll = [step.program for step in session.steps if step.test == "roll"]
+    assert roll == ["p05-roll-acw", "p06-roll-cw"] * 2
+    finished(session, place)
+
+
+@pytest.mark.usefixtures("page_at_once")
+@pytest.mark.parametrize("aim", AIMS)
+def test_a_run_in_vain_is_driven_again_and_the_third_ends_with_a_line(aim: Aim, place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place, aim=aim)
+    driver = Simulated(place, {1: "g1: 3 silent", 2: "g1: 3 silent", 3: "g1: 3 silent"})
+    with pytest.raises(CellError, match=r"p02-yaw-cw: failed 3 times, the last time: g1: 3 silent; look at the cell"):
+        gone_on(place, driver, Oracle())
+    kept = Place(place).read()
+    assert kept is not None and [len(step.tries) for step in kept.steps[:2]] == [1, 3]
+    finished(gone_on(place, driver, Oracle()), place)
+
+
+@pytest.mark.usefixtures("page_at_once")
+@pytest.mark.parametrize("aim", AIMS)
+def test_another_program_than_asked_for_counts_as_what_it_is(aim: Aim, place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place, aim=aim)
+    driver = Simulated(place)
+    driver.instead = {0: "p02-yaw-cw"}
+    session = gone_on(place, driver, Oracle())
+    assert driver.driven[:3] == ["p02-yaw-cw", "p01-yaw-acw", "p01-yaw-acw"]
+    finished(session, place)
+
+
+@pytest.mark.usefixtures("page_at_once")
+@pytest.mark.parametrize("aim", AIMS)
+def test_runs_of_others_are_left_alone(aim: Aim, place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place, aim=aim)
+    driver = Simulated(place)
+    with pytest.raises(Killed):
+        gone_on(place, driver, Oracle(), MortalPlace(place, before=True))
+    run = next((place / "runs").iterdir())
+    other = run.with_name("20250101T000000Z_somebody")
+    shutil.copytree(run, other)
+    manifest = (other / "manifest.json").read_text().replace("p01-yaw-acw", "somebody")
+    (other / "manifest.json").write_text(manifest)
+    copy = run.with_name("20270101T000002Z_copied")
+    shutil.copytree(run, copy)  # under the name of a program that is to be driven once more
+    (place / "runs" / "20250101T000001Z_broken").mkdir()
+    (place / "runs" / "20250101T000001Z_broken" / "manifest.json").write_text("{}")
+    session = gone_on(place, driver, Oracle())
+    assert set(session.left_alone) == {other.name, copy.name, "20250101T000001Z_broken"}
+    finished(session, place)
+
+
+@pytest.mark.usefixtures("page_at_once")
+def test_entries_that_nobody_confirms_end_with_what_to_do(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
+    driver = Simulated(place)
+    driver.can_enter = False
+    try:
+        session = gone_on(place, driver, Oracle())
+    except CellError as error:
+        assert "--entered" in error.remedy
+        kept = Place(place).read()
+        assert kept is not None and kept.correction is not None and not kept.correction.entered
+        driver.can_enter = True
+        session = gone_on(place, driver, Oracle())
+        assert session.correction is not None and session.correction.entered
+    finished(session, place)
+
+
+def test_the_state_alone_says_what_is_next(tmp_path: Path) -> None:
+    session = begun(cell_file(tmp_path), tmp_path / "session")
+    assert next_of(session) == Drive(0)
+    driven = tuple(
+        step.model_copy(update={"tries": (Try(run=f"r{k}"),)}) if step.purpose != "verify" else step
+        for k, step in enumerate(session.steps)
+    )
+    known = session.model_copy(update={"steps": driven})
+    assert next_of(known) == Infer()
+    find, judge = len(known.runs_for("find")), len(known.runs_for("judge"))
+    judged = NAMED.model_copy(update={"runs": find, "judges": judge})
+    known = known.model_copy(update={"answer": judged, "judged": judged, "answered": "named"})
+    assert next_of(known) == Infer(joins=True), "what has judged joins"
+    last = NAMED.model_copy(update={"runs": find + judge, "joined": judge})
+    known = known.model_copy(update={"answer": last})
+    assert next_of(known) == "decide", "the last answer may still need a test that names a group"
+    assert next_of(known.model_copy(update={"decided": find + judge})) == "correct"
+    assert not why_nothing(known)
+    for ground in ("unknown_cause", "no_gain_elsewhere"):
+        refused = judged.model_copy(update={"ground": ground})
+        assert why_nothing(known.model_copy(update={"judged": refused})).startswith("Correct nothing: ")
+
+
+def test_a_computer_that_is_held_up_is_named_before_the_cell(place: Path, tmp_path: Path) -> None:
+    begun(cell_file(tmp_path), place)
+
+    class HeldUp(Simulated):
+        def drive(self, step: Step, wait: Callable[[], None]) -> Run:
+            return replace(super().drive(step, wait), why="the lap has no data from 59° to 83°", held_up=2)
+
+    with pytest.raises(CellError, match=r"this computer: was held up, .* p01-yaw-acw, .*; end what keeps it busy"):
+        gone_on(place, HeldUp(place), Oracle())

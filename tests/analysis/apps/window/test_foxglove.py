@@ -1,0 +1,160 @@
+"""Foxglove's protocol by an independent client, and the arm in an MCAP file, moved by an independent reader of URDF."""
+
+from __future__ import annotations
+
+import json
+import struct
+import sys
+import time
+from contextlib import suppress
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from pytransform3d.urdf import UrdfTransformManager
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Origin, Subprotocol
+
+from analysis.apps.interchange.mcap_export import write_mcap
+from analysis.apps.window.foxglove import Foxglove, refused
+from analysis.apps.window.guard import Gate
+from analysis.robot.kinematics.arm import arm_of, forward
+from daq.store import read_run
+from rigs.errors import CellError
+from rigs.load import load
+from tests.support.recorded_lap import recorded
+from tests.support.simulated_laps import lap_run, watched_lap
+from tests.support.windows import PATIENCE_S
+
+GATE = Gate.of([], None)
+TOKEN = "0123456789abcdef"  # noqa: S105 - of this test
+_MESSAGE = struct.Struct("<BIQ")
+"""A message of the protocol: its kind, the subscription, its time in ns (github.com/foxglove/ws-protocol)."""
+
+
+def tool_by(urdf: str, joints: list[dict[str, float]]) -> np.ndarray:
+    """Where the tool is, mm, by an independent reader of URDF."""
+    manager = UrdfTransformManager()
+    manager.load_urdf(urdf)
+    for joint in joints:
+        manager.set_joint(str(joint["name"]), joint["position"])
+    return 1000 * np.asarray(manager.get_transform("tool", "world"))[:3, 3]
+
+
+def test_a_client_of_the_protocol_sees_gauges_and_moves_the_arm(tmp_path: Path) -> None:
+    rig, _ = load("ur10e")
+    view = watched_lap(lap_run(tmp_path))
+    one, known = Foxglove(0, rig, GATE), {}
+    try:
+        with connect(f"ws://127.0.0.1:{one.port}", subprotocols=[Subprotocol("foxglove.sdk.v1")]) as client:
+            names: dict[int, str] = {}
+            last: dict[str, dict[str, object]] = {}
+            end_s, passed_s = time.monotonic() + PATIENCE_S, 0.0
+            while len(last) < 3:
+                assert time.monotonic() < end_s, (names, last.keys())
+                passed_s += 1000.0
+                one.show(replace(view, rows=replace(view.rows, t_s=view.rows.t_s + passed_s)))
+                with suppress(TimeoutError):
+                    while True:
+                        told = client.recv(timeout=0.2)
+                        if isinstance(told, bytes):
+                            _, number, _ = _MESSAGE.unpack_from(told)
+                            last[names[number]] = json.loads(told[_MESSAGE.size :])
+                        elif (said := json.loads(told))["op"] == "advertise":
+                            for channel in said["channels"]:
+                                names[channel["id"]] = channel["topic"]
+                                known[channel["topic"]] = channel["schemaName"]
+                                wanted = [{"id": channel["id"], "channelId": channel["id"]}]
+                                client.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+        assert known["/joint_states"] == "foxglove.JointStates" and known["/gauges"] == "rig.gauges"
+        gauges, joints = last["/gauges"], last["/joint_states"]["joints"]
+        assert {"g1_mm", "g2_mm", "angle_deg"} <= gauges.keys()
+        assert isinstance(joints, list) and [joint["name"] for joint in joints] == [
+            axis.name for axis in rig.robot.axes
+        ]
+        q = np.array([joint["position"] for joint in joints])
+        expected = forward(arm_of(rig.robot), q[None])[0, :3, 3]
+        assert tool_by(str(last["/robot_description"]["data"]), joints) == pytest.approx(expected, abs=1e-6)
+    finally:
+        one.close()
+
+
+def test_an_mcap_reader_moves_the_arm(tmp_path: Path) -> None:
+    run = read_run(recorded(tmp_path))
+    file = BytesIO()
+    write_mcap(run, file)
+    reader = make_reader(BytesIO(file.getvalue()), validate_crcs=True)
+    messages: dict[str, list[dict[str, object]]] = {}
+    for schema, channel, message in reader.iter_messages(["/joint_states", "/robot_description"]):
+        assert schema is not None and schema.name in ("foxglove.JointStates", "std_msgs/String")
+        messages.setdefault(channel.topic, []).append(json.loads(message.data))
+    (described,) = messages["/robot_description"]
+    (attached,) = (one for one in reader.iter_attachments() if one.name == "robot.urdf")
+    assert attached.data.decode() == described["data"]
+    rig = yaml.safe_load(run.manifest.rig_text)
+    columns = run.streams["robot"]
+    assert len(messages["/joint_states"]) == len(columns["q1_deg"])
+    arm = arm_of(load("ur10e")[0].robot)
+    for number in (0, len(columns["q1_deg"]) // 2, -1):
+        joints = messages["/joint_states"][number]["joints"]
+        assert isinstance(joints, list) and [one["name"] for one in joints] == [
+            one["name"] for one in rig["robot"]["axes"]
+        ]
+        q = np.radians([[columns[f"q{axis}_deg"][number] for axis in range(1, 7)]])
+        assert tool_by(attached.data.decode(), joints) == pytest.approx(forward(arm, q)[0, :3, 3], abs=1e-6)
+
+
+def test_a_port_that_is_taken_and_a_library_that_is_missing_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = Foxglove(0, None, GATE)
+    with pytest.raises(CellError, match="another port"):
+        Foxglove(one.port, None, GATE)
+    one.close()
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    with pytest.raises(CellError, match="foxglove-sdk"):
+        Foxglove(0, None, GATE)
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "token", "status"),
+    [
+        ("/", {}, None, ""),
+        ("/", {"origin": "https://app.foxglove.dev"}, None, ""),
+        ("/", {"origin": "http://localhost:8080"}, None, ""),
+        ("/", {"origin": "https://evil.example"}, None, "403 Forbidden"),
+        ("/", {"origin": "null"}, None, "403 Forbidden"),
+        ("/", {"host": "evil.example:8765"}, None, "421 Misdirected Request"),
+        ("/", {}, TOKEN, "401 Unauthorized"),
+        ("/?token=wrong", {}, TOKEN, "401 Unauthorized"),
+        (f"/?token={TOKEN}", {}, TOKEN, ""),
+        ("/", {"authorization": f"Bearer {TOKEN}"}, TOKEN, ""),
+        (f"/?token={TOKEN}", {"origin": "https://evil.example"}, TOKEN, "403 Forbidden"),
+        ("/", {"host": "[::1"}, None, "400 Bad Request"),
+    ],
+)
+def test_the_door_lets_in_whom_the_gate_lets_in(
+    path: str, headers: dict[str, str], token: str | None, status: str
+) -> None:
+    lines = [f"GET {path} HTTP/1.1", *(f"{name}: {value}" for name, value in ({"host": "127.0.0.1"} | headers).items())]
+    assert refused(("\r\n".join(lines) + "\r\n\r\n").encode(), Gate.of([], token)) == status
+
+
+def test_a_page_of_another_site_is_not_connected() -> None:
+    one = Foxglove(0, None, GATE)
+    try:
+        known: dict[str, Any] = {"subprotocols": [Subprotocol("foxglove.sdk.v1")]}
+        address = f"ws://127.0.0.1:{one.port}"
+        with (
+            pytest.raises(InvalidStatus, match="403"),
+            connect(address, origin=Origin("https://evil.example"), **known),
+        ):
+            pass
+        with connect(address, origin=Origin("https://app.foxglove.dev"), **known) as client:
+            assert json.loads(client.recv(timeout=PATIENCE_S))["op"] == "serverInfo"
+    finally:
+        one.close()

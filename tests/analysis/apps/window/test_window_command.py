@@ -1,0 +1,56 @@
+"""`rig window` as a command: what it says, what it refuses, and how it ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from rigs.distribution import to_install
+from tests.support.bench import BIN
+from tests.support.command_line import ran
+
+
+@pytest.mark.parametrize(("end", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 0)])
+def test_it_serves_without_a_daemon_and_leaves_nothing_behind(tmp_path: Path, end: signal.Signals, code: int) -> None:
+    env = {**os.environ, "XDG_RUNTIME_DIR": str(tmp_path), "TMPDIR": str(tmp_path)}
+    command = [BIN / "rig", "window", "ur10e", "--port", "0", "--control"]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    address = process.stdout.readline().split(" ")[0]
+    with urllib.request.urlopen(f"{address}/events", timeout=300) as answer:  # noqa: S310 - of the test
+        assert "retry" in answer.readline().decode()
+        assert len(list(tmp_path.glob("rig-window-*"))) == 1
+        process.send_signal(end)
+        _, said = process.communicate(timeout=300)
+    assert (process.returncode, said) == (code, "")
+    assert list(tmp_path.glob("rig-window-*")) == []
+
+
+def test_what_it_refuses_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "short").write_text("short")
+    (tmp_path / "short").chmod(0o600)
+    for words, code, part in (
+        (("--listen", "192.0.2.1"), 2, "--token"),
+        (("--listen", "cell"), 2, "no IP address"),
+        (("--listen", "192.0.2.1", "--token", "none"), 3, "holds the token"),
+        (("--listen", "192.0.2.1", "--token", "short"), 3, "openssl"),
+        (("nothing.yaml",), 3, "nothing.yaml"),
+        (("--session", "s"), 2, "give CELL"),
+        (("--port", "70000"), 2, "65535"),
+    ):
+        done = ran("window", *words, cwd=tmp_path)
+        assert (done.returncode, len(done.stderr.splitlines())) == (code, 1), (words, done.stderr)
+        assert part in done.stderr, (words, done.stderr)
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    for name in [name for name in sys.modules if name.startswith("analysis.apps.window")]:
+        monkeypatch.delitem(sys.modules, name)
+    done = ran("window", cwd=tmp_path)
+    assert done.returncode == 4 and to_install("starlette", "uvicorn") in done.stderr

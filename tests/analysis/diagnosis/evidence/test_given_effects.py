@@ -1,0 +1,43 @@
+"""Words that stand for effects to fit, and what is not one of them."""
+
+from __future__ import annotations
+
+import pytest
+
+from analysis.diagnosis.evidence.given import given_effects, parse_effects
+from rigs.errors import UseError
+
+
+@pytest.mark.parametrize(
+    ("words", "count"),
+    [
+        ("joint_offset", 6),
+        ("link_geometry", 18),
+        ("link_geometry:3", 3),
+        ("link_geometry:3.beta", 1),
+        ("transmission_error:4:2", 2),
+        ("transmission_error", 24),
+        ("backlash:1, backlash:1 ,time_lag", 2),
+        ("gauge_scale", 2),
+        ("wrist_coupling:4.5,ball_form:3,vibration:8.5,gauge_cyclic:g1:0.5", 7),
+    ],
+)
+def test_words_stand_for_effects(words: str, count: int) -> None:
+    assert len(parse_effects(words)) == count
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        *("backlsh", "backlash:x", "backlash:1-3", "backlash:7", "backlash:1.a", "backlash:1:2", "joint_offset:²"),
+        *("link_geometry:q.a", "transmission_error:4:abc", "transmission_error:4:0", "time_lag:3", "gauge_scale:g3"),
+        *("wrist_coupling", "ball_form", "vibration", "gauge_cyclic:g1", "ball_form:99"),
+    ],
+)
+def test_words_that_stand_for_none_say_how_to_write_it(word: str) -> None:
+    with pytest.raises(UseError, match="--fit"):
+        parse_effects(word)
+
+
+def test_a_wave_is_asked_for_with_one_phase_and_its_fit_finds_the_other() -> None:
+    assert len(given_effects("transmission_error:4:2")) == 1 < len(parse_effects("transmission_error:4:2"))

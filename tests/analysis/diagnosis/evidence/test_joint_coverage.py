@@ -1,0 +1,30 @@
+"""Where a model is used beyond the joint angles it was found in."""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import numpy as np
+
+from analysis.diagnosis.evidence.observation import outside_effect_coverage
+from rigs.effects import Effect, Found, JointOffset
+
+
+def _effect(axis: int, *ranges: tuple[float, float]) -> Effect:
+    found = Found(date=dt.date(2026, 11, 20), runs=("a",), joints_deg=ranges or None)
+    return JointOffset(axis=axis, offset_deg=0.1, found=found)
+
+
+WIDE = ((-180.0, 180.0),) * 5
+
+
+def test_the_narrowest_range_counts_and_a_few_degrees_more_do_not() -> None:
+    effects = [_effect(1, (-50.0, 40.0), *WIDE), _effect(2, (-20.0, 60.0), *WIDE), _effect(3)]
+    q = np.radians([[-22.0, 0, 0, 0, 0, 0], [42.0, 0, 0, 0, 0, 0]])
+    assert outside_effect_coverage(effects, q, "it") == []
+    (line,) = outside_effect_coverage(effects, np.radians([[-24.0, 0, 0, 0, 0, 0], [30.0, 0, 0, 0, 0, 0]]), "it")
+    assert line == "it: axis 1 stands at -24.0° to 30.0°, 1 of 2 outside -20.0° to 40.0°, where it was found"
+
+
+def test_effects_of_unknown_ranges_say_nothing() -> None:
+    assert outside_effect_coverage([_effect(1), JointOffset(axis=2)], np.full((3, 6), 3.0), "it") == []

@@ -1,0 +1,49 @@
+"""How often the effects and the noise of a state are fitted in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.fit.selection import Selection
+from analysis.diagnosis.fit.selection_state import SelectionState, beginnings, settled
+from tests.support.diagnosis_cells import healthy, healthy_columns
+
+
+def _begun(strength: float) -> SelectionState:
+    state = Selection(healthy(), healthy_columns()).initial_state()
+    return replace(state, strength=np.full_like(state.strength, strength))
+
+
+def _fits(state: SelectionState, gain: Callable[[int], float], least: float = -np.inf) -> tuple[int, float]:
+    """How many fits a state takes to settle, each of which gains so much, and the log evidence of the result."""
+    fits: list[SelectionState] = []
+
+    def fitted(one: SelectionState) -> SelectionState:
+        fits.append(replace(one, level=one.level + gain(len(fits))))
+        return fits[-1]
+
+    best = settled(beginnings(replace(state, level=0.0)), fitted, lambda one: one, lambda one: one.level, least)
+    return len(fits), best.level
+
+
+def test_a_state_is_fitted_until_it_gains_little() -> None:
+    assert _fits(_begun(1.0), lambda k: 100.0 if k < 3 else 1.0) == (4, 301.0)
+
+
+def test_a_state_whose_residual_is_above_the_noise_is_fitted_from_the_noise_too() -> None:
+    count, best = _fits(_begun(9.0), lambda k: 100.0 if k in (0, 3, 4) else 1.0)
+    assert (count, best) == (6, 202.0)
+
+
+@pytest.mark.parametrize(("least", "fits"), [(200.0, 7), (800.0, 3), (650.0, 7)])
+def test_a_state_that_could_not_reach_what_it_must_is_given_up(least: float, fits: int) -> None:
+    """A first fit of 100 and six more, of 99, 98, and so on, reach 679."""
+    assert _fits(_begun(1.0), lambda k: 100.0 - k, least)[0] == fits
+
+
+def test_a_state_whose_gains_rise_is_not_given_up() -> None:
+    assert _fits(_begun(1.0), lambda k: 10.0 + k, 800.0)[0] == 7

@@ -1,0 +1,115 @@
+"""A disagreement is placed where it is: at the joint's reversal, along a wave, at the targets that are off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.evidence.blocks import Block, blocks_of
+from analysis.diagnosis.evidence.observation import GRID
+from analysis.diagnosis.evidence.setups import fit_run_setups
+from analysis.diagnosis.fit.responses import linearise
+from analysis.diagnosis.judge.budget import Measure
+from analysis.diagnosis.judge.residuals import Place, places, reversals_of
+from rigs.effects import Effect, GaugeDeadBand, ReversalSpike
+from tests.support.diagnosis_cells import Array, healthy, measured, seen, table_of, white
+
+AT_DEG = np.arange(GRID) * 360 / GRID
+NOISE = [np.split(white(healthy(), 6), 2)[k] * block.sd_mm for k, block in enumerate(healthy().blocks)]
+
+SCATTER = Measure(healthy()).scatter_mm()
+
+
+def _shown(effect: Effect) -> list[Array]:
+    """The residual in mm that an effect leaves in each block, with noise."""
+    return [noise + added for noise, added in zip(NOISE, healthy().responses([effect]), strict=True)]
+
+
+def _places(left_mm: list[Array]) -> tuple[Place, ...]:
+    return places(healthy().blocks, left_mm, SCATTER)
+
+
+def _wave(block: Block, cycles: int, size_mm: float) -> Array:
+    assert block.sampling
+    phi = block.sampling.phi
+    return block.entries(size_mm * np.cos(cycles * phi)[:, None] * np.ones(2))
+
+
+def test_noise_is_no_place() -> None:
+    assert _places(NOISE) == ()
+
+
+def test_what_differs_from_run_to_run_is_no_place() -> None:
+    """Beside the noise of the readings alone a true model of circles that do not repeat seemed to lack something."""
+    drawn = np.random.default_rng(4).standard_normal(SCATTER[0].shape[1])
+    drawn *= 2 / np.sqrt(np.mean(drawn**2))
+    shown = [noise + scatter @ drawn for noise, scatter in zip(NOISE, SCATTER, strict=True)]
+    assert _places(shown) == ()
+    assert places(healthy().blocks, shown, [scatter[:, :0] for scatter in SCATTER])
+
+
+def test_a_step_at_a_reversal_is_placed_there_with_its_joint() -> None:
+    """Joint 1, which turns back far from where any other does."""
+    found = _places(_shown(ReversalSpike(axis=1, amplitude_deg=0.003, decay_s=0.05)))
+    assert {place.direction for place in found} == {"cw", "acw"}
+    for block in healthy().blocks:
+        own = [phi for phi, joint in reversals_of(block) if joint == 1]
+        here = [place for place in found if f"yaw {place.direction}" == block.name and place.sigma > 10]
+        assert len(own) == 2 and here
+        for place in here:
+            assert place.joint == 1 and place.why.startswith("reversal") and place.rms_um > 1
+            middle = place.from_deg + ((place.to_deg - place.from_deg) % 360) / 2
+            assert min(abs((phi - middle + 180) % 360 - 180) for phi in own) < 8
+
+
+@pytest.mark.parametrize("axis", range(1, 7))
+def test_turns_are_where_a_joint_is_furthest(axis: int) -> None:
+    for block in healthy().blocks:
+        lap = block.rows
+        q = block.path.q[block.path.rows[lap], axis - 1]
+        assert block.sampling
+        ends = {np.degrees(block.sampling.phi[k]) % 360 for k in (int(np.argmin(q)), int(np.argmax(q)))}
+        own = [phi for phi, joint in reversals_of(block) if joint == axis]
+        if np.ptp(q) < 6:
+            for end in ends:
+                assert min(abs((phi - end + 180) % 360 - 180) for phi in own) < 5
+
+
+def test_a_wave_stays_in_its_own_run_and_is_no_reversal_everywhere() -> None:
+    first = healthy().blocks[0]
+    found = _places([NOISE[0] + _wave(first, 1, 0.2), NOISE[1]])
+    assert found and {place.direction for place in found} == {"cw"} and {place.part for place in found} == {"distance"}
+    assert any(place.why.startswith("stretch") or place.why == "wave of 1 cycle a lap" for place in found)
+
+
+def test_a_constant_is_all_along() -> None:
+    first = healthy().blocks[0]
+    (place,) = _places([NOISE[0] + _wave(first, 0, 0.2), NOISE[1]])
+    assert place.why == "all along, constant" and place.joint is None
+    assert place.rms_um == pytest.approx(200, rel=0.02)
+
+
+def test_what_the_gauges_see_apart_is_an_angle() -> None:
+    found = _places(_shown(GaugeDeadBand(gauge="g1", width_mm=0.2)))
+    assert {place.part for place in found} == {"distance", "angle"}
+
+
+def test_targets_that_are_off_are_counted_and_the_worst_is_named() -> None:
+    runs = seen([measured(table_of("radial", None, 1), "radial", "radial")])
+    setups, _ = fit_run_setups(runs)
+    (block,) = blocks_of(runs, setups)
+    left = np.random.default_rng(1).normal(0.0, 1.0, len(block.y_mm)) * block.sd_mm
+    (scatter,) = Measure(linearise([block], setups)).scatter_mm()
+    assert places([block], [left], [scatter]) == ()
+    left[[4, 9]] = [0.05, -0.08]
+    (place,) = places([block], [left], [scatter])
+    table = block.table
+    numbers = getattr(table, "target", np.empty(0))[[4, 9]]
+    assert (place.test, place.direction, place.joint) == ("radial", None, None)
+    assert (place.from_deg, place.to_deg) == (min(numbers), max(numbers))
+    assert place.why.startswith(f"2 of {len(left)} targets") and place.why.endswith(f"differ, most {numbers[1]}")
+
+
+def test_the_worst_comes_first() -> None:
+    found = _places(_shown(ReversalSpike(axis=2, amplitude_deg=0.05, decay_s=0.1)))
+    assert [place.sigma for place in found] == sorted((place.sigma for place in found), reverse=True)

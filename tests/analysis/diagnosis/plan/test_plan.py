@@ -1,0 +1,241 @@
+"""The plan: what is alike stays alike when fitted, what parts it does, nothing is promised that the arm cannot."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy.optimize import minimize_scalar
+from typer.testing import CliRunner
+
+from analysis.cli import app
+from analysis.diagnosis.evidence.observation import observe_run, rms
+from analysis.diagnosis.evidence.setups import fit_run_setups
+from analysis.diagnosis.fit.background import background_of
+from analysis.diagnosis.fit.candidates import columns_for
+from analysis.diagnosis.fit.refine import refine
+from analysis.diagnosis.plan.detectability import (
+    Plan,
+    PossibleTest,
+    detectabilities_of,
+    further_tests,
+    plan,
+    possible_tests,
+    sigma_between,
+)
+from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, expected_posterior, planned_blocks
+from analysis.procedures.simulate import simulate
+from analysis.report.plan_report import as_table
+from analysis.robot.model.predict import model_of
+from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, healthy_size, size_field
+from rigs.errors import FileError, UseError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import SocketDistance, Touch
+from rigs.schema.effect import name_of, scaled, size_of
+from rigs.schema.vocabulary import TestName
+from tests.support.diagnosis_cells import RIG, plan_of_circles, plan_without_further_tests
+from tests.support.nightly import cases
+
+NO_CIRCLE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": None})})
+CIRCLE: tuple[TestName, ...] = ("yaw", "roll")
+ZERO_5 = JointOffset(axis=5, offset_deg=0.02)
+FAULTS = [JointOffset(axis=5, offset_deg=0.1), LinkGeometry(axis=6, field="a", delta=1.0)]
+
+
+@pytest.fixture(scope="module")
+def circle_alone() -> Plan:
+    return plan_of_circles()
+
+
+@cache
+def _expected(tests: tuple[TestName, ...], runs: int = 3) -> ExpectedPosterior:
+    """What runs of the paper's robot will tell of each name."""
+    return expected_posterior(*planned_blocks(RIG, tests, runs))
+
+
+@cache
+def _beside_a_hemisphere() -> list[PossibleTest]:
+    """What can be driven besides by an arm that has no circle."""
+    return possible_tests(NO_CIRCLE, ("radial",), *planned_blocks(NO_CIRCLE, ("radial",), 3))[0]
+
+
+APART = SocketDistance(between=("A", "B"), distance_mm=100.0)
+
+
+def test_80_columns_hold_every_size_of_the_table_of_joints_whole() -> None:
+    circle_alone = plan_without_further_tests()
+    console = Console(width=80, file=io.StringIO())
+    with console.capture() as shown:
+        console.print(as_table(circle_alone))
+    joints = shown.get().partition("joints and links")[2].partition("the rest")[0]
+    assert "…" not in joints
+    for one in circle_alone.detectabilities:
+        if one.name.startswith(("joint_offset", "backlash")) and not one.hidden:
+            assert f"{one.limit:.2g}" in joints, one.name
+
+
+def _with_circle(**changed: object) -> Rig:
+    assert RIG.tests.circle
+    circle = RIG.tests.circle.model_copy(update=changed)
+    return RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": circle})})
+
+
+def test_the_papers_circle_cannot_distinguish_axis_5s_zero_from_a5_and_another_radius_can(circle_alone: Plan) -> None:
+    (pair,) = (pair for pair in circle_alone.pairs if set(pair.names) == {"joint_offset 5", "link_geometry 6.a"})
+    assert pair.sigma < SEPARABLE
+    assert any({"joint_offset 5", "link_geometry 6.a"} <= set(group) for group in circle_alone.groups)
+    helps = {one.test: one.sigma for one in pair.further}
+    assert pair.further[0].test == "circle of radius 140 mm, 100 mm nearer to axis 1"
+    assert pair.further[0].sigma > 2 * SEPARABLE
+    # Neither speed nor place nor repeats do.
+    for test in ("circle at 100 mm/s", "circle 100 mm nearer to axis 1", "repeatability"):
+        assert helps[test] < min(SEPARABLE, helps["circle of radius 140 mm, 100 mm nearer to axis 1"]), test
+
+
+def _left_um(rig: Rig, a5: Effect) -> float:
+    """What a5 and a fitted set-up leave of axis 5's zero on a circle, rms of the readings."""
+    run = observe_run(model_of(rig, (a5,)), simulate(rig, "yaw", "acw", None, (ZERO_5,)), "yaw")
+    return rms(fit_run_setups([run])[1]) * 1e3
+
+
+def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not_on_another() -> None:
+    nearest = minimize_scalar(lambda delta: _left_um(RIG, LinkGeometry(axis=6, field="a", delta=delta)) ** 2)
+    a5 = LinkGeometry(axis=6, field="a", delta=float(nearest.x))
+    second = _with_circle(radius_mm=140.0, centre_mm=(831.2, -78.4, 273.2))
+    assert _left_um(RIG, LinkGeometry(axis=6, field="a")) > 10
+    assert _left_um(RIG, a5) < 0.2
+    assert _left_um(_with_circle(speed_mm_s=100.0), a5) < 0.2
+    assert _left_um(second, a5) > 1
+
+
+def test_what_the_set_up_takes_up_and_what_does_nothing_is_listed_with_the_reason(circle_alone: Plan) -> None:
+    hidden = {one.name: one for one in circle_alone.hidden}
+    assert "set-up absorbs it" in hidden["joint_offset 1"].hidden
+    assert hidden["compliance 1"].hidden == "gravity does not load axis 1"
+    assert "healthy arm" in hidden["time_lag"].hidden
+    assert "axis 6" in hidden["compliance 6"].hidden
+    # The gauges' zeros hold the tool's length on a circle; a hemisphere has it in its radius and its ball.
+    assert hidden["link_geometry 6.d"].further[0].test == "hemisphere (radial)"
+    assert "joint_offset 3" not in hidden
+
+
+def test_neighbours_that_are_one_thing_are_parted_by_no_test(circle_alone: Plan) -> None:
+    (pair,) = (pair for pair in circle_alone.pairs if pair.names == ("link_geometry 2.d", "link_geometry 3.d"))
+    assert pair.further and max(one.sigma for one in pair.further) < 0.3
+
+
+def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs() -> None:
+    (_, few), (_, many) = (detectabilities_of(_expected(("radial",), runs)) for runs in (1, 4))
+    seen = {one.name: one for one in many}
+    for one in few:
+        if np.isfinite(one.sd):
+            # What a healthy arm shows of everything else is there in each run.
+            assert 0.99 < one.sd / seen[one.name].sd < 2.01, one.name
+    zero = seen["joint_offset 3"]
+    assert zero.limit == pytest.approx(7 * zero.sd) and zero.sd < 0.02
+
+
+@pytest.mark.parametrize(
+    "fault",
+    cases(
+        [
+            JointOffset(axis=3, offset_deg=0.2),
+            LinkGeometry(axis=4, field="a", delta=2.0),
+            Backlash(axis=3, width_deg=0.1, transit=0.2),
+        ],
+        lambda fault: isinstance(fault, Backlash),
+    ),
+    ids=lambda fault: fault.effect,
+)
+def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fault: Effect) -> None:
+    expected = _expected(CIRCLE)
+    columns = columns_for(expected.linear, expected.candidates)
+    variance = columns.variance(1.0)
+    for form in columns.forms:
+        if form.name == name_of(fault):
+            variance[list(form.columns)] = 0.0
+    background = background_of(columns, np.ones(len(expected.linear.y)), variance)
+    found = refine(expected.linear.simulated_with((fault,)), background, [scaled(fault, 0.9)])
+    one = next(one for one in expected.candidates if one.name == name_of(fault))
+    times = size_of(fault)
+    told = expected.sd(one, times) * healthy_size(fault)
+    assert found.sd(0)[size_field(fault)] == pytest.approx(told, rel=0.25)
+
+
+def test_the_ball_off_the_axis_is_what_shows_axis_6(circle_alone: Plan) -> None:
+    (spike,) = (one for one in circle_alone.hidden if one.name == "reversal_spike 6")
+    assert spike.further[0].test == "circle with the ball 40 mm off axis 6"
+
+
+def test_a_test_that_the_arm_cannot_drive_is_reported_and_not_advised(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("analysis.diagnosis.plan.detectability.ExpectedPosterior", lambda *_: None)
+    slow = [axis.model_copy(update={"speed_deg_s": 80.0}) for axis in RIG.robot.axes]
+    rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": tuple(slow)})})
+    found, impossible = possible_tests(rig, ("roll",), *planned_blocks(rig, ("roll",), 3))
+    ((test, reason),) = impossible
+    assert test == "circle at 100 mm/s" and "it can do 80°/s" in reason
+    assert len(found) > 5 and test not in [one.test for one in found]
+
+
+def test_a_rival_may_take_any_size_sign_and_phase() -> None:
+    gear = TransmissionError(axis=4, order=2, amplitude_deg=0.01)
+    for one, other in (
+        (gear, gear.model_copy(update={"phase_deg": 100.0, "amplitude_deg": 0.02})),
+        (LinkGeometry(axis=2, field="d", delta=0.2), LinkGeometry(axis=3, field="d", delta=-0.5)),
+    ):
+        assert sigma_between(one, other)(_beside_a_hemisphere()[0]) < 0.05
+    large = gear.model_copy(update={"amplitude_deg": 0.1})
+    assert sigma_between(large, large.model_copy(update={"order": 3.0}))(_beside_a_hemisphere()[0]) > SEPARABLE
+
+
+def test_effects_of_a_pose_test_are_parted_by_the_tests_that_have_a_program() -> None:
+    possible = possible_tests(NO_CIRCLE, ["pose"], [], {})[0]
+    sigmas = {test.test: sigma_between(*FAULTS[:2])(test) for test in possible}
+    assert "radial" in " ".join(sigmas) and max(sigmas.values()) > 0
+
+
+def test_a_circle_that_cannot_be_driven_is_refused() -> None:
+    with pytest.raises(FileError, match="limits"):
+        plan(_with_circle(radius_mm=140.0), CIRCLE)
+
+
+def test_the_command_prints_words_or_one_object(monkeypatch: pytest.MonkeyPatch, circle_alone: Plan) -> None:
+    monkeypatch.setattr(
+        "analysis.diagnosis.plan.detectability.plan",
+        lambda *_: replace(circle_alone, impossible=(("a flight", "no wings"),)),
+    )
+    monkeypatch.setenv("COLUMNS", "140")
+    told = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll"])
+    assert "most useful further test: hemisphere (radial)" in told.stdout
+    assert "link_geometry 6.a (a5)" in told.stdout
+    assert "not possible here: a flight: no wings" in told.stdout
+    assert "noise assumed" in told.stdout and "from stop to stop 24.5 µm" in " ".join(told.stdout.split())
+    assert "everything else is as wrong as such arms usually are" in " ".join(told.stdout.split())
+    assert "87 names: " in told.stdout, "a gear is one name, whatever its orders"
+    found = json.loads(CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--json"]).stdout)
+    assert {"tests", "runs", "effects", "groups", "pairs", "further", "not_possible"} <= found.keys()
+    by_name = {effect["name"]: effect for effect in found["effects"]}
+    assert by_name["joint_offset 1"]["limit"] is None
+    assert by_name["joint_offset 3"]["unit"] == "deg"
+
+
+def test_a_distance_that_nobody_measured_is_a_further_test_of_touches() -> None:
+    touch, known = (Touch(sockets=("A", "B"), distances=apart) for apart in ((), (APART,)))
+    rigs = [RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"touch": each})}) for each in (touch, known)]
+    words = [[further.choices[0][0] for further in further_tests(rig, ("touch",))] for rig in rigs]
+    assert [[text for text in each if "tests.touch.distances of A and B" in text] != [] for each in words] == [
+        True,
+        False,
+    ]
+
+
+def test_an_unknown_test_is_refused_in_one_line() -> None:
+    done = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,jaw"])
+    assert isinstance(done.exception, UseError)
+    known = "yaw,roll,radial,repeatability,touch"
+    assert done.exception.lines() == [f"--tests: 'jaw' is not a test; give one or more of {known}"]

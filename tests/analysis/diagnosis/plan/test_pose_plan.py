@@ -1,0 +1,113 @@
+"""Planned poses: clear, seen, in order; they leave less than random ones, and their program and table are used."""
+
+from __future__ import annotations
+
+import csv
+import io
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis import load_run
+from analysis.diagnosis.plan.pose_plan import planned_poses, pool_of
+from analysis.robot.geometry.pose_pool import Sight, drawn_poses, in_order_of_ways, is_clear, is_seen, is_way_clear
+from analysis.robot.kinematics.arm import arm_of
+from analysis.runs.tables import PoseTable
+from rigs.errors import FileError
+from rigs.load import load
+from tests.support.command_line import ran
+from tests.support.foreign_tables import rows, text
+from tests.support.independent_arm import constants_of, flange, healthy
+from tests.support.nightly import cases
+
+RIG = load("ur10e")[0]
+ARM = arm_of(RIG.robot)
+SIGHT = Sight(np.array([2500.0, 0.0, 800.0]), np.array([0.0, 0.0, 1.0]))
+
+
+def places(q: np.ndarray) -> np.ndarray:
+    """The tool (n, 3) mm of the nominal arm, multiplied out apart from the product."""
+    none = healthy(np.random.default_rng(0))
+    zero = type(none)(**{name: np.zeros_like(value) for name, value in vars(none).items()})
+    R, p = flange(constants_of("ur10e"), zero, q)
+    return p + R @ np.array(RIG.robot.tool.xyz_mm)
+
+
+def test_poses_are_within_limits_clear_of_the_floor_and_seen() -> None:
+    q = drawn_poses(ARM, 60, SIGHT, np.random.default_rng(1))
+    assert len(q) == 60 and is_clear(ARM, q).all() and is_seen(ARM, q, SIGHT).all()
+    tool = places(q) - np.array(RIG.robot.base.xyz_mm)
+    assert tool[:, 2].min() > 100 and (np.abs(q) <= np.pi).all()
+    outside = drawn_poses(ARM, 200, None, np.random.default_rng(1))
+    assert 0.05 < is_seen(ARM, outside, SIGHT).mean() < 0.5
+
+
+def test_an_arm_between_tracker_and_target_hides_it() -> None:
+    q = drawn_poses(ARM, 200, None, np.random.default_rng(2))
+    tool = places(q)
+    behind = q[(tool[:, 0] < -400) & (np.abs(tool[:, 1]) < 60) & (np.abs(tool[:, 2] - 200) < 300)]
+    low = Sight(np.array([3000.0, 0.0, 100.0]))
+    if len(behind):
+        assert not is_seen(ARM, behind, low).any()
+    assert is_seen(ARM, q[tool[:, 0] > 700], low).mean() > 0.8
+
+
+def test_each_next_pose_has_a_clear_way() -> None:
+    q = drawn_poses(ARM, 30, None, np.random.default_rng(3))
+    driven = in_order_of_ways(ARM, q)
+    assert len(driven) > 20
+    assert all(is_way_clear(ARM, one, other) for one, other in pairwise(driven))
+
+
+def test_planned_poses_leave_less_than_random_ones() -> None:
+    rng = np.random.default_rng(4)
+    pool = pool_of(RIG, drawn_poses(ARM, 200, None, rng))
+    planned = pool.u_mm(pool.choose(20))
+    assert all(planned < pool.u_mm(rng.permutation(200)[:20]) for _ in range(20))
+    assert planned > pool.u_mm(pool.choose(60)) > 0
+
+
+def test_a_tracker_that_sees_nothing_is_refused() -> None:
+    with pytest.raises(FileError, match="poses were found"):
+        planned_poses(RIG, 20, Sight(np.array([0.0, 0.0, 100.0])))  # inside the arm
+
+
+@pytest.mark.parametrize("maker", cases(("ur", "fanuc", "kuka", "abb", "yaskawa"), ("fanuc",)))
+def test_the_planned_table_and_a_tracker_s_become_a_run(maker: str, tmp_path: Path) -> None:
+    done = ran("plan", "ur10e", "--poses", "14", "--for", maker, "--tracker", "2500,0,800", "-o", tmp_path / "p")
+    assert done.returncode == 0, done.stderr
+    assert "random ones" in done.stdout and len(list((tmp_path / "p").iterdir())) > 1
+    table = (tmp_path / "p" / "poses.csv").read_text()
+    found = list(csv.DictReader(io.StringIO(table)))
+    q = np.radians([[float(row[f"q{k}_deg"]) for k in range(1, 7)] for row in found])
+    assert 12 <= len(q) <= 14
+    nominal = np.array([[float(row[f"nominal_{axis}_mm"]) for axis in "xyz"] for row in found])
+    assert np.abs(nominal - places(q)).max() < 0.01
+    rng = np.random.default_rng(6)
+    R, p = flange(constants_of("ur10e"), healthy(rng), q)
+    seen = p + R @ np.array([10.0, 0.0, 90.0]) + [400.0, 300.0, 0.0]
+    (tmp_path / "tracker.csv").write_bytes(text(rows(seen), ["X [mm]", "Y [mm]", "Z [mm]"]))
+    files = (tmp_path / "tracker.csv", tmp_path / "p" / "poses.csv")
+    done = ran("import", *files, "--join", "rows", "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    read = load_run(tmp_path / "run").table
+    assert (
+        isinstance(read, PoseTable) and np.allclose(read.q, q, atol=1e-6) and np.allclose(read.xyz_mm, seen, atol=1e-5)
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--poses", "12", "--for", "ur"), "needs a directory"),
+        (("--poses", "12", "--tracker", "here"), "is no place"),
+        (("--poses", "12", "--faces", "z"), "needs the place of the tracker"),
+        (("--poses", "12", "--propose"), "plans poses alone"),
+        (("--for", "ur"), "--for, --tracker, --faces and --one-axis need it"),
+    ],
+)
+def test_wrong_use_is_told(options: tuple[str, ...], says: str) -> None:
+    done = ran("plan", "ur10e", *options)
+    assert done.returncode == 2 and says in " ".join(done.stderr.replace("│", " ").split())

@@ -1,0 +1,171 @@
+"""The proposal: circles that the arm can drive, which show what the planned tests do not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from analysis.cli import app
+from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.plan import proposal as proposals
+from analysis.diagnosis.plan.expected import FormInformation, expected_posterior, planned_blocks
+from analysis.diagnosis.plan.proposal import CircleCandidate, CircleCandidates, Proposal, circle_candidates, propose
+from analysis.report.proposal_report import write
+from analysis.robot.geometry.driven_programs import circle_program, feasible_tests
+from analysis.robot.model.predict import SetUp
+from rigs.errors import FileError, RigError, UseError
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.vocabulary import TestName
+from tests.support.made_once import made_once
+
+RIG, TEXT = load("paper-fanuc")
+CIRCLE: tuple[TestName, ...] = ("yaw", "roll")
+SEVERAL = ("100 mm nearer to axis 1, radius 140 mm", "ball 40 mm off axis 6")
+
+
+@pytest.fixture(scope="module")
+def every() -> CircleCandidates:
+    return circle_candidates(RIG, CIRCLE, 3)
+
+
+def _some(every: CircleCandidates, words: Sequence[str]) -> CircleCandidates:
+    found = tuple(one for one in every.found if one.words in words)
+    return CircleCandidates(found, every.refused)
+
+
+@made_once
+def _of_two_circles() -> Proposal:
+    """Each takes seconds to look at."""
+    some = _some(circle_candidates(RIG, CIRCLE, 3), SEVERAL)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(proposals, "circle_candidates", lambda *_: some)
+        return propose(RIG, CIRCLE, 3, 120.0)
+
+
+@pytest.fixture(scope="module")
+def proposed() -> Proposal:
+    return _of_two_circles()
+
+
+def test_why_a_circle_is_refused_does_not_depend_on_words(
+    every: CircleCandidates, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = RigError.__init__
+    monkeypatch.setattr(RigError, "__init__", lambda error, where, what, remedy: said(error, "a", "b", "c"))
+    assert circle_candidates(RIG, CIRCLE, 3).refused == every.refused
+
+
+def test_every_candidate_is_driven_from_its_own_posture_and_takes_its_time(every: CircleCandidates) -> None:
+    assert len(every.found) > 5
+    assert sum(every.refused.values()) > 0
+    assert len({one.words for one in every.found}) == len(every.found)
+    for one in every.found[::7]:
+        program = circle_program(one.rig, "acw")
+        assert one.rig.tests.circle
+        np.testing.assert_allclose(np.degrees(program.q[0]), one.rig.tests.circle.posture_deg, atol=0.01)
+        assert one.minutes == pytest.approx(10 + 2 * 2 * 3 * program.t_s[-1] / 60, rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def circle_alone() -> tuple[list[Block], dict[str, SetUp]]:
+    """A run of each test: what is compared here does not depend on their number."""
+    return planned_blocks(RIG, CIRCLE, 1)
+
+
+def test_information_gives_the_uncertainty_that_the_plan_gives(
+    circle_alone: tuple[list[Block], dict[str, SetUp]],
+) -> None:
+    expected = expected_posterior(*circle_alone)
+    forms = FormInformation(expected.candidates)
+    known = forms.posterior(forms.of(*circle_alone))
+    for name in ("joint_offset 3", "link_geometry 4.a", "wrist_coupling 4>5", "gauge_baseline"):
+        (one,) = (one for one in expected.candidates if one.name == name)
+        assert known.sd(one) == pytest.approx(expected.sd(one), rel=0.02), name
+
+
+def test_information_of_two_sets_of_runs_adds_up(
+    every: CircleCandidates, circle_alone: tuple[list[Block], dict[str, SetUp]]
+) -> None:
+    own, other = circle_alone, planned_blocks(every.found[0].rig, CIRCLE, 1, " further")
+    both = expected_posterior([*own[0], *other[0]], {**own[1], **other[1]})
+    forms = FormInformation(both.candidates)
+    known = forms.posterior(forms.of(*own) + forms.of(*other))
+    for name in ("joint_offset 3", "link_geometry 4.a", "gauge_baseline"):
+        one = next(one for one in both.candidates if one.name == name)
+        assert known.sd(one) == pytest.approx(both.sd(one), rel=0.05), name
+
+
+def test_the_ball_beside_axis_6_and_another_radius_are_proposed_for_what_one_circle_hides(proposed: Proposal) -> None:
+    words = [one.candidate.words for one in proposed.circles]
+    assert "ball 40 mm off axis 6" in words
+    testable = {name for one in proposed.circles for name in one.testable}
+    assert "reversal_spike 6" in testable
+    assert len(proposed.after.undetectable) < len(proposed.before.undetectable)
+    assert proposed.used_min <= 120
+
+
+def test_time_that_is_too_short_proposes_nothing(proposed: Proposal, every: CircleCandidates) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(proposals, "circle_candidates", lambda *_: every)
+        patch.setattr(proposals, "judged", lambda _: proposed.before)
+        found = propose(RIG, CIRCLE, 3, 5.0)
+    assert found.circles == () and found.after is found.before
+
+
+def test_each_rig_file_is_a_good_one_with_the_comments_of_the_old(proposed: Proposal, tmp_path: Path) -> None:
+    written = write(proposed, TEXT, tmp_path / "circles")
+    assert [path.name for path in written] == [
+        f"paper-fanuc-circle-{number}.yaml" for number in range(1, len(proposed.circles) + 1)
+    ]
+    for path, one in zip(written, proposed.circles, strict=True):
+        rig, text = load(path)
+        assert rig.tests == one.candidate.rig.tests and rig.robot.tool == one.candidate.rig.robot.tool
+        assert feasible_tests(rig, rig.name)[0][0].startswith("circle of")
+        assert "# The set-up that explains Table 1 of Oh 2019" in text
+    with pytest.raises(FileError, match="exists already"):
+        write(proposed, TEXT, tmp_path / "circles")
+
+
+def test_the_command_prints_circles_and_what_comes_next(
+    proposed: Proposal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(proposals, "propose", lambda *_: proposed)
+    monkeypatch.setenv("COLUMNS", "140")
+    out = tmp_path / "circles"
+    done = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--propose", "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "1. " in done.stdout and "names are testable" in done.stdout
+    first = out / "paper-fanuc-circle-1.yaml"
+    assert f"next: rig program {first} --for fanuc --test yaw -o programs\n" in done.stderr
+    asked = ["plan", "paper-fanuc", "--tests", "yaw,roll", "--propose", "--json"]
+    found = json.loads(CliRunner().invoke(app, asked).stdout)
+    assert found["circles"][0]["words"] == proposed.circles[0].candidate.words
+    assert len(found["after"]["not_testable"]) < len(found["before"]["not_testable"])
+
+
+def _without_circle() -> Rig:
+    return RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": None})})
+
+
+def test_wrong_use_is_one_line(tmp_path: Path) -> None:
+    for options, told in (
+        (["-o", str(tmp_path)], "--output: is allowed only with --propose; add --propose"),
+        (["--propose", "--tests", "radial"], "--tests: has no test on a circle; give yaw or roll"),
+    ):
+        done = CliRunner().invoke(app, ["plan", "paper-fanuc", *options])
+        assert isinstance(done.exception, UseError)
+        (line,) = done.exception.lines()
+        assert line.startswith(told)
+    with pytest.raises(FileError, match=r"has no tests\.circle to begin from"):
+        propose(_without_circle(), CIRCLE, 3, 60.0)
+
+
+def test_the_same_circle_is_not_proposed_twice(proposed: Proposal) -> None:
+    chosen: list[CircleCandidate] = [one.candidate for one in proposed.circles]
+    assert len({one.words for one in chosen}) == len(chosen)

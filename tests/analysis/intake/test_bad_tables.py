@@ -1,0 +1,343 @@
+"""Every kind of bad table is refused in words: the line, the column, what is wrong and what to do."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from analysis.apps.interchange.bags import MCAP_MAGIC as MAGIC
+from analysis.intake.cells import TableFileError
+from analysis.intake.read import MOST_BYTES, parse_csv, read_file
+from analysis.procedures.checks.units import unit_findings
+from analysis.runs.csv_tables import table_from
+from rigs.errors import FileError, UseError
+from rigs.schema.vocabulary import Direction, TestName
+from tests.support.nightly import examples
+from tests.support.table_cases import RIG_FILE, TESTS, circle_values, csv_text, plain, rig, rows_of, texts
+from tests.support.written_runs import import_table
+
+
+def refusal(text: str, test: TestName, direction: Direction | None = None) -> list[str]:
+    """What is told of a table, a line for each mistake."""
+    with pytest.raises(FileError) as caught:
+        parse_csv(text.encode(), "t.csv", test, rig(), direction)
+    assert all("\n" not in line for line in caught.value.lines())
+    assert "\n" not in str(caught.value)
+    return caught.value.lines()
+
+
+def with_cell(test: TestName, column: str, row: int, cell: str) -> str:
+    rows = {name: list(cells) for name, cells in plain(test).items()}
+    rows[column][row] = cell
+    return csv_text(rows)
+
+
+CELLS: list[tuple[TestName, str, str, str]] = [
+    ("yaw", "g1_mm", "", "has no value; fill it in or remove the row"),
+    ("yaw", "g2_mm", "  ", "has no value; fill it in or remove the row"),
+    ("roll", "q3_deg", "12,5", "'12,5' is written with a decimal comma; write 12.5"),
+    ("radial", "polar_deg", "nan", "'nan' is not a finite number"),
+    ("pose", "x_mm", "-Inf", "'-Inf' is not a finite number"),
+    ("pose", "x_mm", "NaN(ind)", "'NaN(ind)' is not a finite number"),
+    ("pose", "rx_deg", "1_000", "'1_000' is not a number"),
+    ("pose", "rx_deg", "٣", "'٣' is not a number"),
+    ("pose", "rx_deg", "12 mm", "'12 mm' is not a number"),
+    ("pose", "rx_deg", "ERR0", "'ERR0' is not a number"),
+    ("pose", "x_mm", "1e300", "'1e300' is too large for a measured value; check the unit"),
+    ("pose", "x_mm", "1e999", "'1e999' is too large for a measured value; check the unit"),
+    ("radial", "target", "0", "'0' is not a positive integer: 1, 2, 3, …"),
+    ("radial", "orientation", "-1", "'-1' is not a positive integer: 1, 2, 3, …"),
+    ("repeatability", "round", "1.5", "'1.5' is not a positive integer: 1, 2, 3, …"),
+    (
+        "repeatability",
+        "target",
+        "99999999999999999999",
+        "'99999999999999999999' is not a positive integer: 1, 2, 3, …",
+    ),
+    ("repeatability", "approach", "outside", "'outside' is not none, out or in; did you mean out?"),
+    ("repeatability", "approach", "x", "'x' is not none, out or in"),
+    ("yaw", "direction", "ccw", "'ccw' is not acw or cw; did you mean acw?"),
+    ("yaw", "direction", "CW", "'CW' is not acw or cw; did you mean cw?"),
+]
+
+
+@pytest.mark.parametrize(("test", "column", "cell", "reason"), CELLS)
+def test_a_bad_cell_is_named(test: TestName, column: str, cell: str, reason: str) -> None:
+    assert refusal(with_cell(test, column, 4, cell), test) == [f"t.csv, line 6, {column}: {reason}; correct the file"]
+
+
+def test_every_bad_row_is_told_in_order_and_not_without_end() -> None:
+    rows = {name: list(cells) for name, cells in plain("pose").items()}
+    rows["z_mm"][2], rows["q1_deg"][2], rows["x_mm"][0] = "?", "?", "?"
+    told = refusal(csv_text(rows), "pose")
+    assert [re.findall(r"line \d+, \w+", line)[0] for line in told] == [
+        "line 2, x_mm",
+        "line 4, q1_deg",
+        "line 4, z_mm",
+    ]
+    rows["y_mm"] = ["?"] * len(rows["y_mm"])
+    told = refusal(csv_text(rows), "pose")
+    assert len(told) == 21
+    assert told[-1] == "t.csv, … and 7 more, 27 mistakes in all; correct the file"
+
+
+def test_lines_are_those_an_editor_shows() -> None:
+    rows = rows_of("pose")  # its extra columns hold line ends
+    rows["x_mm"] = [*rows["x_mm"][:-1], "?"]
+    text = csv_text(rows)
+    assert refusal(text, "pose") == [f"t.csv, line {_line_of(text)}, x_mm: '?' is not a number; correct the file"]
+
+
+def _line_of(text: str) -> int:
+    """Where the row with the question mark begins, its cells having no line ends themselves."""
+    before = text[: text.index('"?"')].replace("\r", "\n")
+    return before.count("\n") + 1
+
+
+@pytest.mark.parametrize(
+    ("row", "reason"),
+    [
+        ("1,2,3", r"line 4: has 3 fields, the header 12; is the line cut off\?"),
+        ("1" + ",2" * 12, r"line 4: has 13 fields, the header 12; put a text with a comma in quotes"),
+    ],
+)
+def test_a_wrong_number_of_fields(row: str, reason: str) -> None:
+    lines = csv_text(plain("pose")).splitlines()
+    told = refusal("\n".join([*lines[:3], row, *lines[3:]]), "pose")
+    assert len(told) == 1
+    assert re.search(reason, told[0])
+
+
+@pytest.mark.parametrize(("begin", "line"), [('"', 4), ('"a"b', 4)])
+def test_quotes_that_do_not_match(begin: str, line: int) -> None:
+    lines = csv_text(plain("pose")).splitlines()
+    told = refusal("\n".join([*lines[:3], begin + lines[3].replace('"', ""), *lines[4:]]) + "\n", "pose")
+    assert f"line {line}: cannot be split into fields" in told[0]
+
+
+def test_time_must_grow() -> None:
+    assert refusal(with_cell("roll", "t_s", 5, "0.4"), "roll") == [
+        "t.csv, line 7, t_s: time does not increase: 0.4 after 0.4; correct the file"
+    ]
+    assert (
+        "time does not increase: 0 after 5.1" in refusal(with_cell("repeatability", "t_s", 4, "0"), "repeatability")[0]
+    )
+
+
+def test_one_file_holds_one_direction() -> None:
+    assert refusal(with_cell("yaw", "direction", 9, "cw"), "yaw") == [
+        "t.csv, line 11, direction: cw after acw: a file may hold one direction only; split it here; correct the file"
+    ]
+
+
+def test_the_direction_of_the_command() -> None:
+    text = csv_text(plain("yaw", "cw"))
+    assert "the table says cw; leave --direction out" in refusal(text, "yaw", "acw")[0]
+    assert parse_csv(text.encode(), "t.csv", "yaw", rig(), "cw").num_rows
+    assert refusal(csv_text(plain("radial")), "radial", "cw") == [
+        "t.csv: is of a radial test, which has no direction; leave --direction out"
+    ]
+    rows = plain("yaw")
+    del rows["direction"]
+    assert "line 1, direction: this column is missing; add it, or give --direction" in refusal(csv_text(rows), "yaw")[0]
+
+
+def test_joints_that_jump() -> None:
+    q4 = plain("yaw")["q4_deg"]
+    told = refusal(with_cell("yaw", "q4_deg", 50, repr(float(q4[50]) - 60)), "yaw")
+    assert len(told) == 1, "the good row after a bad one is not blamed"
+    assert re.search(r"line 52, q4_deg: jumps by -\d+\.?\d*° in 0\.1 s;", told[0])
+    rows = plain("yaw")
+    rows["q4_deg"] = [repr(float(cell) - 360 * (k >= 60)) for k, cell in enumerate(q4)]
+    (line,) = refusal(csv_text(rows), "yaw")
+    assert re.search(
+        r"line 62, q4_deg: jumps by -3\d\d\.?\d*° in 0\.1 s: a full turn is missing; unwrap the angle", line
+    )
+    slow = rows | {"t_s": texts(circle_values("yaw", "acw")[0] * 100)}
+    assert "line 62, q4_deg" in refusal(csv_text(slow), "yaw")[0]
+
+
+def test_columns_missing_or_misnamed() -> None:
+    def told(test: TestName, change: dict[str, str | None]) -> list[str]:
+        rows = {change.get(name, name): cells for name, cells in plain(test).items()}
+        return refusal(csv_text({name: cells for name, cells in rows.items() if name is not None}), test)
+
+    needs = (
+        "a yaw table needs t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm; a map reads other "
+        "names and units (--map)"
+    )
+    assert told("yaw", {"g1_mm": "g1_um", "g2_mm": "G2 [inch]"}) == [
+        "t.csv, line 1, g1_mm: this column is missing; is it 'g1_um'? Then name it g1_mm, in mm",
+        f"t.csv, line 1, g2_mm: this column is missing; is it 'G2 [inch]'? Then name it g2_mm, in mm; {needs}",
+    ]
+    assert told("yaw", {"q3_deg": "q3_dge", "g2_mm": None}) == [
+        "t.csv, line 1, g2_mm: this column is missing; an angle takes two gauges",
+        f"t.csv, line 1, q3_deg: this column is missing; is it 'q3_dge'? Then name it q3_deg, in degrees; {needs}",
+    ]
+    assert "is it 'q1_rad'? Then name it q1_deg, in degrees" in told("pose", {"q1_deg": "q1_rad"})[0]
+    assert "round: this column is missing; add it" in told("repeatability", {"round": None})[0]
+    assert (
+        "has rx_deg and rz_deg only; give all of rx_deg, ry_deg, rz_deg, or none" in told("pose", {"ry_deg": None})[0]
+    )
+
+
+def test_a_column_twice() -> None:
+    text = csv_text(plain("pose")).replace('"ry_deg"', '"x_mm"')
+    assert any("line 1, x_mm: this column occurs twice" in line for line in refusal(text, "pose"))
+
+
+def test_another_separator() -> None:
+    text = csv_text(plain("pose")).replace('"', "")
+    other = text.replace(",", ";").replace(".", ",")
+    assert refusal(other, "pose") == [
+        "t.csv: separates its columns by semicolons; "
+        "save it with commas and decimal points: sed 'y/,;/.,/' t.csv > TABLE.csv"
+    ]
+    converted = other.translate(str.maketrans(",;", ".,")).encode()
+    assert parse_csv(converted, "t.csv", "pose", rig()).num_rows, "the remedy works"
+    assert "separates its columns by tabs" in refusal(text.replace(",", "\t"), "pose")[0]
+
+
+def test_a_remedy_can_be_copied_whatever_the_file_is_called(tmp_path: Path) -> None:
+    foreign = tmp_path / "my laps;touch evil.csv"
+    foreign.write_text("a;b;c;d;e\n1;2;3;4;5\n")
+    with pytest.raises(FileError) as raised:
+        read_file(foreign, "pose", rig())
+    subprocess.run(["sh", "-c", raised.value.remedy.partition(": ")[2]], cwd=tmp_path, check=True)
+    assert (tmp_path / "TABLE.csv").read_text() == "a,b,c,d,e\n1,2,3,4,5\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["TABLE.csv", foreign.name]
+
+
+def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) -> None:
+    foreign = tmp_path / "series.csv"
+    foreign.write_text("Timestamp;Goal x;shoulder_pan_joint;elbow_joint\n2,0E+13;0,0001;-2,78E-05;-1,5\n")
+    with pytest.raises(FileError, match=r"separates its columns by semicolons.* sed 'y/,;/\.,/' .*series\.csv"):
+        read_file(foreign, "pose", rig())
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "is empty"),
+        (b"\n\n", "is empty"),
+        (csv_text(plain("pose")).encode("utf-16"), "is UTF-16; save it as UTF-8"),
+        (csv_text(plain("pose")).encode() + "\nµ".encode("latin-1"), "line 27 is not UTF-8"),
+        (b"PAR1....PAR1", "is a Parquet file"),
+        (b"SQLite format 3\0....", "is a bag, from which circles are read, and poses by a map"),
+        (MAGIC, "is a bag, from which circles are read, and poses by a map"),
+        (csv_text(plain("pose")).encode().replace(b"deg", b"\0eg"), "contains zero bytes"),
+        (csv_text({name: [] for name in plain("pose")}).encode(), "has a header and no rows"),
+        (b"\n".join(csv_text(plain("pose")).encode().replace(b'"', b"").splitlines()[1:]), "has no header line"),
+    ],
+)
+def test_a_file_that_is_no_table(tmp_path: Path, data: bytes, reason: str) -> None:
+    (tmp_path / "t.csv").write_bytes(data)
+    with pytest.raises(FileError, match=reason):
+        read_file(tmp_path / "t.csv", "pose", rig())
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.csv", tmp_path / "a\0b"):
+        with pytest.raises(FileError, match="check the path"):
+            read_file(path, "pose", rig())
+    with pytest.raises(FileError, match="is a directory; give a file; of a bag"):
+        read_file(tmp_path, "pose", rig())
+
+
+def test_a_bag_that_is_too_large_is_told_what_to_keep(tmp_path: Path) -> None:
+    with (tmp_path / "large.mcap").open("wb") as file:
+        file.write(MAGIC)
+        file.truncate(MOST_BYTES + 1)
+    with pytest.raises(FileError, match="a bag of more than 256 MB; keep the topics"):
+        read_file(tmp_path / "large.mcap", "yaw", rig())
+
+
+def test_nothing_is_made_of_a_bad_table(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text(with_cell("yaw", "g1_mm", 3, "?"))
+    with pytest.raises(TableFileError):
+        import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="yaw", direction=None, operator="")
+    assert not (tmp_path / "r").exists()
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\x1b[2Jb", "a\tb"])
+def test_an_operator_with_control_characters_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "t.csv").write_text(csv_text(plain("yaw")))
+    with pytest.raises(UseError, match=r"--operator: .* holds control characters; write it in one line"):
+        import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="yaw", direction=None, operator=name)
+    assert not (tmp_path / "r").exists()
+
+
+def test_what_an_evaluation_will_refuse_is_told_at_once(tmp_path: Path) -> None:
+    rows = {name: cells[:100] for name, cells in plain("yaw").items()}
+    (tmp_path / "t.csv").write_text(csv_text(rows))
+    doubts = import_table(
+        tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="yaw", direction=None, operator=""
+    )
+    assert len(doubts) == 1
+    assert "has no data from" in doubts[0]
+
+
+@pytest.mark.parametrize("test", ["yaw", "radial", "repeatability"])
+def test_a_gauge_that_stood_still_is_told_at_once(tmp_path: Path, test: TestName) -> None:
+    rows = plain(test)
+    (tmp_path / "t.csv").write_text(csv_text(rows | {"g1_mm": ["0"] * len(rows["g1_mm"])}))
+    doubts = import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test=test, direction=None, operator="")
+    assert any("g1_mm reads 0 mm in all" in doubt for doubt in doubts), doubts
+
+
+def test_a_column_of_another_test_is_not_offered_for_a_missing_one(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text(csv_text(plain("yaw")))
+    with pytest.raises(TableFileError) as caught:
+        import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="pose", direction=None, operator="")
+    assert "is it" not in str(caught.value)
+
+
+@pytest.mark.parametrize("test", ["yaw", "repeatability"])
+def test_a_table_of_words_and_numbers_without_a_header_is_told(tmp_path: Path, test: TestName) -> None:
+    (tmp_path / "t.csv").write_text(csv_text(plain(test)).partition("\n")[2])
+    with pytest.raises(FileError, match="has no header line"):
+        import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test=test, direction=None, operator="")
+
+
+def mutated(draw: st.DrawFn, test: TestName) -> str:
+    text = csv_text(rows_of(test)) if draw(st.booleans()) else csv_text(plain(test)).replace('"', "")
+    for _ in range(draw(st.integers(1, 3))):
+        place = draw(st.integers(0, len(text) - 1))
+        junk = draw(
+            st.sampled_from(["", ",", '"', "\n", "\r", ";", "-", "e9", "nan", "\0", "\ufeff", "1e308", "0", "\u2028"])
+            | st.text(max_size=3)
+        )
+        text = text[:place] + junk + text[place + draw(st.integers(0, 12)) :]
+    return text
+
+
+@examples(50, 150)
+def test_any_mutation_gives_a_table_or_one_of_our_errors(examples: int) -> None:
+    @settings(max_examples=examples)
+    @given(st.data())
+    def holds(data: st.DataObject) -> None:
+        test = data.draw(st.sampled_from(TESTS))
+        text = data.draw(st.composite(mutated)(test))
+        direction: Direction | None = data.draw(st.sampled_from([None, "cw"]))
+        try:
+            columns = parse_csv(text.encode(), "t.csv", test, rig(), direction)
+            words = columns["direction"][0].as_py() if test in ("yaw", "roll") else None
+            list(unit_findings(table_from(columns, test, words, "t.csv"), rig()))
+        except FileError as error:
+            assert all(line.startswith("t.csv") and "\n" not in line for line in error.lines())
+        else:
+            assert columns.num_rows
+            assert not any(column.null_count for column in columns.columns)
+
+    holds()
+
+
+@pytest.mark.parametrize("test", ["radial", "repeatability"])
+def test_a_target_that_the_hemisphere_does_not_have(test: TestName) -> None:
+    (line,) = refusal(with_cell(test, "target", 5, "38"), test)
+    assert line.startswith("t.csv, line 7, target: 38 is not one of the 37 targets of the rig's hemisphere")

@@ -1,0 +1,293 @@
+"""Tables as their instrument wrote them: imported, asked about or refused, and never wrong in silence."""
+
+from __future__ import annotations
+
+import io
+import itertools
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import numpy as np
+import pytest
+
+from analysis import load_run
+from analysis.cli import import_map
+from analysis.cli.dialogue import Dialogue
+from analysis.intake.imports import propose_map
+from analysis.intake.raw_table import layout_of, read_raw
+from analysis.intake.table_map import TableMap, load_map, map_text, parse_map
+from analysis.runs.tables import PoseTable
+from daq.store import read_run
+from rigs.errors import FileError
+from tests.support.command_line import ran
+from tests.support.foreign_tables import Foreign, Poses, drawn, foreign_tables, in_format, poses, rows, text, tried
+from tests.support.nightly import cases
+
+TABLES = foreign_tables()
+DAMAGE = [b'"', b",", b"\n", b"nan", b"1e400", b"#", b"\xff\xfe", b"''", b"\r", b";;;", b"[mm]", b"\0", b"-", b" "]
+JOINTS = [f"joint_{k}" for k in range(1, 7)]
+
+
+def imported(path: Path, run: Path, *options: str | Path) -> CompletedProcess[str]:
+    return ran("import", path, "--rig", "ur10e", "--test", "pose", "-o", run, *options)
+
+
+def named(name: str) -> Foreign:
+    return next(one for one in TABLES if one.name == name)
+
+
+@pytest.mark.parametrize("foreign", TABLES, ids=lambda one: one.name)
+def test_a_table_is_imported_or_asked_about_or_refused(foreign: Foreign, tmp_path: Path) -> None:
+    if not foreign.is_here:
+        pytest.skip("the measured data of ../shared/data are not here")
+    done = tried(foreign, tmp_path)
+    assert (done.outcome, done.asked, done.wrong) == (foreign.outcome, foreign.asks, ""), done.said
+
+
+@pytest.mark.cpu_limit(600)
+@pytest.mark.parametrize(("seed", "part"), cases(itertools.product(range(12), range(4)), [(3, 0)]))
+def test_few_poses_that_hardly_move_are_never_read_wrongly(seed: int, part: int, tmp_path: Path) -> None:
+    rig, found = drawn(seed)
+    for foreign in list(in_format(found, rig))[part::4]:
+        folder = tmp_path / foreign.name
+        folder.mkdir()
+        done = tried(foreign, folder)
+        assert not done.wrong, f"{foreign.name}: {done.said}"
+
+
+def test_the_run_keeps_the_map_which_imports_the_next_file(tmp_path: Path) -> None:
+    assert tried(named("kuka"), tmp_path).outcome == "without a word"
+    kept = read_run(tmp_path / "run").manifest.table
+    assert kept is not None and not kept.assumed
+    done = ran("export", tmp_path / "run", "--to", "map", "-o", tmp_path / "again.yaml")
+    assert done.returncode == 0 and (tmp_path / "again.yaml").read_text() == kept.map
+    done = ran(
+        "import",
+        tmp_path / "kuka.csv",
+        "--rig",
+        "ur10e",
+        "--test",
+        "pose",
+        "-o",
+        tmp_path / "b",
+        "--map",
+        tmp_path / "again.yaml",
+    )
+    assert done.returncode == 0, done.stderr
+    assert read_run(tmp_path / "b").table.equals(read_run(tmp_path / "run").table)
+
+
+def test_a_map_with_an_open_question_is_refused_and_its_answer_imports(tmp_path: Path) -> None:
+    foreign = named("jacobi-like")
+    assert tried(foreign, tmp_path).asked == ("residual",)
+    proposed = tmp_path / "run.map.yaml"
+    words = (
+        "import",
+        tmp_path / "jacobi-like.csv",
+        "--rig",
+        "ur10e",
+        "--test",
+        "pose",
+        "-o",
+        tmp_path / "a",
+        "--map",
+        proposed,
+    )
+    done = ran(*words)
+    assert done.returncode == 3 and "this question is not answered" in done.stderr
+    answer = next(line[4:].split("  #")[0] for line in proposed.read_text().splitlines() if line.startswith("#   {"))
+    proposed.write_text(proposed.read_text().replace('"?"', answer))
+    assert ran(*words).returncode == 0
+    table = load_run(tmp_path / "a").table
+    assert isinstance(table, PoseTable) and foreign.truth
+    assert np.abs(table.xyz_mm - foreign.truth.xyz_mm).max() < 1e-5
+
+
+def test_yes_takes_the_likeliest_answer_and_every_reading_of_the_run_says_so(tmp_path: Path) -> None:
+    foreign = named("jacobi-like")
+    files = foreign.written(tmp_path)
+    done = ran("import", *files, "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "a", "--yes")
+    assert done.returncode == 0
+    assert any("was assumed and is not confirmed" in doubt for doubt in load_run(tmp_path / "a").doubts)
+
+
+def test_a_person_at_a_terminal_is_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    foreign = named("jacobi-like")
+    screen, answers = io.StringIO(), iter(["3", "x", "2"])
+    monkeypatch.setattr(Dialogue, "line", lambda self, prompt: (screen.write(prompt), next(answers))[1])
+    monkeypatch.setattr(import_map, "has_person", lambda: True)
+    done = ran("import", *foreign.written(tmp_path), "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "a")
+    assert done.returncode == 0, done.stderr
+    assert "1  x_dif … z_dif is target - measured" in done.stderr and "is no number of the list" in done.stderr
+    table = load_run(tmp_path / "a").table
+    assert isinstance(table, PoseTable) and foreign.truth
+    target = foreign.truth.xyz_mm.round(1)
+    assert np.abs(table.xyz_mm - (2 * target - foreign.truth.xyz_mm)).max() < 1e-5
+
+
+def with_header(p: Poses, header: list[str], *columns: np.ndarray, tmp_path: Path) -> Path:
+    path = tmp_path / "t.csv"
+    path.write_bytes(text(rows(*columns), header))
+    return path
+
+
+def test_a_unit_of_the_header_that_does_not_fit_is_a_question(tmp_path: Path) -> None:
+    p = poses()
+    header = [*(f"{name}_rad" for name in JOINTS), "x_mm", "y_m", "z_mm"]
+    header[-3:] = ["tracker_x_m", "tracker_y_m", "tracker_z_m"]
+    path = with_header(p, header, np.degrees(p.q), p.xyz_mm / 1e3, tmp_path=tmp_path)
+    proposal = propose_map([path], "ur10e")
+    assert [question.key for question in proposal.questions] == ["joints"]
+    assert "header says otherwise" in proposal.questions[0].asks
+    assert proposal.table_map.joints and proposal.table_map.joints.unit == "deg"
+
+
+def test_an_arm_with_a_zero_far_wrong_is_imported_and_its_run_says_so(tmp_path: Path) -> None:
+    p = poses()
+    q_deg, off_deg = np.degrees(p.q), np.array([0, 0, 4.0, 0, 0, 0])
+    path = with_header(p, [*JOINTS, "x", "y", "z"], q_deg + off_deg, p.xyz_mm, tmp_path=tmp_path)
+    proposal = propose_map([path], "ur10e")
+    assert [question.key for question in proposal.questions] == []
+    assert "a zero or a length of this arm is far wrong" in proposal.table_map.assumed[0]
+    farther = with_header(p, [*JOINTS, "x", "y", "z"], q_deg + 3 * off_deg, p.xyz_mm, tmp_path=tmp_path)
+    with pytest.raises(FileError, match="in no reading of its columns to 10 mm and 2 % of how far"):
+        propose_map([farther], "ur10e")
+
+
+def test_places_that_the_nominal_arm_computes_are_in_doubt(tmp_path: Path) -> None:
+    from analysis.robot.kinematics.arm import arm_of, forward  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
+
+    p = poses()
+    T = forward(arm_of(load("ur10e")[0].robot), p.q)
+    path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), T[:, :3, 3], tmp_path=tmp_path)
+    assert any("may be computed by the controller" in one for one in propose_map([path], "ur10e").table_map.assumed)
+
+
+def test_another_arm_is_refused_with_what_it_leaves(tmp_path: Path) -> None:
+    p = poses()
+    path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
+    with pytest.raises(FileError, match="fits the arm of the rig file in no reading"):
+        propose_map([path], "paper-fanuc")
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda lines: [*lines[:5], lines[5].rsplit(",", 1)[0], *lines[6:]], "line 6: has 8 fields, the table 9"),
+        (
+            lambda lines: [*lines[:5], lines[5].replace(lines[5].split(",")[2], "nan", 1), *lines[6:]],
+            "line 6, joint_3: 'nan'",
+        ),
+        (lambda lines: lines[:8], "too few for the arm to show"),
+        (lambda lines: [line.rsplit(",", 1)[0] for line in lines], "no columns x, y, z of a place"),
+    ],
+)
+def test_a_bad_table_is_refused_in_words(change, says: str, tmp_path: Path) -> None:
+    p = poses()
+    path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
+    good = propose_map([path], "ur10e").table_map
+    path.write_text("\n".join(change(path.read_text().splitlines())) + "\n")
+    done = imported(path, tmp_path / "run")
+    if done.returncode == 3 and says not in done.stderr:  # a bad cell hides its column from the proposal
+        (tmp_path / "m.yaml").write_text(map_text(good))
+        done = ran(
+            "import", path, "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "run", "--map", tmp_path / "m.yaml"
+        )
+    assert done.returncode == 3 and says in done.stderr, done.stderr
+
+
+def test_files_of_other_lengths_are_not_joined_by_row(tmp_path: Path) -> None:
+    foreign = named("two-files")
+    joints, laser = foreign.written(tmp_path)
+    laser.write_text("\n".join(laser.read_text().splitlines()[:-1]))
+    done = ran("import", joints, laser, "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "a", "--join", "rows")
+    assert done.returncode == 3 and "has 39 rows" in done.stderr
+
+
+def test_a_circle_is_imported_by_a_map(tmp_path: Path) -> None:
+    assert ran("simulate", "paper-fanuc", "--test", "yaw", "-o", tmp_path / "sim").returncode == 0
+    run = next(path for path in (tmp_path / "sim").iterdir() if "acw" in path.name)
+    table = load_run(run).to_table().to_pandas()
+    foreign = table.rename(columns={"t_s": "time", "g1_mm": "probe 1", "g2_mm": "probe 2"}).drop(columns="direction")
+    foreign["time"] *= 1e3
+    for k in range(1, 7):
+        foreign[f"q{k}_deg"] = np.radians(foreign[f"q{k}_deg"])
+    foreign.to_csv(tmp_path / "lap.csv", sep=";", decimal=",", index=False)
+    (tmp_path / "map.yaml").write_text(
+        "files: [{separator: semicolon, decimal: comma}]\n"
+        "joints: {columns: [q1_deg, q2_deg, q3_deg, q4_deg, q5_deg, q6_deg], unit: rad}\n"
+        "columns: {t_s: {column: time, unit: ms}, g1_mm: {column: probe 1}, g2_mm: {column: probe 2}}\n"
+    )
+    words = ("--rig", "paper-fanuc", "--test", "yaw", "--direction", "acw", "--map", tmp_path / "map.yaml")
+    done = ran("import", tmp_path / "lap.csv", *words, "-o", tmp_path / "lap")
+    assert done.returncode == 0, done.stderr
+    again = load_run(tmp_path / "lap").to_table().to_pandas()
+    for name in ("t_s", "q3_deg", "g1_mm", "g2_mm"):
+        assert np.allclose(again[name], table[name], atol=1e-9)
+
+
+def test_a_map_says_every_mistake_with_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "map.yaml"
+    path.write_text(
+        "files: [{separator: comma}]\njoints: {columns: [a], unit: turns}\nturn: {columns: [a, b], form: moving xxy}\n"
+    )
+    with pytest.raises(FileError) as caught:
+        load_map(path)
+    said = " ".join(caught.value.lines())
+    assert "line 2, joints.unit" in said and "line 3, turn" in said
+
+
+def test_a_map_that_is_written_is_read_as_it_was() -> None:
+    table_map: TableMap = propose_of(named("leica"))
+    assert parse_map(map_text(table_map), "m") == table_map
+    assumed = replace_assumed(table_map)
+    assert parse_map(map_text(assumed), "m") == assumed
+
+
+def propose_of(foreign: Foreign) -> TableMap:
+    import tempfile  # noqa: PLC0415
+
+    with tempfile.TemporaryDirectory() as folder:
+        return propose_map(foreign.written(Path(folder)), foreign.rig, foreign.options[1]).table_map
+
+
+def replace_assumed(table_map: TableMap) -> TableMap:
+    return table_map.model_copy(update={"assumed": ("the sign: 'as' it \"was\", # nobody knows",)})
+
+
+@pytest.mark.parametrize("seed", cases(range(60), range(6)))
+def test_a_damaged_table_is_read_or_refused_in_one_line(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    chosen = [one for one in TABLES if not one.real]
+    foreign = chosen[int(rng.integers(len(chosen)))]
+    files = []
+    for name, content in foreign.files.items():
+        assert isinstance(content, bytes)
+        data = bytearray(content)
+        for _ in range(int(rng.integers(1, 5))):
+            at = int(rng.integers(len(data)))
+            data[at : at + int(rng.integers(0, 60))] = bytes(rng.choice(DAMAGE))
+        files.append(tmp_path / name)
+        files[-1].write_bytes(bytes(data or b"x"))
+    try:
+        propose_map(files, foreign.rig, foreign.options[1] if foreign.options else "")
+    except FileError as error:
+        assert "\n" not in str(error)
+
+
+def test_a_bad_cell_is_named_with_its_line(tmp_path: Path) -> None:
+    p = poses()
+    path = with_header(p, [*JOINTS, "x", "y", "z"], np.degrees(p.q), p.xyz_mm, tmp_path=tmp_path)
+    lines = path.read_text().splitlines()
+    lines[7] = ",".join([*lines[7].split(",")[:6], "lost", *lines[7].split(",")[7:]])
+    path.write_text("\n".join(lines))
+    done = imported(path, tmp_path / "run")
+    assert done.returncode == 3 and "line 8, x: 'lost' is not a number" in done.stderr
+
+
+@pytest.mark.parametrize(("line", "lost"), [("###,2.5,3.5", False), ("#1.5,2.5,3.5", True), ("### a remark", True)])
+def test_a_number_too_wide_for_its_cell_begins_no_comment(line: str, lost: bool) -> None:
+    lines = ["1.0,2.0,3.0", "4.0,5.0,6.0", line, "7.0,8.0,9.0"]
+    raw = read_raw(lines, layout_of(lines, "utf-8", "a.csv"), "a.csv")
+    assert (3 in raw.lines.tolist()) is not lost

@@ -1,0 +1,109 @@
+"""Files that are no table are called what they are; text that a spreadsheet computes is written as text."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from analysis.apps.interchange.urdf import import_urdf
+from analysis.intake.read import parse_csv
+from analysis.robot.description.ros_kinematics import read_calibration
+from analysis.runs.written_files import as_it_was, no_formula, write_csv, write_xlsx
+from rigs.errors import FileError
+from rigs.load import load
+from tests.support.table_cases import csv_text, plain
+
+RIG = load("ur10e")[0]
+HEADER = "t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm"
+
+
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        (b"#ROSBAG V2.0\n\xff\x00\x01", "is a bag of ROS 1; convert it to MCAP"),
+        (b"\x28\xb5\x2f\xfd\x00\xff", r"is compressed \(zstd\); unpack it first: zstd -d lap"),
+        (b"\x1f\x8b\x08\x00\xff", r"is compressed \(gzip\)"),
+        (b"PK\x03\x04\xff", "is a workbook or a zip file"),
+        (b"kinematics:\n  shoulder:\n    x: 0\n", "as ur_calibration of ROS writes it"),
+        (f"# a\n# b\n{HEADER}\n".encode(), "begins with 2 lines of comment .*sed '/\\^#/d' lap"),
+        (f"# {HEADER}\n0,cw\n".encode(), "has its header in line 1 behind a #.*sed 's/"),
+        (f"# a\n# {HEADER}\n0,cw\n".encode(), "has its header in line 2 behind a #.*sed '1,1d; s/"),
+        (b"# nothing else\n", "begins with a line of comment"),
+    ],
+)
+def test_what_is_no_table_is_called_what_it_is(data: bytes, told: str) -> None:
+    with pytest.raises(FileError, match=told) as error:
+        parse_csv(data, "lap", "yaw", RIG)
+    assert "UTF-8" not in str(error.value)
+
+
+def test_the_yaml_of_ur_calibration_is_no_calibration_conf(tmp_path: Path) -> None:
+    (tmp_path / "robot.yaml").write_text("kinematics:\n  shoulder:\n    x: 0\n")
+    with pytest.raises(FileError, match=r"ur_calibration of ROS.*calibration\.conf"):
+        read_calibration(tmp_path / "robot.yaml")
+
+
+def test_an_element_of_many_attributes_is_refused_at_once(tmp_path: Path) -> None:
+    attributes = " ".join(f'a{number}="1"' for number in range(200_000))
+    (tmp_path / "arm.urdf").write_text(f'<robot name="a"><link name="b" {attributes}/></robot>')
+    begun = time.process_time()
+    with pytest.raises(FileError, match="more than 10000 attributes"):
+        import_urdf(tmp_path / "arm.urdf")
+    assert time.process_time() - begun < 10
+
+
+FORMULAS = ["=cmd|' /C calc'!A0", "+1", "@SUM(A1)", "-1+1", "'=1", "\t=1", "-", "'@a"]
+
+
+@pytest.mark.parametrize("text", FORMULAS)
+def test_a_formula_is_written_as_text_and_read_as_it_was(text: str) -> None:
+    assert no_formula(text).startswith("'") and as_it_was(no_formula(text)) == text
+
+
+@pytest.mark.parametrize("text", ["-1.5", "-2e-05", "12", "a=b", "it's", "", "'", "'a'"])
+def test_numbers_and_other_text_stay(text: str) -> None:
+    assert no_formula(text) == text == as_it_was(text)
+
+
+def test_no_cell_and_no_header_of_a_csv_file_is_a_formula() -> None:
+    table = pa.table({"=head": FORMULAS, "value": [-1.0] * len(FORMULAS)})
+    out = io.BytesIO()
+    write_csv(table, out)
+    names, *rows = csv.reader(io.StringIO(out.getvalue().decode(), newline=""))
+    assert names == ["'=head", "value"]
+    assert all(text[0] not in "=+-@\t" and value == "-1.0" for text, value in rows)
+
+
+def test_no_cell_and_no_header_of_a_workbook_is_a_formula_or_a_link() -> None:
+    texts = [*FORMULAS, "http://evil.example", "\x1b[31m"]
+    table = pa.table({"=head": texts, "value": [math.nan, 0.1, *[-1.0] * (len(texts) - 2)]})
+    out = io.BytesIO()
+    write_xlsx(table, out)
+    book = zipfile.ZipFile(out)
+    sheet = book.read("xl/worksheets/sheet1.xml").decode()
+    assert "<f>" not in sheet and "hyperlink" not in sheet and "\x1b" not in sheet
+    assert sheet.count("<row ") == len(texts) + 1 and sheet.count("<v>") == len(texts) - 1, "what is unknown is empty"
+
+
+def test_more_rows_than_a_sheet_has_are_refused() -> None:
+    with pytest.raises(FileError, match="export it as csv or parquet"):
+        write_xlsx(pa.table({"a": np.zeros(1_048_576)}), io.BytesIO())
+
+
+def test_notes_of_a_table_come_back(tmp_path: Path) -> None:
+    lines = csv_text(plain("roll", "cw")).splitlines()
+    notes = [FORMULAS[0], "+1", *["fine"] * (len(lines) - 3)]
+    text = "\n".join([f"{lines[0]},note", *(f'{line},"{note}"' for line, note in zip(lines[1:], notes, strict=True))])
+    table = parse_csv(text.encode(), "lap.csv", "roll", RIG)
+    out = io.BytesIO()
+    write_csv(table, out)
+    assert b"'=cmd" in out.getvalue()
+    assert parse_csv(out.getvalue(), "lap.csv", "roll", RIG)["note"].to_pylist() == notes

@@ -1,0 +1,131 @@
+"""Poses that were not measured: left out and said; and what is no accident is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from analysis.procedures.pose import evaluate as pose
+from analysis.procedures.repeatability import evaluate as repeatability
+from analysis.robot.kinematics.arm import Array, forward
+from analysis.runs.tables import PoseTable, RepeatabilityTable
+from dev.trials import planted
+
+SPREAD_MM = 0.08
+
+
+def table(count: int, seed: int = 1, turned: bool = False) -> PoseTable:
+    """Poses of the planted arm as a tracker sees them from afar."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-2, 2, (count, 6))
+    base = np.eye(4)
+    base[:3, :3], base[:3, 3] = Rotation.from_rotvec([0.1, -2.0, 1.0]).as_matrix(), (1500.0, -900.0, 400.0)
+    tool = np.eye(4)
+    tool[:3, 3] = (10.0, -20.0, 130.0)
+    T = base @ forward(planted.ur10(), q) @ tool
+    rpy = Rotation.from_matrix(T[:, :3, :3]).as_euler("xyz") + rng.normal(0, 2e-4, (count, 3))
+    return PoseTable(q, T[:, :3, 3] + rng.normal(0, SPREAD_MM, (count, 3)), rpy if turned else None)
+
+
+def moved(sound: PoseTable, row: int, place: Array) -> PoseTable:
+    xyz = sound.xyz_mm.copy()
+    xyz[row] = place
+    return replace(sound, xyz_mm=xyz)
+
+
+def evaluated(one: PoseTable) -> pose.PoseResult:
+    return pose.evaluate(one, planted.ur10(), 0.02, same_rad=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_lost_point_of_130_is_left_out_and_said(seed: int) -> None:
+    sound = table(130, seed)
+    found, truth = evaluated(moved(sound, 56, np.zeros(3))), evaluated(sound)
+    note = found.notes[0]
+    assert note.startswith("1 of 130 poses left out: row 57 is ") and " m from where the arm was" in note
+    assert found.samples == 129 and 56 not in found.rows
+    assert found.figures["rms_mm"].value == pytest.approx(truth.figures["rms_mm"].value, rel=0.02)
+    assert found.figures["rms_mm"].value == pytest.approx(SPREAD_MM * np.sqrt(3), rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("count", [9, 27])
+def test_one_place_far_off_is_left_out(seed: int, count: int) -> None:
+    sound = table(count, seed)
+    way = np.random.default_rng(seed).normal(size=3)
+    found = evaluated(moved(sound, 4, sound.xyz_mm[4] + 600 * way / np.linalg.norm(way)))
+    assert found.notes[0].startswith(f"1 of {count} poses left out: row 5 is ")
+    truth = evaluated(replace(sound, q=np.delete(sound.q, 4, 0), xyz_mm=np.delete(sound.xyz_mm, 4, 0)))
+    assert found.figures["rms_mm"].value == pytest.approx(truth.figures["rms_mm"].value)
+
+
+def test_a_row_that_repeats_the_place_of_another_is_left_out() -> None:
+    sound = table(60)
+    assert "row 31 is" in evaluated(moved(sound, 30, sound.xyz_mm[29])).notes[0]
+
+
+def test_a_wild_turn_is_left_out_too() -> None:
+    sound = table(60, turned=True)
+    assert sound.rpy is not None
+    rpy = sound.rpy.copy()
+    rpy[20] += (0.0, 0.0, 0.2)
+    found, truth = evaluated(replace(sound, rpy=rpy)), evaluated(sound)
+    assert "1 of 60 poses left out: row 21" in found.notes[0]
+    assert found.figures["rms_deg"].value == pytest.approx(truth.figures["rms_deg"].value, rel=0.05)
+
+
+def test_rows_are_those_of_the_file() -> None:
+    sound = replace(table(60), row=3 * np.arange(60) + 1)
+    assert "row 91 is" in evaluated(moved(sound, 30, sound.xyz_mm[29])).notes[0]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_of_sound_poses_none_is_left_out(seed: int) -> None:
+    """Also of an arm that errs by millimetres in places."""
+    sound = table(40, seed, turned=True)
+    q = sound.q + np.radians(0.1) * np.sin(3 * sound.q)
+    assert not any("left out" in note for one in (sound, replace(sound, q=q)) for note in evaluated(one).notes)
+
+
+def test_what_shares_a_range_of_a_joint_is_no_accident() -> None:
+    sound = table(60)
+    far = np.argsort(sound.q[:, 2])[-5:]
+    xyz = sound.xyz_mm.copy()
+    xyz[far] += (40.0, 0.0, 0.0)
+    found = evaluated(replace(sound, xyz_mm=xyz))
+    assert found.samples == 60 and "5 of 60 poses lie far" in found.notes[0] and "not left out" in found.notes[0]
+
+
+def test_two_columns_exchanged_leave_no_pose_out_and_are_a_doubt() -> None:
+    sound = table(60)
+    found = evaluated(replace(sound, q=sound.q[:, [0, 2, 1, 3, 4, 5]]))
+    assert found.samples == 60
+    assert any("the arm of the rig file misses these poses by" in note and "coupled" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_coupling_that_is_missing_is_a_doubt(seed: int) -> None:
+    sound = table(60, seed)
+    q = sound.q.copy()
+    q[:, 2] += q[:, 1]
+    found = evaluated(replace(sound, q=q))
+    assert found.samples == 60 and any("misses these poses" in note for note in found.notes)
+
+
+def test_a_wild_visit_of_a_repeatability_test_is_named_and_stays() -> None:
+    rng = np.random.default_rng(3)
+    target, side, visit = (one.ravel() for one in np.meshgrid([1, 2, 3], ["out", "in"], np.arange(5), indexing="ij"))
+    g_mm = rng.normal(0, 0.02, len(target))
+
+    def notes() -> tuple[str, ...]:
+        zero = np.zeros(len(target))
+        table = RepeatabilityTable(target, side, visit + 1, zero, np.zeros((len(target), 6)), g_mm)
+        return repeatability.evaluate(table, 0.001).notes
+
+    assert not any("from the others" in note for note in notes())
+    g_mm[12] += 2.0
+    (note,) = [note for note in notes() if "from the others" in note]
+    assert note.startswith("1 reading is up to 2") and "(target 2, out)" in note

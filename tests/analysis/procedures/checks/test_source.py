@@ -1,0 +1,94 @@
+"""Places that the controller computed are no measurement; those of instruments are, wherever their frame is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+
+from analysis.procedures.checks.place import source_findings
+from analysis.robot.geometry.pose_setup import fit_constants
+from analysis.robot.kinematics.arm import arm_of, forward, without_setup
+from analysis.runs.tables import PoseTable
+from rigs.load import load, parse
+from tests.support.command_line import ran
+from tests.support.independent_arm import Cell, Wrong, constants_of, flange, healthy, none, postures
+
+RIG = load("ur10e")[0]
+Array = NDArray[np.float64]
+TURNS = [f"r{row}{column}" for row in "123" for column in "123"]
+
+
+def _controller(rng: np.random.Generator, count: int) -> tuple[Array, Array, Array, Wrong]:
+    """Joints, places and turns as a controller computes them with the calibration of its maker."""
+    own = none()
+    own.offset[1:5] = np.radians(rng.uniform(-0.08, 0.08, 4))
+    own.a[2:4], own.d[4:] = rng.uniform(-0.8, 0.8, 2), rng.uniform(-0.3, 0.3, 2)
+    q = np.radians(np.round(np.degrees(postures("ur10e", count, rng)), 5))
+    R, p = flange(constants_of("ur10e"), own, q)
+    return q, np.round(p, 4), R, own
+
+
+@pytest.mark.parametrize("digits", [6, 3, 2])
+@pytest.mark.parametrize("ros", [False, True])
+def test_places_of_the_controller_are_no_measurement(digits: int, ros: bool) -> None:
+    q, p, _, _ = _controller(np.random.default_rng(digits), 40)
+    shown = np.radians(np.round(np.degrees(q), digits))
+    (finding,) = source_findings(PoseTable(shown, p * [-1, -1, 1] if ros else p, None), RIG)
+    assert finding.strength == "impossible" and "no instrument measured these places" in finding.what
+    assert "rig arms NAME --poses" in finding.remedy
+
+
+def test_the_controllers_tool_and_another_frame_are_seen_through() -> None:
+    q, p, R, _ = _controller(np.random.default_rng(4), 40)
+    seen = (p + R @ np.array([10.0, 0.0, 150.0])) @ np.diag([-1.0, 1.0, -1.0]) + [500.0, 0.0, 20.0]
+    assert [one.meant for one in source_findings(PoseTable(q, seen, None), RIG)] == ["the controller's own places"]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_tracker_is_an_instrument_in_any_frame(seed: int) -> None:
+    """A quiet one too, whose frame a person has put into the arm's base."""
+    rng = np.random.default_rng(seed)
+    there = Cell(constants_of("ur10e"), healthy(rng), np.zeros(3), np.zeros(3), np.array([0, 0, 28.3]), 0.008)
+    if seed % 2:
+        there = replace(there, turn=rng.uniform(-1, 1, 3), place_mm=rng.uniform(-3000, 3000, 3))
+    seen = there.seen(postures("ur10e", 60, rng), rng)
+    assert not list(source_findings(PoseTable(seen.q, seen.xyz_mm, None), RIG))
+
+
+def test_the_controllers_constants_come_out_of_thirty_poses(tmp_path: Path) -> None:
+    """Places of another 200 postures are those of the controller."""
+    rng = np.random.default_rng(7)
+    q, p, R, own = _controller(rng, 230)
+    header = ",".join(
+        [*(f"q{k}_deg" for k in range(1, 7)), "x_mm", "y_mm", "z_mm", *(f"r{i}{k}" for i in "123" for k in "123")]
+    )
+    rows = np.column_stack([np.degrees(q), p, R.reshape(-1, 9)])[:30]
+    np.savetxt(tmp_path / "poses.csv", rows, "%.7f", ",", header=header, comments="")
+    refused = ran("import", tmp_path / "poses.csv", "--rig", "ur10e", "--test", "pose", "-o", tmp_path / "run")
+    *_, line = refused.stderr.strip().splitlines()
+    assert refused.returncode == 3 and line.startswith("error: ") and "no instrument measured these places" in line
+    done = ran("arms", "ur10e", "--poses", tmp_path / "poses.csv", "-o", tmp_path / "arm.yaml")
+    assert done.returncode == 0 and "say nothing of where the arm is" in done.stderr
+    rig = parse("name: x\n" + (tmp_path / "arm.yaml").read_text(), "arm.yaml")
+    T = forward(without_setup(arm_of(rig.robot)), q[30:])
+    assert np.abs(T[:, :3, 3] - p[30:]).max() < 0.003
+    assert np.abs(T[:, :3, :3] - R[30:]).max() < 1e-5
+    arm = yaml.safe_load((tmp_path / "arm.yaml").read_text())["robot"]["axes"]
+    assert arm[2]["a_mm"] == pytest.approx(-612.7 + own.a[2], abs=0.003)
+
+
+def test_poses_of_an_instrument_are_no_constants_of_a_controller(tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    q, p, _, _ = _controller(rng, 40)
+    header = ",".join([*(f"q{k}_deg" for k in range(1, 7)), "x_mm", "y_mm", "z_mm"])
+    rows = np.column_stack([np.degrees(q), p + rng.normal(0, 0.03, p.shape)])
+    np.savetxt(tmp_path / "poses.csv", rows, "%.7f", ",", header=header, comments="")
+    done = ran("arms", "ur10e", "--poses", tmp_path / "poses.csv")
+    assert done.returncode == 3 and "no constants of ur10e put the flange there" in done.stderr
+    few = fit_constants(arm_of(RIG.robot), q[:5], p[:5], None)
+    assert few.spare < 10

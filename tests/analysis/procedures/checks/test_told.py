@@ -1,0 +1,108 @@
+"""What a person reads of a convention that is not kept: at import, with figures, from rig check, before a diagnosis."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from analysis import calibrate, diagnose, evaluate, read_table
+from analysis.procedures.checks.check_runs import findings_of
+from analysis.runs.csv_tables import columns_of
+from analysis.runs.tables import CircleTable, PoseTable
+from analysis.runs.written_files import write_csv
+from rigs.effects import Backlash
+from rigs.errors import FileError
+from tests.analysis.procedures.checks.test_lost_poses import table
+from tests.support.command_line import ran
+from tests.support.diagnosis_cells import RIG, circles, found_in, poses
+
+PLAY = Backlash(axis=1, width_deg=0.02)
+
+
+def uncoupled(path: Path) -> Path:
+    """Poses of a UR10 whose joint 3 counts from the horizontal."""
+    sound = table(60)
+    q = sound.q.copy()
+    q[:, 2] -= q[:, 1]
+    with path.open("wb") as file:
+        write_csv(columns_of(PoseTable(q, sound.xyz_mm, None)), file)
+    return path
+
+
+def test_a_coupling_that_is_missing_is_told_at_import_and_with_every_figure(tmp_path: Path) -> None:
+    source, run = uncoupled(tmp_path / "poses.csv"), tmp_path / "run"
+    done = ran("import", source, "--rig", "ur10", "--test", "pose", "-o", run)
+    said = "only with J3 + J2 in place of J3 do these poses fit: 0.1"
+    assert done.returncode == 0 and said in done.stderr and "mm instead of" in done.stderr
+    assert said in " ".join(ran("analyse", run, COLUMNS="1000").stdout.split())
+    measured = read_table(source, "ur10", "pose")
+    assert any(doubt.startswith(said) for doubt in evaluate(measured).doubts)
+    for judge in (diagnose, calibrate):
+        with pytest.raises(FileError, match=r"only with J3 \+ J2 .* give the coupling of axes 2 and 3"):
+            judge([measured])
+
+
+def test_rig_check_says_what_was_checked_and_found(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert ran("import", uncoupled(tmp_path / "t.csv"), "--rig", "ur10", "--test", "pose", "-o", run).returncode == 0
+    done = ran("check", run)
+    assert done.returncode == 3
+    lines = done.stdout.splitlines()
+    assert any(line.startswith("joints:") and "only with J3 + J2" in line for line in lines)
+    assert any(line.startswith("units:") and "nothing against it" in line for line in lines)
+    assert any(line.startswith("gauge sign:") and "not shown: " in line for line in lines)
+    found = json.loads(ran("check", run, "--json").stdout)
+    (joints,) = (one for one in found["conventions"] if one["name"] == "joints")
+    (finding,) = joints["findings"]
+    assert finding["meant"] == "J3 + J2 in place of J3" and finding["misfit"]["as_meant_mm"] < 0.2
+    assert finding["misfit"]["as_labelled_mm"] > 100 and finding["strength"] == "decisive"
+
+
+def test_rig_check_of_a_sound_run_ends_well(tmp_path: Path) -> None:
+    with (tmp_path / "t.csv").open("wb") as file:
+        write_csv(columns_of(table(60)), file)
+    run = tmp_path / "run"
+    assert ran("import", tmp_path / "t.csv", "--rig", "ur10", "--test", "pose", "-o", run).returncode == 0
+    assert ran("check", run).returncode == 0
+    assert ran("check", "ur10").returncode == 0
+    assert ran("check", "ur10", run).returncode == 2
+
+
+def test_gauges_that_both_count_the_other_way_are_refused_where_a_play_would_lead() -> None:
+    runs = circles((PLAY,), seed=3)
+    negated = [replace(run, table=replace(run.table, g_mm=-run.table.g_mm)) for run in runs]  # type: ignore[union-attr]
+    with pytest.raises(FileError, match=r"fit only with both gauges counting the other way.*; press a probe"):
+        found_in(negated)
+
+
+@pytest.mark.nightly  # 4 s; the same of a play of axis 1 by one lap each way stands in inference/test_acts.py
+def test_a_play_of_twice_the_usual_is_corrected_first() -> None:
+    act = found_in(circles((PLAY,), seed=3)).acts[0]  # no fault of the arm, and most of its error
+    assert act.kind == "approach" and act.effect and act.effect.effect == "backlash", "corrected for today first"
+
+
+def test_gauges_that_contradict_the_effects_of_the_rig_file_are_refused() -> None:
+    rig = RIG.model_copy(update={"effects": (PLAY,)})
+    run = circles((PLAY,), seed=3, count=1)[0]
+    run = replace(run, rig=rig)
+    assert isinstance(run.table, CircleTable)
+    negated = replace(run, table=replace(run.table, g_mm=-run.table.g_mm))
+    with pytest.raises(FileError, match="effects of the rig file explain its readings only with the gauges counting"):
+        found_in([negated], rig)
+    assert findings_of([run]) == []
+
+
+def test_poses_that_are_no_measurement_are_left_out_beside_others() -> None:
+    sound, other = poses(3), poses(4)
+    wrong = replace(
+        other,
+        path=Path("wrong"),
+        run=replace(other.run, manifest=other.run.manifest.model_copy(update={"name": "wrong"})),
+        table=replace(other.table, q=other.table.q[:, [0, 2, 1, 3, 4, 5]]),
+    )
+    found = found_in([sound, wrong])
+    assert found.doubts[0].startswith("wrong is left out: only with J2 and J3 exchanged do these poses fit")
+    assert found.accuracy.now_um < 100

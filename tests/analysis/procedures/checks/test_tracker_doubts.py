@@ -1,0 +1,63 @@
+"""Pose tables with places that were not measured, as they are imported and analysed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from analysis import read_table
+from analysis.runs.csv_tables import columns_of
+from analysis.runs.tables import PoseTable
+from analysis.runs.written_files import write_csv
+from tests.analysis.procedures.checks.test_lost_poses import table
+from tests.analysis.runs.test_stands import read_thrice
+from tests.support.command_line import ran
+
+
+def written(one: PoseTable, path: Path) -> Path:
+    with path.open("wb") as file:
+        write_csv(columns_of(one), file)
+    return path
+
+
+def doubts(one: PoseTable, path: Path) -> tuple[str, ...]:
+    return read_table(written(one, path), "ur10", "pose").doubts
+
+
+def test_lost_and_repeated_places_are_named_at_import(tmp_path: Path) -> None:
+    sound = table(40)
+    xyz = sound.xyz_mm.copy()
+    xyz[[4, 9]] = 0.0
+    xyz[[20, 21]] = xyz[19]
+    lost, wild, repeated = doubts(replace(sound, xyz_mm=xyz), tmp_path / "poses.csv")
+    assert lost.startswith("rows 5 and 10 have the place 0, 0, 0")
+    assert wild.startswith("2 of 40 poses left out: rows 21 and 22 are up to ")
+    assert repeated.startswith("rows 20, 21 and 22 have the same place to the last digit")
+    assert doubts(sound, tmp_path / "sound.csv") == ()
+
+
+def test_a_revisit_with_the_same_rounded_place_is_no_doubt(tmp_path: Path) -> None:
+    sound = table(20)
+    places = np.round(np.tile(sound.xyz_mm, (2, 1)), 1)
+    assert doubts(PoseTable(np.tile(sound.q, (2, 1)), places, None), tmp_path / "poses.csv") == ()
+
+
+def test_readings_of_a_stand_are_averaged_and_said(tmp_path: Path) -> None:
+    run = read_table(written(read_thrice(table(20)), tmp_path / "poses.csv"), "ur10", "pose")
+    assert len(run.table.q) == 20 and "60 rows are 20 stands" in run.doubts[-1]
+
+
+def test_analyse_gives_the_figure_without_the_lost_row_and_a_turn_without_a_u(tmp_path: Path) -> None:
+    sound = table(60, turned=True)
+    xyz = sound.xyz_mm.copy()
+    xyz[56] = 0.0
+    source = written(replace(sound, xyz_mm=xyz), tmp_path / "poses.csv")
+    assert ran("import", source, "--rig", "ur10", "--test", "pose", "-o", tmp_path / "run").returncode == 0
+    done = ran("analyse", tmp_path / "run", COLUMNS="200")
+    page = tmp_path / "page.html"
+    assert ran("report", tmp_path / "run", "--no-diagnosis", "-o", page).returncode == 0
+    for text in (done.stdout, page.read_text()):
+        assert "row 57 is" in text and "± nan" not in text and ">nan" not in text
+    assert "0.14" in done.stdout or "0.13" in done.stdout

@@ -1,0 +1,106 @@
+"""Wild readings of a tracker among those of an arm that errs: one, far or near, or the last rows slid by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.diagnose import diagnose
+from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.procedures.checks.check_runs import findings_of
+from analysis.procedures.checks.lost_poses import WILDNESS, far_poses
+from analysis.procedures.results import result_of
+from analysis.robot.geometry.pose_setup import fit_setup
+from analysis.robot.kinematics.arm import arm_of, forward, without_setup
+from analysis.runs.loading import Measured
+from analysis.runs.tables import PoseTable
+from rigs.load import load
+from tests.support.conventions import run_of
+from tests.support.independent_arm import Seen, cell, healthy, postures
+from tests.support.made_once import made_once
+
+RIG = load("ur10e")[0]
+
+
+@made_once
+def _seen(seed: int, count: int = 60) -> Seen:
+    """An arm with zeros off by some hundredths of a degree and lengths by half a millimetre."""
+    rng = np.random.default_rng(seed)
+    wrong = healthy(rng)
+    wrong.offset[1:4] = np.radians([0.05, -0.08, 0.03])
+    wrong.a[2:4] = [0.8, -0.5]
+    return cell("ur10e", wrong, rng).seen(postures("ur10e", count, rng, (120, 60, 60, 120, 80, 150)), rng)
+
+
+def _run(seed: int, spoil: str, count: int = 60) -> tuple[Measured, list[int]]:
+    """A run, and the rows that are no measurement."""
+    seen = _seen(seed, count)
+    xyz, rows = seen.xyz_mm.copy(), [21]
+    if spoil.endswith("mm"):
+        xyz[20] += np.array([float(spoil[:-3]), 0.0, 0.0])
+    elif spoil == "none":
+        rows = []
+    else:
+        slid = int(spoil)
+        rows = list(range(count - slid + 1, count + 1))
+        xyz[-slid:] = np.roll(xyz[-slid:], 1, axis=0)
+    return run_of(PoseTable(seen.q, xyz, None), "poses", RIG), rows
+
+
+SPOILT = ("2 mm", "20 mm", "1000 mm", "2", "4", "6")
+
+
+@pytest.mark.parametrize("spoil", SPOILT)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_wild_rows_are_named_when_they_are_imported_and_left_out_of_every_fit(spoil: str, seed: int) -> None:
+    run, rows = _run(seed, spoil)
+    found = far_poses(run.table, without_setup(arm_of(RIG.robot)))  # type: ignore[arg-type]
+    assert (np.flatnonzero(found.wild) + 1).tolist() == rows
+    (line,) = [one.words for one in findings_of([run]) if one.convention == WILDNESS]
+    assert all(str(row) in line for row in (rows[0], rows[-1])) and f"{len(rows)} of 60 poses left out" in line
+    (kept,), said = prepare_runs(RIG, [run])
+    assert (np.setdiff1d(np.arange(60), kept[0].rows) + 1).tolist() == rows and line.split(";")[0] in said[0]
+    clean, _ = _run(seed, "none")
+    spoilt_mm, clean_mm = (result_of(one).figures["rms_mm"].value for one in (run, clean))
+    assert spoilt_mm == pytest.approx(clean_mm, rel=0.1)
+
+
+@pytest.mark.parametrize("count", [24, 30, 60, 130])
+@pytest.mark.parametrize("seed", range(4))
+def test_sound_poses_are_none_of_them_wild(seed: int, count: int) -> None:
+    run, _ = _run(seed, "none", count)
+    assert not far_poses(run.table, without_setup(arm_of(RIG.robot))).far.any()  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("spoil", ["2 mm", pytest.param("4", marks=pytest.mark.nightly)])
+def test_what_is_left_of_held_out_poses_is_as_without_wild_ones(spoil: str) -> None:
+    left_um = []
+    for one in (spoil, "none"):
+        run, _ = _run(0, one)
+        gap = diagnose(RIG, [run], [], [], lambda _: None).held_out
+        assert gap is not None
+        left_um.append(gap.calibrated_um)
+    assert left_um[0] < 1.4 * left_um[1] < 100
+
+
+@pytest.mark.parametrize("which", ["rows from about 31 on", "every other row"])
+def test_two_reflectors_in_one_run_are_told(which: str) -> None:
+    """Each row alone lies near an arm that is fitted to both."""
+    seen = _seen(0)
+    later = np.arange(60) >= 30 if "from" in which else np.arange(60) % 2 == 1
+    T = forward(without_setup(arm_of(RIG.robot)), seen.q)
+    R = fit_setup(T, seen.xyz_mm).T_world_base[:3, :3] @ T[:, :3, :3]
+    xyz = seen.xyz_mm + later[:, None] * (R @ np.array([3.0, -2.0, 1.0]))
+    (line,) = [one.words for one in findings_of([run_of(PoseTable(seen.q, xyz, None), "poses", RIG)])]
+    assert which in line and "a run each" in line
+
+
+def test_a_wild_row_is_said_beside_two_reflectors() -> None:
+    seen = _seen(0)
+    T = forward(without_setup(arm_of(RIG.robot)), seen.q)
+    R = fit_setup(T, seen.xyz_mm).T_world_base[:3, :3] @ T[:, :3, :3]
+    xyz = seen.xyz_mm + (np.arange(60) >= 30)[:, None] * (R @ np.array([3.0, -2.0, 1.0]))
+    xyz[11] += [400.0, 0.0, 0.0]
+    lines = [one.words for one in findings_of([run_of(PoseTable(seen.q, xyz, None), "poses", RIG)])]
+    assert ["elsewhere than the others" in line for line in lines] == [True, False]
+    assert "1 of 60 poses left out: row 12" in lines[1]

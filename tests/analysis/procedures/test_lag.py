@@ -1,0 +1,79 @@
+"""The lag of the gauges behind the robot, from an acw and a cw circle, and what is said where it cannot be told."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis import evaluate, load_run
+from analysis.procedures.circle.direction_pair import lag_of
+from analysis.procedures.shared.lap_curve import LapCurve, curve_of
+from analysis.procedures.shared.reduction import reduced
+from analysis.procedures.simulate import simulate
+from analysis.report.run_object import as_object, compare, verdict
+from analysis.report.run_report import as_tables
+from analysis.runs.laps import laps_of
+from rigs.effects import Effect, TimeLag
+from rigs.load import load, load_hidden
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction
+from tests.support.written_runs import write_simulated
+
+LAGGING = TimeLag(effect="time_lag", lag_s=0.005)
+
+
+def distance(rig: Rig, direction: Direction, seed: int | None, effects: list[Effect]) -> LapCurve:
+    laps = laps_of(simulate(rig, "yaw", direction, seed, effects), rig, direction)
+    return curve_of(reduced(laps), lambda g_mm: g_mm.mean(axis=-1), 1.0)
+
+
+@pytest.mark.parametrize("lag_s", [0.005, -0.02, 0.0])
+def test_a_lag_is_found_where_nothing_else_reverses(lag_s: float) -> None:
+    rig = load_hidden("ur10e").within(load("ur10e")[0])
+    effects: list[Effect] = [TimeLag(effect="time_lag", lag_s=lag_s)] if lag_s else []
+    acw, cw = (distance(rig, direction, None, effects) for direction in ("acw", "cw"))
+    found = lag_of([(acw, cw)], [1.0], 100)
+    assert found.value == pytest.approx(1e3 * lag_s, abs=0.2)
+    assert 1 < found.u < 60, "another run never meets the ball at quite the same place"
+
+
+def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:
+    """With the robot's own plays, and with noise and scatter of four pairs of runs."""
+    rig = load_hidden("ur10e").within(load("ur10e")[0])
+    for effects, least_ms in (([LAGGING], 1.0), ([LAGGING, *rig.effects], 20.0)):
+        off = []
+        for seed in range(4):
+            acw, cw = (distance(rig, direction, 2 * seed + k, effects) for k, direction in enumerate(("acw", "cw")))
+            found = lag_of([(acw, cw)], [1.0], 100)
+            assert found.u > least_ms
+            off.append((found.value - 5) / found.u)
+        assert np.max(np.abs(off)) <= 3
+
+
+def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp_path: Path) -> None:
+    rig, text = load("ur10e")
+    rig = load_hidden("ur10e").within(rig)
+    runs = list(write_simulated(rig, text, "yaw", ("acw", "cw"), [3], tmp_path, [LAGGING]))
+    results = [evaluate(load_run(path)) for path in runs]
+    (told,) = as_object(results)["acw_against_cw"]
+    assert abs(told["lag"]["value"] - 5) <= 2 * told["lag"]["u"] and told["lag"]["unit"] == "ms"
+    words = [str(part) for part in as_tables(results).renderables]  # type: ignore[attr-defined]
+    assert any(line.startswith(("the gauges lag the robot by ", "a lag of the gauges behind")) for line in words)
+    alone = [str(part) for part in as_tables(results[:1]).renderables]  # type: ignore[attr-defined]
+    assert "one direction cannot show a lag between gauges and robot: analyse acw and cw together" in alone
+    assert as_object(results[:1])["acw_against_cw"] == []
+
+
+def test_a_figure_beside_the_truth_deviates_upwards_where_it_is_larger(tmp_path: Path) -> None:
+    rig, text = load("ur10e")
+    rig = load_hidden("ur10e").within(rig)
+    result = evaluate(load_run(next(write_simulated(rig, text, "yaw", ("acw",), [3], tmp_path, ()))))
+    figure = result.figures["band_deg"]
+    truth = {"rig": "ur10e", "yaw": {"acw": {"band_deg": figure.value - 3 * figure.u}}}
+    (tmp_path / "truth.json").write_text(json.dumps(truth))
+    (found,) = compare([result], tmp_path / "truth.json")
+    assert found["band_deg"].deviation_u == pytest.approx(3)
+    assert verdict([found]) == "0 of 1 figures agree with the truth within 2 u"

@@ -1,0 +1,83 @@
+"""Simulated circles of any length: memory and time grow with their readings, and no faster."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from analysis.procedures.shared.simulated_gauges import Noise
+from analysis.procedures.simulate import simulate
+from analysis.runs.tables import CircleTable
+from rigs.effects import VOCABULARY, healthy_size, size_field
+from rigs.load import load
+from rigs.rig import Rig
+
+EFFECTS = [
+    VOCABULARY[str(one["effect"])].model_validate(one)
+    for one in (
+        {"effect": "time_lag", "lag_s": 0.002},
+        {"effect": "backlash", "axis": 1, "width_deg": 0.008, "preload": 0.2},
+        {"effect": "compliance", "axis": 2, "payload_kg": 5},
+        {"effect": "reversal_spike", "axis": 3},
+        {"effect": "link_bending", "axis": 3},
+        {"effect": "gauge_dead_band", "gauge": "g2"},
+    )
+]
+
+
+def _of_laps(laps: int, speed_mm_s: float) -> Rig:
+    rig, _ = load("ur10e")
+    circle = rig.tests.circle
+    assert circle is not None
+    driven = circle.model_copy(update={"laps": laps, "speed_mm_s": speed_mm_s})
+    return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": driven})})
+
+
+@pytest.mark.parametrize("laps, speed_mm_s", [(50, 25.0), (2, 1.0)])
+def test_memory_is_a_few_times_the_result(laps: int, speed_mm_s: float) -> None:
+    rig = _of_laps(laps, speed_mm_s)
+    simulate(_of_laps(1, 100.0), "yaw", "acw", 1, EFFECTS)
+    tracemalloc.start()
+    try:
+        table = simulate(rig, "yaw", "acw", 1, EFFECTS)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert isinstance(table, CircleTable)
+    assert len(table.t_s) > 30_000
+    assert peak < 12 * (table.t_s.nbytes + table.q.nbytes + table.g_mm.nbytes)
+
+
+def test_the_wander_is_slow_and_common_to_both_gauges() -> None:
+    """Without gauge noise or scatter what is left is the wander: alike in both, and of its own time constant."""
+    rig = _of_laps(20, 25.0)
+    quiet = rig.model_copy(
+        update={
+            "gauges": rig.gauges.model_copy(
+                update={name: gauge.model_copy(update={"accuracy_mm": 0.0}) for name, gauge in rig.gauges}
+            )
+        }
+    )
+    noise = Noise(wander_mm=0.001, wander_s=0.5, scatter_deg=0.0, scatter_mm=0.0)
+    noisy, exact = (simulate(quiet, "yaw", "acw", seed, [], noise) for seed in (3, None))
+    assert isinstance(noisy, CircleTable) and isinstance(exact, CircleTable)
+    wander = noisy.g_mm - exact.g_mm
+    np.testing.assert_allclose(wander[:, 0], wander[:, 1], atol=1e-12)
+    assert np.std(wander[:, 0]) == pytest.approx(0.001, rel=0.2)
+    later = wander[25:, 0] @ wander[:-25, 0] / (wander[:, 0] @ wander[:, 0])
+    assert later == pytest.approx(np.exp(-1), abs=0.15)
+
+
+@pytest.mark.parametrize("name", ["time_lag", "clock_rate", "servo_lag", "reversal_spike"])
+@pytest.mark.parametrize("test", ["radial", "repeatability"])
+def test_a_robot_that_stands_shows_no_lag(name: str, test: str) -> None:
+    """At a target the robot has stood for a while: effects of time are gone there."""
+    rig = load("paper-fanuc")[0]
+    fields = {"axis": 1} if "axis" in VOCABULARY[name].model_fields else {}
+    effect = VOCABULARY[name].model_validate(fields)
+    large = effect.model_copy(update={size_field(effect): 10 * healthy_size(effect)})
+    nothing = simulate(rig, test, None, None, ()).g_mm  # type: ignore[arg-type, union-attr]
+    shown = simulate(rig, test, None, None, (large,)).g_mm  # type: ignore[arg-type, union-attr]
+    assert np.abs(shown - nothing).max() < 0.02

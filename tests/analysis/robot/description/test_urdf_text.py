@@ -1,0 +1,226 @@
+"""The URDF of an arm against readers that know nothing of ours, and the driver's file against its own xacro."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+from pytransform3d.urdf import UrdfTransformManager
+
+from analysis.apps.interchange.driver_kinematics import LINKS, NOT_THE_CONTROLLERS, ur_driver_text
+from analysis.apps.interchange.urdf import import_urdf
+from analysis.correction.work import tool_poses
+from analysis.robot.description.rig_section import flange_poses
+from analysis.robot.description.urdf_text import urdf_text
+from analysis.robot.kinematics.arm import Arm, arm_of
+from analysis.robot.model.predict import geometric_arm, model_of
+from rigs.arms import arm_names, load_arm
+from rigs.errors import FileError, UseError
+from rigs.load import load
+from rigs.rig import Rig
+from tests.support.changed_arms import changed, within_limits
+
+COUPLED = [
+    name for name in arm_names() if np.count_nonzero(load_arm(name).robot.coupling) > len(load_arm(name).robot.axes)
+]
+PLAIN = [name for name in arm_names() if name not in COUPLED]
+STANDING = [(name, False) for name in PLAIN]
+URS = [name for name in PLAIN if name.startswith("ur")]
+
+
+def turn(axis: int, angle: float) -> np.ndarray:
+    """A turn (4, 4) about x, y or z."""
+    T = np.eye(4)
+    i, k = (axis + 1) % 3, (axis + 2) % 3
+    T[i, i] = T[k, k] = np.cos(angle)
+    T[k, i] = np.sin(angle)
+    T[i, k] = -T[k, i]
+    return T
+
+
+def origin(xyz: list[float], rpy: list[float]) -> np.ndarray:
+    """A frame (4, 4) as URDF means it."""
+    T = turn(2, rpy[2]) @ turn(1, rpy[1]) @ turn(0, rpy[0])
+    T[:3, 3] = xyz
+    return T
+
+
+def read(text: str, q: np.ndarray) -> np.ndarray:
+    """Poses (n, 4, 4) of the last link in the first, in mm, by twenty lines that multiply matrices."""
+    joints = ElementTree.fromstring(text.encode()).findall("joint")  # noqa: S314 - it is ours
+    turning = sum(joint.get("type") == "revolute" for joint in joints)
+    poses = []
+    for angles in q:
+        T, left = np.eye(4), list(angles[:turning])
+        for joint in joints:
+            place = joint.find("origin")
+            T = T @ origin(*([float(word) for word in place.get(key).split()] for key in ("xyz", "rpy")))
+            if joint.get("type") == "revolute":
+                T = T @ turn(2, left.pop(0) * float(joint.find("axis").get("xyz").split()[2]))
+            if joint.get("type") == "prismatic":
+                way = np.array([float(word) for word in joint.find("axis").get("xyz").split()])
+                T = T @ origin(angles[turning] * way, [0, 0, 0])
+        T[:3, 3] *= 1000
+        poses.append(T)
+    return np.array(poses)
+
+
+def require_equal(found: np.ndarray, expected: np.ndarray) -> None:
+    np.testing.assert_allclose(found[:, :3, 3], expected[:, :3, 3], atol=1e-9, rtol=0)
+    np.testing.assert_allclose(found[:, :3, :3], expected[:, :3, :3], atol=1e-12, rtol=0)
+
+
+def written(rig: Rig) -> str:
+    return urdf_text(rig.robot, geometric_arm(model_of(rig)), "cell.yaml")
+
+
+def test_there_are_arms_of_both_kinds() -> None:
+    assert len(PLAIN) >= 12
+    assert COUPLED
+
+
+@pytest.mark.parametrize(("name", "rail"), [*STANDING, ("ur10e", True)])
+def test_two_readers_have_the_poses_of_the_model(name: str, rail: bool) -> None:
+    rig = changed(name, rail=rail)
+    q = within_limits(rig)
+    expected = tool_poses(model_of(rig), q)
+    moved = np.linalg.norm(expected[:, :3, 3] - tool_poses(model_of(rig, ()), q)[:, :3, 3], axis=1)
+    assert moved.min() > 0.1, "the effects do something"
+    text = written(rig)
+    require_equal(read(text, q), expected)
+    library = UrdfTransformManager()
+    library.load_urdf(text)
+    poses = []
+    for angles in q:
+        for joint, angle in zip([*(axis.name for axis in rig.robot.axes), *["rail"] * rail], angles, strict=True):
+            library.set_joint(joint, angle)
+        poses.append(library.get_transform("tool", "world"))
+    poses = np.array(poses)
+    poses[:, :3, 3] *= 1000
+    require_equal(poses, expected)
+
+
+@pytest.mark.parametrize(("name", "rail"), [*STANDING, ("ur10e", True)])
+def test_what_is_imported_again_has_the_same_poses_limits_and_masses(name: str, rail: bool, tmp_path: Path) -> None:
+    rig = changed(name, seed=1, rail=rail)
+    file = tmp_path / "arm.urdf"
+    file.write_text(written(rig), encoding="utf-8")
+    again = import_urdf(file).section.robot
+    assert (again.rail and again.rail.limits_mm) == (rig.robot.rail and rig.robot.rail.limits_mm)
+    q = within_limits(rig)
+    found = flange_poses(again, q)
+    np.testing.assert_allclose(found, tool_poses(model_of(rig), q), atol=1e-9, rtol=0)
+    for axis, own in zip(again.axes, rig.robot.axes, strict=True):
+        assert axis.name == own.name
+        assert axis.limits_deg == pytest.approx(own.limits_deg, abs=1e-9)
+        assert axis.speed_deg_s == pytest.approx(own.speed_deg_s, abs=1e-9)
+    masses = [axis.mass_kg for axis in rig.robot.axes]
+    assert [axis.mass_kg for axis in again.axes] == pytest.approx([*masses[:-1], masses[-1] + rig.robot.payload_kg])
+
+
+@pytest.mark.parametrize("name", COUPLED)
+def test_a_coupled_arm_is_refused(name: str) -> None:
+    rig = changed(name)
+    with pytest.raises(FileError, match=r"cell\.yaml, robot\.coupling: axis 3 does not turn with joint 3 alone"):
+        written(rig)
+
+
+def test_a_ratio_is_refused() -> None:
+    arm = arm_of(load_arm("ur5e").robot)
+    with pytest.raises(FileError, match="axis 5 does not turn"):
+        urdf_text(load_arm("ur5e").robot, replace(arm, coupling=np.diag([1, 1, 1, 1, 2.0, 1])), "cell.yaml")
+
+
+def named(name: str, robot_name: str = "arm") -> str:
+    robot = load_arm("ur5e").robot
+    axes = (robot.axes[0].model_copy(update={"name": name}), *robot.axes[1:])
+    robot = robot.model_copy(update={"axes": axes, "name": robot_name})
+    return urdf_text(robot, arm_of(robot), "cell.yaml", ["a -- b --- c"])
+
+
+def test_names_are_escaped() -> None:
+    name = """<a & "b'>"""
+    root = ElementTree.fromstring(named(name, name).encode())  # noqa: S314
+    assert root.get("name") == name
+    assert root.findall("joint")[1].get("name") == name
+
+
+@pytest.mark.parametrize("name", ["", " ", "a\nb", "a\x1bb", "a\ud800b", "shoulder", "flange-tool"])
+def test_names_that_no_urdf_can_have_are_refused(name: str) -> None:
+    with pytest.raises(FileError, match=r"cell\.yaml, robot\.axes"):
+        named(name)
+
+
+def driver_poses(text: str, q: np.ndarray) -> np.ndarray:
+    """Poses (n, 4, 4) of tool0 in the frame `base`, in mm: what the xacro of ur_description makes of the file."""
+    kinematics = yaml.safe_load(text)["kinematics"]
+    poses = []
+    for angles in q:
+        T = turn(2, np.pi)  # base_link to base_link_inertia
+        for link, angle in zip(LINKS, angles, strict=True):
+            one = kinematics[link]
+            T = T @ origin([one[key] for key in "xyz"], [one[key] for key in ("roll", "pitch", "yaw")]) @ turn(2, angle)
+        flange = origin([0, 0, 0], [0, -np.pi / 2, -np.pi / 2])
+        tool0 = origin([0, 0, 0], [np.pi / 2, 0, np.pi / 2])
+        T = np.linalg.inv(turn(2, np.pi)) @ T @ flange @ tool0  # base_link to base
+        T[:3, 3] *= 1000
+        poses.append(T)
+    return np.array(poses)
+
+
+def require_the_drivers(rig: Rig) -> None:
+    """The driver's file of a rig has the model's poses without base and tool."""
+    arm: Arm = geometric_arm(model_of(rig))
+    q = within_limits(rig)
+    outer, inner = np.linalg.inv(arm.T_world_base), np.linalg.inv(arm.T_flange_tool)
+    expected = outer @ tool_poses(model_of(rig), q) @ inner
+    require_equal(driver_poses(ur_driver_text(arm, "cell.yaml"), q), expected)
+
+
+@pytest.mark.parametrize("name", URS)
+def test_the_drivers_file_has_the_poses_of_the_model(name: str) -> None:
+    assert set(URS) >= {"ur3e", "ur5e", "ur10e"}
+    require_the_drivers(changed(name))
+
+
+def test_the_drivers_file_of_a_ur10() -> None:
+    rig = changed("ur10e")
+    require_the_drivers(rig.model_copy(update={"robot": load("ur10")[0].robot}))
+
+
+PUBLISHED = """
+kinematics:
+  shoulder: {x: 0, y: 0, z: 0.1625, roll: 0, pitch: 0, yaw: 0}
+  upper_arm: {x: 0, y: 0, z: 0, roll: 1.570796327, pitch: 0, yaw: 0}
+  forearm: {x: -0.425, y: 0, z: 0, roll: 0, pitch: 0, yaw: 0}
+  wrist_1: {x: -0.3922, y: 0, z: 0.1333, roll: 0, pitch: 0, yaw: 0}
+  wrist_2: {x: 0, y: -0.0997, z: 0, roll: 1.570796327, pitch: 0, yaw: 0}
+  wrist_3: {x: 0, y: 0.0996, z: 0, roll: 1.570796327, pitch: 3.141592653589793, yaw: 3.141592653589793}
+"""
+"""Of ros-industrial/universal_robot, ur_description/config/ur5e/default_kinematics.yaml, commit 6485dfa."""
+
+
+def test_the_file_of_an_arm_as_published_has_the_published_poses() -> None:
+    text = ur_driver_text(arm_of(load_arm("ur5e").robot), "cell.yaml")
+    q = within_limits(changed("ur5e"))
+    np.testing.assert_allclose(driver_poses(text, q), driver_poses(PUBLISHED, q), atol=1e-5, rtol=0)
+    assert list(yaml.safe_load(text)["kinematics"]) == [*LINKS, "hash"]
+    assert yaml.safe_load(text)["kinematics"]["hash"] == NOT_THE_CONTROLLERS
+
+
+def test_the_hash_is_that_of_a_person() -> None:
+    arm = arm_of(load_arm("ur5e").robot)
+    text = ur_driver_text(arm, "cell.yaml", "calib_12788084448423163542")
+    assert yaml.safe_load(text)["kinematics"]["hash"] == "calib_12788084448423163542"
+    with pytest.raises(UseError, match="not a hash"):
+        ur_driver_text(arm, "cell.yaml", "calib_1\nshoulder: 0")
+
+
+@pytest.mark.parametrize("name", ["abb-irb-120", "kuka-kr-6-r900-2", "staubli-tx2-60"])
+def test_the_driver_takes_no_arm_of_another_maker(name: str) -> None:
+    with pytest.raises(FileError, match="not built as one of Universal Robots"):
+        ur_driver_text(arm_of(load_arm(name).robot), "cell.yaml")

@@ -1,0 +1,99 @@
+"""The circle as the arm drives it: pose by pose, within limits and speeds, turning back where the paper's did."""
+
+import numpy as np
+import pytest
+
+from analysis.apps.emulate.robot import trace
+from analysis.robot.geometry.circle import frame_of, reversals
+from analysis.robot.geometry.driven_programs import circle_laps, circle_of, circle_program, feasible_tests, lap
+from analysis.robot.kinematics.arm import arm_of, forward
+from rigs.errors import FileError
+from rigs.load import load, shipped
+
+RIGS = list(shipped())
+
+
+@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("direction", ["cw", "acw"])
+def test_the_circle_is_driven_pose_by_pose_without_a_jump(name: str, direction: str) -> None:
+    rig, _ = load(name)
+    driven = trace(rig, direction)  # type: ignore[arg-type]
+    reached = forward(arm_of(rig.robot), driven.q)
+    wanted = frame_of(circle_of(rig)).poses(driven.phi)
+    assert np.abs(reached - wanted).max() < 1e-6
+    assert np.abs(np.diff(driven.q, axis=0)).max() < np.radians(1)
+
+
+@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("direction", ["cw", "acw"])
+def test_a_program_at_any_moment_is_what_its_controller_drives(name: str, direction: str) -> None:
+    """Laps, pauses and ways back: at each period of the controller, and between two by a straight line."""
+    rig, _ = load(name)
+    program, laps = circle_program(rig, direction), circle_laps(rig, direction)  # type: ignore[arg-type]
+    assert laps.count > 1
+    assert laps.end_s == program.t_s[-1]
+    t_s = np.concatenate([program.t_s, (program.t_s[1:] + program.t_s[:-1]) / 2])
+    between = np.stack([np.interp(t_s, program.t_s, joint) for joint in program.q.T], axis=1)
+    np.testing.assert_allclose(laps.at(t_s), between, rtol=0, atol=1e-12)
+
+
+def test_reversals_of_the_papers_table_1() -> None:
+    rig, _ = load("paper-fanuc")
+    circle = circle_of(rig)
+    turns = reversals(circle, arm_of(rig.robot), "paper-fanuc")
+    paper = {(1, True): 105, (1, False): 237, (2, True): 3, (2, False): 182, (3, True): 351, (3, False): 169}
+    paper |= {(5, True): 0, (5, False): 190, (6, True): 82, (6, False): 290}
+    assert {(turn.axis, turn.upper) for turn in turns} == set(paper)
+    for turn in turns:
+        off = (np.degrees(turn.phi) - paper[turn.axis, turn.upper] + 180) % 360 - 180
+        assert abs(off) < 1.5
+
+
+def test_reversals_of_a_circle_that_begins_elsewhere_within_limits_that_a_lap_just_fits() -> None:
+    """Only what a program drives must lie within the limits; the wrist turns by 400° of the 440° that are looked at."""
+    rig, _ = load("ur10e")
+    posture = (-5.5, -68.6, 91.5, 59.1, 83.6, 325.4)
+    circle = circle_of(rig).model_copy(update={"start_deg": 120.0, "posture_deg": posture})
+    turned = rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
+    assert np.degrees(np.ptp(circle_program(turned, "acw").q[:, 5])) > 360
+    turns = reversals(circle, arm_of(rig.robot), "ur10e")
+    usual = reversals(circle_of(rig), arm_of(rig.robot), "ur10e")
+    assert [(turn.axis, turn.upper) for turn in turns] == [(turn.axis, turn.upper) for turn in usual]
+    np.testing.assert_allclose([turn.phi for turn in turns], [turn.phi for turn in usual], atol=1e-4)
+    assert len(feasible_tests(turned, "cell.yaml")[0]) > 1
+
+
+def test_reversals_from_a_posture_far_from_the_circle_are_those_of_its_programs() -> None:
+    rig, _ = load("paper-fanuc")
+    usual = reversals(circle_of(rig), arm_of(rig.robot), "paper-fanuc")
+    posture = (-62.8, -54.2, 7.6, 231.0, 136.6, -5.7)
+    far = circle_of(rig).model_copy(update={"posture_deg": posture})
+    turns = reversals(far, arm_of(rig.robot), "paper-fanuc")
+    assert [(turn.axis, turn.upper) for turn in turns] == [(turn.axis, turn.upper) for turn in usual]
+    np.testing.assert_allclose([turn.phi for turn in turns], [turn.phi for turn in usual], atol=1e-4)
+
+
+def test_a_joint_limit_on_the_way_is_told() -> None:
+    rig, _ = load("paper-fanuc")
+    axes = list(rig.robot.axes)
+    axes[3] = axes[3].model_copy(update={"limits_deg": (-100.0, 180.0)})
+    narrow = rig.model_copy(update={"robot": rig.robot.model_copy(update={"axes": tuple(axes)})})
+    with pytest.raises(FileError, match="axis 4 would move"):
+        trace(narrow, "acw")
+
+
+def test_a_circle_too_fast_for_a_joint_is_told() -> None:
+    rig, _ = load("paper-fanuc")
+    tests = rig.tests.model_copy(update={"circle": circle_of(rig).model_copy(update={"speed_mm_s": 500.0})})
+    with pytest.raises(FileError, match="lower speed_mm_s"):
+        trace(rig.model_copy(update={"tests": tests}), "acw")
+
+
+def test_a_lap_starts_and_ends_at_rest_and_holds_its_speed() -> None:
+    circle = circle_of(load("paper-fanuc")[0])
+    t, phi = lap(circle, "cw")
+    speed = np.abs(np.diff(phi) / np.diff(t)) * circle.radius_mm
+    assert speed[0] < 2 and speed[-1] < 2
+    assert np.median(speed) == pytest.approx(circle.speed_mm_s, rel=1e-6)
+    assert np.degrees(phi[0]) == pytest.approx(circle.start_deg + circle.lead_deg)
+    assert np.degrees(phi[-1]) == pytest.approx(circle.start_deg - 360 - circle.lead_deg)

@@ -1,0 +1,151 @@
+"""Following a path: continuous, within the limits, and every refusal by name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.robot.kinematics.arm import Arm, forward
+from analysis.robot.kinematics.follow import follow
+from analysis.robot.kinematics.inverse import inverse
+from analysis.robot.kinematics.joint_limits import within_limits
+from analysis.robot.kinematics.newton import cancelling_axes, conditioning, newton
+from rigs.errors import FileError
+from tests.support.five_arms import ARMS, calibrated
+
+ANY = pytest.mark.parametrize("name", ARMS)
+START = np.radians([10.0, 40, -20, 30, 50, 20])
+UPRIGHT_IS_ZERO = {"paper-fanuc", "ABB IRB 2400/10", "FANUC M-16iB/20"}
+"""Axis 2, that is; the others have it level."""
+
+
+def _path(arm: Arm, start: np.ndarray, swing_deg: float, n: int = 400) -> tuple[np.ndarray, np.ndarray]:
+    """A smooth joint path (n, 6) and its poses."""
+    s = np.linspace(0, 1, n)[:, None]
+    q = start + np.radians(swing_deg) * np.sin(2 * np.pi * s * np.array([1, 0.7, 0.5, 1.2, 0.4, 1.5]))
+    return q, forward(arm, q)
+
+
+@ANY
+@pytest.mark.parametrize("seed", [None, 3])
+def test_a_smooth_path_is_followed_as_it_was_driven(name: str, seed: int | None) -> None:
+    arm = ARMS[name] if seed is None else calibrated(ARMS[name], seed)
+    arm = replace(arm, limits=np.tile([-7.0, 7.0], (6, 1)))
+    start = START if name in UPRIGHT_IS_ZERO else np.radians([10.0, -70, 60, 40, 60, 20])
+    q, poses = _path(arm, start, 25)
+    assert conditioning(arm, q).min() > 0.005
+    np.testing.assert_allclose(follow(arm, poses, start + 0.05, "path"), q, atol=1e-7)
+
+
+@ANY
+@pytest.mark.parametrize("seed", [None, 4])
+def test_a_long_path_is_followed_from_wherever_its_posture_was_turned_to(name: str, seed: int | None) -> None:
+    """Whole turns of the posture stay: the branches that it is compared with have none."""
+    arm = ARMS[name] if seed is None else calibrated(ARMS[name], seed)
+    arm = replace(arm, limits=np.tile([-9.0, 9.0], (6, 1)))
+    start = START if name in UPRIGHT_IS_ZERO else np.radians([10.0, -70, 60, 40, 60, 20])
+    turns = 2 * np.pi * np.linalg.inv(arm.coupling) @ [1, 0, 0, -1, 0, 1]
+    q, poses = _path(arm, start, 25, n=5000)
+    np.testing.assert_allclose(follow(arm, poses, start + turns + 0.02, "path"), q + turns, atol=1e-9)
+
+
+@pytest.mark.parametrize("n", [400, 10])
+def test_a_path_straight_through_a_singular_wrist_keeps_axis_4(n: int) -> None:
+    """Axis 5 passes zero and the others go on: the branch of the closed form changes, the arm does not jump."""
+    arm = ARMS["ABB IRB 2400/10"]
+    q = np.tile(np.radians([10.0, 20, 10, 0, 0, 30]), (n, 1))
+    q[:, 4] = np.linspace(0.3, -0.3, n)
+    q[:, 0] += np.linspace(0, 0.2, n)
+    np.testing.assert_allclose(follow(arm, forward(arm, q), q[0], "path"), q, atol=1e-5)
+
+
+def _lost(arm: Arm) -> tuple[np.ndarray, np.ndarray]:
+    """Poses (m, 4, 4) that Newton does not reach from the postures (m, 6) beside them."""
+    rng = np.random.default_rng(0)
+    poses, posture = forward(arm, rng.uniform(-1.2, 1.2, (400, 6))), rng.uniform(-2, 2, (400, 6))
+    rows = np.flatnonzero(~newton(arm, poses, posture)[1])[:5]
+    assert len(rows) == 5
+    return poses[rows], posture[rows]
+
+
+def test_where_newton_loses_its_way_the_nearest_branch_begins() -> None:
+    arm = ARMS["paper-fanuc"]
+    for pose, posture in zip(*_lost(arm), strict=True):
+        begun = follow(arm, pose[None], posture, "path")[0]
+        turned, _ = within_limits(arm, inverse(arm, pose[None]).q[0])
+        np.testing.assert_allclose(begun, turned[np.abs(turned - posture).max(axis=1).argmin()], atol=1e-9)
+
+
+def test_of_the_branches_one_within_the_limits_is_taken() -> None:
+    arm = ARMS["paper-fanuc"]
+    for pose, posture in zip(*_lost(arm), strict=True):
+        begun = follow(arm, pose[None], posture, "path")[0]
+        turned, _ = within_limits(arm, inverse(arm, pose[None]).q[0])
+        other = turned[np.abs(turned - begun).max(axis=1).argmax()]
+        axis = int(np.abs(other - begun).argmax())
+        limits = arm.limits.copy()
+        limits[axis] = other[axis] - 0.01, other[axis] + 0.01
+        assert abs(follow(replace(arm, limits=limits), pose[None], posture, "path")[0, axis] - other[axis]) < 0.01
+
+
+def test_a_pose_that_only_another_posture_reaches_is_told() -> None:
+    arm = ARMS["paper-fanuc"]
+    for pose, posture in zip(*_lost(arm), strict=True):
+        with pytest.raises(FileError, match="the arm changes its posture near pose 2 of 2"):
+            follow(arm, np.stack([forward(arm, posture[None])[0], pose]), posture, "path")
+
+
+@ANY
+def test_what_the_arm_cannot_reach_is_told(name: str) -> None:
+    arm = ARMS[name]
+    far = forward(arm, START[None])
+    far[:, :3, 3] += [4000, 0, 0]
+    with pytest.raises(FileError, match=r"path: pose 1 of 2 .* out of reach of the arm in every posture"):
+        follow(arm, np.repeat(far, 2, axis=0), START, "path")
+
+
+def test_a_path_that_leaves_the_reach_is_told_where() -> None:
+    arm = ARMS["ABB IRB 2400/10"]
+    poses = np.repeat(forward(arm, START[None]), 100, axis=0)
+    poses[:, 0, 3] += np.linspace(0, 3000, 100)
+    with pytest.raises(FileError, match=r"pose \d+ of 100 .* out of reach"):
+        follow(arm, poses, START, "path")
+
+
+def test_a_joint_limit_on_the_way_is_told() -> None:
+    arm = ARMS["KUKA KR 6 R700"]
+    limits = arm.limits.copy()
+    limits[3, 1] = np.radians(40)
+    _, poses = _path(arm, START, 25)
+    with pytest.raises(FileError, match=r"axis 4 would move .* its limits are \[-190.0, 40.0\]"):
+        follow(replace(arm, limits=limits), poses, START, "path")
+
+
+def test_a_singular_wrist_on_the_way_is_told_with_its_axes() -> None:
+    """The tool tips past the axis of the forearm, 0.0001° beside it: axis 4 would have to turn half round at once."""
+    arm = ARMS["ABB IRB 2400/10"]
+    q = np.tile(np.radians([10.0, 20, 10, 0, 0, 30]), (201, 1))
+    beside = np.radians(1e-4)
+    tip = np.linspace(-0.3, 0.3, 201)
+    q[:, 4], q[:, 3] = np.hypot(tip, beside), np.arctan2(beside, tip)
+    q[:, 5] -= q[:, 3]
+    assert cancelling_axes(arm, q[100]) == [4, 6]
+    with pytest.raises(FileError, match=r"changes its posture near pose .* singularity, where axes 4 and 6 cancel"):
+        follow(arm, forward(arm, q), q[0], "path")
+
+
+def test_conditioning_falls_to_nothing_at_a_singularity() -> None:
+    arm = ARMS["ABB IRB 2400/10"]
+    q = np.tile(START, (3, 1))
+    q[1:, 4] = [0.0, 1e-3]
+    values = conditioning(arm, q)
+    assert values[0] > 0.01
+    assert values[1] < 1e-12
+    assert 1e-6 < values[2] < 1e-3
+
+
+def test_newton_says_what_it_did_not_reach() -> None:
+    arm = ARMS["ur10e"]
+    far = np.eye(4)[None] * 1.0
+    far[0, :3, 3] = [9000, 0, 0]
+    assert not newton(arm, far, np.zeros((1, 6)))[1][0]

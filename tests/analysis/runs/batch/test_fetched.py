@@ -1,0 +1,192 @@
+"""A run elsewhere is a directory here for as long as it is worked on, and nothing of it stays."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import sys
+import tempfile
+from collections import namedtuple
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from analysis.runs.batch.each import each
+from analysis.runs.batch.fetched import fetched
+from analysis.runs.batch.outcomes import Done, Failed
+from analysis.runs.batch.remote_path import RemotePath, location
+from analysis.runs.batch.remote_store import StoreLost, explained
+from rigs.distribution import to_install
+from rigs.errors import CellError, FileError
+
+pytest.importorskip("fsspec", reason="fsspec is an extra: pip install s3fs sshfs")
+from tests.support.trial_store import url_of
+
+FILES = {"manifest.json": b"{}", "ledger.jsonl": b"\n", "g1-0001.parquet": b"PAR1", "marks.json": b"{}"}
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return made(tmp_path / "plant" / "run")
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The directory of temporary files, of this test alone."""
+    place = tmp_path / "temporary"
+    place.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(place))
+    return place
+
+
+def made(path: Path) -> Path:
+    path.mkdir(parents=True)
+    for name, data in FILES.items():
+        (path / name).write_bytes(data)
+    (path / "film.mp4").write_bytes(b"large")
+    return path
+
+
+def test_a_directory_is_itself(run: Path) -> None:
+    with fetched(run) as found:
+        assert found is run
+
+
+@pytest.mark.parametrize("protocol", ["file", "trial"])
+def test_the_files_that_are_read_are_there_and_then_gone(protocol: str, run: Path, place: Path) -> None:
+    with fetched(location(f"file://{run}" if protocol == "file" else url_of(run))) as found:
+        assert {file.name: file.read_bytes() for file in found.iterdir()} == FILES
+        assert found.is_relative_to(place)
+    assert not list(place.iterdir())
+
+
+def test_an_error_names_the_run_and_not_its_copy(run: Path, place: Path) -> None:
+    url = url_of(run)
+    with pytest.raises(FileError) as error, fetched(location(url)) as found:
+        raise FileError(str(found / "x"), f"is bad in {found}", f"run `rig recover {found}`")
+    assert str(error.value) == f"{url}/x: is bad in {url}; run `rig recover` on a copy of it"
+    assert not list(place.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "what"),
+    [
+        ("denied", FileError, "may not be read: Permission denied; check the credentials"),
+        ("vanished", StoreLost, "the store does not answer: Connection reset by peer; check the network"),
+        ("grown", FileError, "has changed while it was read"),
+        ("nowhere", FileError, "is not there; check the URL"),
+        ("empty", FileError, "holds no run"),
+    ],
+)
+def test_what_cannot_be_fetched_is_one_line(
+    name: str, kind: type[Exception], what: str, tmp_path: Path, place: Path
+) -> None:
+    if name == "empty":
+        (tmp_path / name).mkdir()
+    elif name != "nowhere":
+        made(tmp_path / name)
+    url = url_of(tmp_path / name)
+    with pytest.raises(kind, match=what) as error, fetched(location(url)):
+        pass
+    assert str(error.value).startswith(f"{url}: ") and type(error.value) is kind
+    assert not list(place.iterdir())
+
+
+def test_a_run_larger_than_the_room_is_not_begun(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = namedtuple("usage", "free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(3))
+    with pytest.raises(CellError, match="set TMPDIR"), fetched(location(url_of(run))):
+        pass
+
+
+@pytest.mark.parametrize("place_is", ["missing", "a file"])
+def test_a_temporary_directory_that_takes_nothing_is_one_line(
+    place_is: str, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere" if place_is == "missing" else run / "film.mp4"))
+    url = location(url_of(run))
+    with pytest.raises(CellError, match="TMPDIR: no temporary directory can be made"):
+        list(each(size_of, [url]))
+    with pytest.raises(CellError, match="TMPDIR: no temporary directory can be made"), fetched(url):
+        pass
+
+
+def test_signals_are_handled_as_before_once_the_copies_are_gone(run: Path, place: Path) -> None:
+    def handlers() -> list[object]:
+        return [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)]
+
+    before = handlers()
+    found = each(size_of, [location(url_of(run))] * 2)
+    next(found)
+    assert handlers() != before and len(list(place.iterdir())) == 1
+    found.close()
+    assert handlers() == before and not list(place.iterdir())
+
+
+def test_names_that_lead_out_of_the_directory_are_not_written(run: Path, tmp_path: Path, place: Path) -> None:
+    (run / ".names").write_text(f"{run}/../manifest.json {run}/x/../../y.parquet {run}/a\\b.parquet")
+    with fetched(location(url_of(run))) as found:
+        assert {file.name for file in found.iterdir()} == set(FILES)
+    assert {file.name for file in tmp_path.rglob("*.parquet")} == {"g1-0001.parquet"}
+
+
+def test_what_a_store_says_of_a_url_shows_no_secret() -> None:
+    said = "no answer from 'https://me:hidden@h/x?X-Amz-Signature=hidden' now"
+    url = location("s3://b/x")
+    assert isinstance(url, RemotePath)
+    with pytest.raises(FileError, match=r"no answer from 'https://h/x' now") as error, explained(url):
+        raise RuntimeError(said)
+    assert "hidden" not in str(error.value)
+
+
+@pytest.mark.parametrize(("url", "what"), [("s3://b/x", "s3fs"), ("sftp://h/x", "sshfs")])
+def test_a_package_that_is_missing_is_named(url: str, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, what, None)
+    with (
+        pytest.raises(FileError, match=f"not installed: .*{what}.*{re.escape(to_install(what))}"),
+        fetched(location(url)),
+    ):
+        pass
+
+
+def test_without_fsspec_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "fsspec", None)
+    with pytest.raises(FileError, match=re.escape(to_install("s3fs"))), fetched(location("s3://b/x")):
+        pass
+
+
+def test_a_protocol_that_nobody_knows_is_named() -> None:
+    with pytest.raises(FileError, match="fsspec does not know"), fetched(location("nonsense://b/x")):
+        pass
+
+
+def size_of(run: Path) -> int:
+    with fetched(run) as found:
+        return sum(file.stat().st_size for file in found.iterdir())
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_bad_run_costs_itself_in_any_number_of_processes(jobs: int, tmp_path: Path, place: Path) -> None:
+    runs = [location(url_of(made(tmp_path / name))) for name in ("one", "denied", "two")]
+    found = list(each(size_of, runs, jobs=jobs))
+    size = sum(map(len, FILES.values()))
+    assert [one.value if isinstance(one, Done) else None for one in found] == [size, None, size]
+    assert isinstance(found[1], Failed) and found[1].item == runs[1]
+    assert not list(place.iterdir())
+
+
+def test_a_process_that_is_killed_over_a_copy_leaves_nothing(tmp_path: Path, run: Path, place: Path) -> None:
+    signed = tmp_path / "signed"
+    (failed,) = each(partial(killed_over, signed), [location(url_of(run))])
+    assert isinstance(failed, Failed) and failed.deaths == 2 and signed.exists()
+    assert not list(place.iterdir())
+
+
+def killed_over(signed: Path, run: Path) -> int:
+    with fetched(run):
+        signed.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 0

@@ -1,0 +1,60 @@
+"""A URL goes through commands as a path whose text is the URL, and holds nothing that must not be shown."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+from analysis.runs.batch.remote_path import RemotePath, location
+from rigs.errors import FileError
+
+
+@pytest.mark.parametrize(
+    ("given", "text", "top", "steps"),
+    [
+        ("s3://bucket/plant/run", "s3://bucket/plant/run", "s3://bucket", ("plant", "run")),
+        ("S3://bucket/", "s3://bucket", "s3://bucket", ()),
+        ("sftp://me@10.0.0.5:22/srv", "sftp://me@10.0.0.5:22/srv", "sftp://me@10.0.0.5:22", ("srv",)),
+        ("sftp://10.0.0.5:22/srv/a@b", "sftp://10.0.0.5:22/srv/a@b", "sftp://10.0.0.5:22", ("srv", "a@b")),
+        ("file:///srv//plant/", "file:///srv/plant", "file:///", ("srv", "plant")),
+        ("s3://bucket/a?b#c d%20", "s3://bucket/a?b#c d%20", "s3://bucket", ("a?b#c d%20",)),
+    ],
+)
+def test_the_text_is_the_url(given: str, text: str, top: str, steps: tuple[str, ...]) -> None:
+    found = location(given)
+    assert isinstance(found, RemotePath)
+    assert (str(found), found.top, found.steps) == (text, top, steps)
+    assert str(found / "run") == f"{text}/run" and (found / "run").name == "run"
+    assert (found / "run").parent == found and (found / "run").resolve() == (found / "run").absolute() == found / "run"
+    again = pickle.loads(pickle.dumps(found))  # noqa: S301 - our own
+    assert isinstance(again, RemotePath) and str(again) == text
+
+
+@pytest.mark.parametrize("text", ["runs", "/srv/runs", "s3:/bucket", "C:/runs", "a b", ""])
+def test_all_else_is_a_path(text: str) -> None:
+    assert type(location(text)) is type(Path())
+    assert location(text) == Path(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("sftp://me:hidden@host/srv", "holds a password"),
+        ("ftp://:hidden@host", "holds a password"),
+        ("https://host/runs?X-Amz-Signature=hidden", "holds a query"),
+        ("sftp://me:hid/hidden@host/srv", "holds a password"),
+        ("sftp://me:/hidden@host/srv", "holds a password"),
+        ("zip://runs::s3://hidden/x.zip", "a chain of URLs"),
+        ("simplecache::s3://me:hidden@runs/x", "a chain of URLs"),
+        ("sftp://[::1]/srv", "a computer by its name"),
+        ("s3://", "names no bucket"),
+        ("sftp:///srv", "names no bucket and no computer"),
+        ("file://host/srv", "names a computer"),
+    ],
+)
+def test_what_cannot_be_taken_is_one_line_that_shows_no_secret(text: str, what: str) -> None:
+    with pytest.raises(FileError, match=what) as error:
+        location(text)
+    assert "hidden" not in str(error.value)

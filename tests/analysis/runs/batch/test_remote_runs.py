@@ -1,0 +1,86 @@
+"""The runs below a URL are those below the directory, in the same order, and no file is opened for that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from analysis.runs.batch.remote_path import RemotePath, location
+from analysis.runs.batch.remote_store import StoreLost, listed, remote_runs
+from analysis.runs.batch.run_directories import run_directories
+from rigs.errors import FileError
+
+pytest.importorskip("fsspec", reason="fsspec is an extra: pip install s3fs sshfs")
+from tests.support.trial_store import url_of
+
+NAMES = ("b/later", "b/early", "a/deep/one", "a-b/first", "a.b/first", "a/[x]*?", ".deleted/gone", "a/deep/one/inner")
+
+
+@pytest.fixture
+def plant(tmp_path: Path) -> Path:
+    for name in NAMES:
+        made(tmp_path / name)
+    made(tmp_path / "b" / "without-manifest", "ledger.jsonl")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "a" / "notes.txt").touch()
+    return tmp_path
+
+
+def made(path: Path, file: str = "manifest.json") -> None:
+    path.mkdir(parents=True)
+    (path / file).write_text("{}")
+
+
+def at(url: str) -> RemotePath:
+    found = location(url)
+    assert isinstance(found, RemotePath)
+    return found
+
+
+def below(url: str) -> list[str]:
+    return [str(run.path).removeprefix(f"{url}/") for run in listed(at(url))]
+
+
+@pytest.mark.parametrize("protocol", ["file", "trial", "s3"])
+def test_the_runs_are_those_of_the_directory(protocol: str, plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    url = url_of(plant) if protocol != "file" else f"file://{plant}"
+    if protocol == "s3":  # the one listing of an object store
+        monkeypatch.setattr("analysis.runs.batch.remote_store.OBJECT_STORES", ("trial",))
+    expected = [str(run.relative_to(plant)) for run in run_directories([plant])]
+    assert below(url) == expected and len(expected) == 7
+    assert [str(run) for run in run_directories([at(url)])] == [f"{url}/{name}" for name in expected]
+
+
+def test_a_run_stands_for_itself_and_what_holds_none_too(plant: Path) -> None:
+    for name in ("b/later", "empty", "nowhere"):
+        run = at(f"file://{plant}/{name}")
+        assert run_directories([run]) == [run]
+    (one,) = listed(at(f"file://{plant}/b/later"))
+    assert one.files and [(file.name, file.size) for file in one.files] == [("manifest.json", 2)]
+    assert all(file.stamp for file in one.files)
+
+
+def test_what_may_not_be_listed_is_given_without_files(plant: Path) -> None:
+    for name in ("denied", "lost+found"):
+        made(plant / name / "run")
+    without = [str(run.path) for run in listed(at(url_of(plant))) if run.files is None]
+    assert without == [f"{url_of(plant)}/denied"]
+    with pytest.raises(FileError, match="may not be read: Permission denied"):
+        listed(at(url_of(plant / "denied")))
+
+
+def test_a_store_that_is_lost_ends_the_listing(plant: Path) -> None:
+    made(plant / "vanished" / "run")
+    with pytest.raises(StoreLost, match="the store does not answer: Connection reset by peer"):
+        remote_runs(at(url_of(plant)))
+
+
+def test_links_are_not_followed_and_a_circle_of_them_ends(plant: Path) -> None:
+    (plant / "b" / "round").symlink_to(plant)
+    assert len(below(f"file://{plant}")) == 7
+
+
+def test_names_that_lead_elsewhere_are_left_out(plant: Path) -> None:
+    (plant / "a" / ".names").write_text(f".. {plant}/a/.. {plant}/b/later/manifest.json /etc/passwd {plant}/a/x/../y")
+    assert len(below(url_of(plant))) == 7

@@ -1,0 +1,73 @@
+"""A directory stands for the runs below it, in one order, each once; what cannot be read is not passed over."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from analysis.runs.batch.run_directories import run_directories
+
+
+def made(path: Path, file: str = "manifest.json") -> Path:
+    path.mkdir(parents=True)
+    (path / file).touch()
+    return path
+
+
+@pytest.fixture
+def plant(tmp_path: Path) -> Path:
+    for name in ("b/later", "b/early", "a/deep/one", ".deleted/gone", "a/deep/one/not-a-run-of-its-own"):
+        made(tmp_path / name)
+    made(tmp_path / "b" / "without-manifest", "ledger.jsonl")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "a" / "notes.txt").touch()
+    return tmp_path
+
+
+def test_every_run_below_a_directory_in_the_order_of_names(plant: Path) -> None:
+    found = [str(run.relative_to(plant)) for run in run_directories([plant])]
+    assert found == ["a/deep/one", "b/early", "b/later", "b/without-manifest"]
+
+
+def test_runs_stay_as_they_were_named_and_come_once(plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(plant)
+    named = [Path("b/later"), Path("b"), plant / "b" / "later"]
+    assert run_directories(named) == [Path("b/later"), Path("b/early"), Path("b/without-manifest")]
+
+
+@pytest.mark.parametrize("name", ["empty", "nowhere", "a/notes.txt"])
+def test_what_holds_no_run_stands_for_itself(name: str, plant: Path) -> None:
+    assert run_directories([plant / name]) == [plant / name]
+
+
+def test_links_are_followed_and_lead_in_no_circle(plant: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    (plant / "empty" / "share").symlink_to(elsewhere)
+    made(elsewhere / "far")
+    (elsewhere / "back").symlink_to(plant)
+    runs = run_directories([plant])
+    assert plant / "empty" / "share" / "far" in runs and len(runs) == 5
+
+
+def test_directories_that_link_to_each_other_are_entered_once(tmp_path: Path) -> None:
+    cells = [made(tmp_path / f"cell-{number:02d}" / "run").parent for number in range(12)]
+    for cell in cells:
+        for other in cells:
+            (cell / f"to-{other.name}").symlink_to(other)
+    # A walk along every path takes days.
+    assert [run.resolve() for run in run_directories([tmp_path])] == [cell / "run" for cell in cells]
+
+
+def test_a_directory_that_may_be_listed_and_not_entered_stands_for_itself(
+    plant: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    is_dir = Path.is_dir
+
+    def as_for_another_user(path: Path) -> bool:
+        if path.parent == plant / "b":
+            raise PermissionError(13, "Permission denied")
+        return is_dir(path)
+
+    monkeypatch.setattr(Path, "is_dir", as_for_another_user)
+    assert run_directories([plant]) == [plant / "a/deep/one", plant / "b"]

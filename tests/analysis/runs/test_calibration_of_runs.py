@@ -1,0 +1,94 @@
+"""A run keeps the calibration that its rig file names, so that nobody needs the rig file to analyse it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from hashlib import sha256
+from pathlib import Path
+
+import pyarrow.csv
+import pytest
+
+import analysis
+from analysis.runs.batch.remote_store import is_read
+from daq.store import verify
+from rigs import load as reading
+from rigs.calibration import CALIBRATION
+from rigs.errors import FileError
+from tests.support.bench import Bench, rig_text
+from tests.support.handmade_calibration import calibrated_model, written
+
+FILE = f"cell{CALIBRATION}"
+
+
+@pytest.fixture(autouse=True)
+def _nothing_remembered() -> Iterator[None]:
+    """What one test read is not there for the next one, as in a process of its own."""
+    reading._calibrations.clear()  # private: calibrations are kept by their digest
+    yield
+    reading._calibrations.clear()  # private: as above
+
+
+def simulated(tmp_path: Path) -> Path:
+    """A simulated run of a cell with a calibration, whose rig file is gone afterwards."""
+    rig_file, beside = written(tmp_path / "cell")
+    run = analysis.save_run(analysis.simulate(rig_file, "yaw", "cw", seed=1), tmp_path / "run")
+    rig_file.unlink()
+    beside.unlink()
+    return run
+
+
+def test_a_saved_run_keeps_the_calibration_to_the_byte(tmp_path: Path) -> None:
+    content = written(tmp_path / "same")[1].read_bytes()
+    run = simulated(tmp_path)
+    assert (run / FILE).read_bytes() == content
+    assert verify(run) == []
+    assert is_read(FILE), "a run that lies elsewhere is fetched with it"
+    assert analysis.load_run(run).rig.calibrated == calibrated_model()
+
+
+def test_such_a_run_is_compared_without_its_rig_file_and_saved_again_with_it(tmp_path: Path) -> None:
+    run = analysis.load_run(simulated(tmp_path))
+    alone = analysis.compare([run]).to_dict()
+    rig_file, _ = written(tmp_path / "again")
+    given = analysis.compare([run], rig_file).to_dict()
+    assert alone == given
+    copy = analysis.save_run(run, tmp_path / "copy")
+    assert analysis.load_run(copy).rig.calibrated == calibrated_model()
+
+
+def test_an_imported_run_keeps_it_too(tmp_path: Path) -> None:
+    rig_file, _ = written(tmp_path / "cell")
+    table = tmp_path / "table.csv"
+    pyarrow.csv.write_csv(analysis.simulate(rig_file, "yaw", "cw", seed=1).to_table(), table)
+    read = analysis.read_table(table, rig_file, "yaw", "cw")
+    run = analysis.save_run(read, tmp_path / "run")
+    assert analysis.load_run(run).rig.calibrated == read.rig.calibrated == calibrated_model()
+
+
+def test_a_changed_calibration_is_refused_and_a_run_without_it_is_as_before(tmp_path: Path) -> None:
+    run = simulated(tmp_path)
+    (run / FILE).write_bytes((run / FILE).read_bytes() + b" ")
+    reading._calibrations.clear()  # private: as above
+    assert [line for line in verify(run) if "is not the calibration" in line]
+    with pytest.raises(FileError, match="is not the file that the rig file names"):
+        analysis.load_run(run)
+    (run / FILE).unlink()
+    assert verify(run) == []
+    with pytest.raises(FileError, match="which is not beside this rig file"):
+        analysis.compare([analysis.load_run(run)])
+
+
+def test_a_recorded_run_keeps_what_the_daemon_began_with(tmp_path: Path) -> None:
+    """Whatever becomes of the file while the daemon runs."""
+    beside = written(tmp_path, calibrated_model(rig="bench"))[1]
+    content = beside.read_bytes()
+    text = f"{rig_text()}calibration: {{file: {beside.name}, sha256: {sha256(content).hexdigest()}}}\n"
+    with Bench(tmp_path, text) as bench:
+        bench.start().all_reading()
+        beside.write_text("something else")
+        bench.record("dwell", "cw")
+        bench.run("rig", "record", "stop")
+    (run,) = (tmp_path / "runs").glob("*_dwell")
+    assert (run / FILE).read_bytes() == content
+    assert verify(run) == []

@@ -1,0 +1,142 @@
+"""What is made of the robot's condition in a run: stops, pauses, speeds and temperatures that were planted."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.apps.plant.records import record_of
+from analysis.runs.loading import measured_of
+from analysis.runs.robot_condition import condition_of
+from daq.protocol.conversation import NO_TIME, Sample
+from daq.store import RunWriter, read_run
+from rigs.load import load
+from rigs.schema.condition import CONDITION, TEMPERATURES, UNDISTURBED, ProgramState, SafetyState
+from tests.support.table_cases import JOINTS, RIG_FILE, circle_values
+
+HZ = 10
+
+
+def robot(**changed: tuple[float, float, float]) -> dict[str, np.ndarray]:
+    """Columns of 100 s: joint 1 stands until 20 s, moves until 80 s and stands again; changed: from, until, value."""
+    t_s = np.arange(0, 100, 1 / HZ)
+    q_deg = np.interp(t_s, [20, 80], [10.0, 70.0])
+    columns = {"last_byte_ns": (5e9 + t_s * 1e9).astype(np.int64)}
+    columns |= {name: q_deg * (name == "q1_deg") for name in JOINTS}
+    columns |= {name: np.full(len(t_s), value) for name, value in UNDISTURBED.items()}
+    for name, (begin_s, end_s, value) in changed.items():
+        columns[name][(t_s >= begin_s) & (t_s < end_s)] = value
+    return columns
+
+
+def test_a_robot_that_drives_undisturbed_gives_no_doubt() -> None:
+    assert condition_of(robot()).doubts == ()
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"safety_state": (40, 43, SafetyState.PROTECTIVE_STOP)}, "protective stop from 40.0 s on for 3.0 s"),
+        ({"safety_state": (90, 100, SafetyState.EMERGENCY_STOP)}, "emergency stop from 90.0 s on for"),
+        ({"program_state": (50, 58.5, ProgramState.PAUSED)}, "paused from 50.0 s on for 8.5 s"),
+        ({"program_state": (0, 100, ProgramState.STOPPED)}, "no program ran while it moved, from 20"),
+        ({"program_state": (50, 60, ProgramState.STOPPED)}, "its program did not run from 50.0 s on for 10.0 s"),
+        ({"motors_on": (79, 90, 0)}, "motors were off from 79.0 s on for 1."),
+        ({"program_state": (90, 100, ProgramState.PAUSED)}, "after the last motion; check"),
+        ({"speed_percent": (0, 100, 40)}, "speed was 40 % throughout; compare only"),
+        (
+            {"speed_percent": (60, 61, 97)},
+            "speed was 97 % from 60.0 s on for 1.0 s, and not the same throughout; record",
+        ),
+    ],
+)
+def test_what_disturbs_a_test_is_a_doubt(changed: dict[str, tuple[float, float, float]], says: str) -> None:
+    (doubt,) = condition_of(robot(**changed)).doubts
+    assert says in doubt, doubt
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"safety_state": (0, 15, SafetyState.PROTECTIVE_STOP)},
+        {"safety_state": (0, 100, SafetyState.REDUCED)},
+        {"safety_state": (0, 100, math.nan)},
+        {"program_state": (0, 15, ProgramState.PAUSED)},
+        {"program_state": (85, 100, ProgramState.STOPPED)},
+        {"program_state": (0, 100, 77)},
+        {"motors_on": (85, 100, 0)},
+        {"speed_percent": (85, 100, 0)},
+        {"speed_percent": (0, 100, 99.8)},
+        {"program_state": (82, 100, ProgramState.STOPPED), "safety_state": (90, 95, SafetyState.SAFEGUARD_STOP)},
+    ],
+)
+def test_what_does_not_disturb_it_is_none(changed: dict[str, tuple[float, float, float]]) -> None:
+    assert condition_of(robot(**changed)).doubts == ()
+
+
+def test_a_stop_that_ends_the_program_counts() -> None:
+    stop, ended = (85, 100, SafetyState.EMERGENCY_STOP), (85, 100, ProgramState.STOPPED)
+    (doubt,) = condition_of(robot(safety_state=stop, program_state=ended)).doubts
+    assert "emergency stop from 85.0 s on" in doubt
+
+
+def test_several_spells_are_counted_and_a_pause_is_not_a_speed_as_well() -> None:
+    columns = robot(program_state=(30, 32, ProgramState.PAUSED), speed_percent=(30, 32, 0.0))
+    later = (columns["last_byte_ns"] - 5e9 >= 50e9) & (columns["last_byte_ns"] - 5e9 < 53e9)
+    columns["program_state"][later] = ProgramState.PAUSED
+    (doubt,) = condition_of(columns).doubts
+    assert "paused 2 times, first from 30.0 s on, 5.0 s in all" in doubt
+
+
+def test_the_range_of_a_speed_that_changes() -> None:
+    columns = robot(speed_percent=(30, 40, 80))
+    columns["speed_percent"][600:620] = 25.0
+    assert "speed was 25 to 80 % 2 times" in condition_of(columns).doubts[0]
+
+
+def test_mean_and_rise_of_a_joints_temperature() -> None:
+    columns = robot()
+    columns["temperature2_c"] = np.linspace(30.0, 40.0, len(columns["last_byte_ns"]))
+    columns["temperature3_c"] = np.full(len(columns["last_byte_ns"]), math.nan)
+    warmth = condition_of(columns).warmth
+    assert warmth is not None and sorted(warmth) == [1, 2, 4, 5, 6]
+    assert (warmth[2].mean_c, warmth[2].rise_c) == pytest.approx((35.0, 9.0), abs=0.05)
+    assert warmth[1].rise_c == 0 and warmth[1].u_mean_c == 0
+
+
+def test_a_robot_that_shows_nothing_is_as_before() -> None:
+    columns = {name: values for name, values in robot().items() if name not in CONDITION}
+    assert condition_of(columns).doubts == () and not condition_of(columns).warmth
+    assert condition_of({name: values[:1] for name, values in robot().items()}).doubts == ()
+
+
+def test_a_recorded_run_has_the_doubt_and_its_temperatures_go_to_the_history(tmp_path: Path) -> None:
+    t_s, q, g_mm = circle_values("yaw", "acw")
+    beside = ("safety_state", *TEMPERATURES)
+    writer = RunWriter.create(
+        tmp_path,
+        name="lap",
+        test="yaw",
+        direction="acw",
+        rig_name=RIG_FILE,
+        rig_text=load(RIG_FILE)[1],
+        operator="ada",
+        streams={"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": (*JOINTS, *beside)},
+    )
+    for k, at in enumerate((t_s * 1e9).astype(int).tolist()):
+        for g in (0, 1):
+            writer.append(f"g{g + 1}", [Sample((g_mm[k, g],), NO_TIME, at, at, 7, math.nan, 0)])
+        stopped = SafetyState.PROTECTIVE_STOP if 40 < k < 60 else SafetyState.NORMAL
+        shown = (*np.degrees(q[k]), stopped, *[30.0 + 5 * k / len(t_s)] * 6)
+        writer.append("robot", [Sample(shown, NO_TIME, at, at, 60, math.nan, 0)])
+    writer.close("complete", "told to", {})
+    run = read_run(writer.path)
+    (doubt,) = measured_of(run).doubts
+    assert "protective stop" in doubt
+    record = record_of(writer.path, run.manifest, "f")
+    assert not record.problem
+    assert str(record.figures["temperature_j4_c"]).endswith("°C")
+    assert record.figures["warming_j4_c"].value == pytest.approx(4.5, abs=0.2)

@@ -1,0 +1,96 @@
+"""The friction of joints by the currents of their motors, of an arm that another generator drives and weighs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from analysis.apps.emulate.robot import EmulatedRobot, friction_current_a
+from analysis.runs.loading import load_measured
+from analysis.runs.robot_condition import condition_of, friction_of
+from daq.apps.emulate.instruments import instruments_of
+from daq.store import read_run
+from rigs.load import parse
+from rigs.schema.condition import CURRENTS
+from tests.support import soft_arm
+from tests.support.bench import rig_text
+from tests.support.simulated_bench import SimulatedBench
+
+COULOMB_A = np.array([0.61, 0.83, 0.55, 0.21, 0.17, 0.24])
+NM_A = np.array([11.0, 13.0, 9.0, 7.0, 7.5, 6.8])
+TURNS = np.array([3.0, 2.0, 4.0, 1.0, 2.0, 0.0])
+"""How often each joint goes there and back; the last goes on."""
+
+
+def robot(rng: np.random.Generator, *, ripple_a: float = 0.015) -> dict[str, np.ndarray]:
+    """Columns of 120 s at 40 Hz: sines of several joints, Stribeck's friction, gravity and gear ripple."""
+    t_s = np.arange(0, 120, 1 / 40)
+    phase = rng.uniform(0, 2 * np.pi, 6)
+    q_deg = np.array([-40, -70, 80, 10, 70, 5]) + 12 * np.sin(2 * np.pi * TURNS * t_s[:, None] / 120 + phase)
+    q_deg[:, 5] = 3 * t_s
+    speed = np.gradient(np.radians(q_deg), t_s, axis=0)
+    friction = np.sign(speed) * COULOMB_A * (1 + 0.15 * np.exp(-np.abs(speed) / 0.001)) + 0.9 * speed
+    gravity = soft_arm.nominal("ur10")._torques(np.radians(q_deg)) / NM_A  # private: torques link by link
+    waves = ripple_a * np.sin(200 * np.radians(q_deg) + phase)
+    current = friction - gravity + waves + rng.normal(0, 0.05, q_deg.shape)
+    return (
+        {"last_byte_ns": (t_s * 1e9).astype(np.int64)}
+        | {f"q{axis}_deg": q_deg[:, axis - 1] for axis in range(1, 7)}
+        | {name: current[:, axis] for axis, name in enumerate(CURRENTS)}
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_friction_is_half_the_jump_where_a_joint_turns_back(seed: int) -> None:
+    columns = robot(np.random.default_rng(seed))
+    found = condition_of(columns).friction
+    assert found is not None and sorted(found) == [1, 2, 3, 4, 5], "the sixth never turns back"
+    for axis, one in found.items():
+        assert abs(one.current_a - COULOMB_A[axis - 1]) < 4 * one.u_a + 0.01 * COULOMB_A[axis - 1], (axis, one)
+        assert one.u_a < 0.2 * COULOMB_A[axis - 1]
+        assert one.turns >= 2
+
+
+def test_a_joint_that_waits_where_it_turns_back_has_none() -> None:
+    columns = robot(np.random.default_rng(1))
+    t_s = np.arange(0, 60, 1 / 40)
+    q_deg = np.interp(t_s, [0, 20, 24, 44], [0, 20, 20, 0])
+    columns = {name: values[: len(t_s)] for name, values in columns.items()} | {"q1_deg": q_deg}
+    assert 1 not in friction_of(columns, t_s)
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_motors_that_show_nothing_have_no_friction(value: float) -> None:
+    columns = robot(np.random.default_rng(1))
+    columns |= {name: np.full(len(columns["last_byte_ns"]), value) for name in CURRENTS}
+    assert condition_of(columns).friction == {}
+
+
+def test_currents_of_a_robot_come_through_its_protocol_into_figures(tmp_path: Path) -> None:
+    data = yaml.safe_load(rig_text("polled"))
+    data["feedback"] |= {"currents": True, "rate_hz": 125}
+    data["tests"]["circle"] |= {"speed_mm_s": 100, "laps": 1}
+    rig = parse(yaml.safe_dump(data), "rig.yaml")
+    driven = EmulatedRobot.of_rig(rig, seed=3)
+    devices = instruments_of(rig, driven, condition=driven.condition)
+    with SimulatedBench(tmp_path, yaml.safe_dump(data), driven, devices=devices) as bench:
+        bench.start().all_reading()
+        path = bench.record("lap")
+        bench.drive(driven, "acw")
+        bench.stop()
+    shown = read_run(path).streams["robot"]
+    assert np.ptp(shown["current2_a"]) > 0.1 and shown["temperature2_c"].max() < 40
+    friction = load_measured(path).condition.friction
+    assert friction
+    for axis, one in friction.items():
+        truth = friction_current_a(axis, float(shown[f"temperature{axis}_c"].mean()))
+        assert abs(one.current_a - truth) < 4 * one.u_a + 0.02 * truth, (axis, one, truth)
+    (plain,) = json.loads(bench.run("analyse", path, "--json").stdout)["runs"]
+    assert plain["warmth"]["2"]["mean_c"] == pytest.approx(shown["temperature2_c"].mean())
+    said = bench.run("analyse", path).stdout
+    assert f"friction of axis {min(friction)}" in said
+    assert "yaw acw, lap: joints 26" in said and "°C" in said

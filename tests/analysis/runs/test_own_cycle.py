@@ -1,0 +1,183 @@
+"""Ticks of a gauge's own cycle found from its readings: at rest, in steps, garbled, in step with requests, or none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis.apps.emulate.robot import truth
+from analysis.procedures.shared.evaluate import evaluate
+from analysis.runs.loading import measured_of
+from analysis.runs.own_cycle import anywhere_in_a_cycle, changes, through_cycle
+from daq.store import read_run
+from rigs.schema.gauges import SylvacOptoRS
+from rigs.schema.probe import Timing
+from tests.support.cycling_lap import drive, lap_rig, record
+from tests.support.nightly import cases
+from tests.support.stamped import network, serial
+
+Array = np.ndarray[Any, Any]
+MS = 1e6
+
+
+def requests(poll_ms: float = 8.0, seconds: float = 30.0, scatter: float = 0.2, seed: int = 0) -> Array:
+    """Times (n,) ns of requests, as uneven as a share of their distance."""
+    steps = np.random.default_rng(seed).uniform(1 - scatter, 1 + scatter, int(seconds * 1e3 / poll_ms))
+    return np.cumsum(steps) * poll_ms * MS
+
+
+def latest(asked_ns: Array, ticks_ns: Array) -> Array:
+    """The last tick (n,) ns before each request."""
+    return np.asarray(ticks_ns[np.searchsorted(ticks_ns, asked_ns, side="right") - 1])
+
+
+def swing(at_ns: Array, resolution_mm: float = 1e-4, noise_mm: float = 0.0) -> Array:
+    """Readings (n,) mm of a slow swing of 0.6 mm, a value for each instant however often it is asked for."""
+    once, place = np.unique(at_ns, return_inverse=True)
+    value = 0.6 * np.sin(2 * np.pi * once / 17.6e9) + np.random.default_rng(1).normal(0, noise_mm, len(once))
+    return np.asarray(np.round(value / resolution_mm) * resolution_mm)[place]
+
+
+def grid(cycle_ms: float, seconds: float = 31.0, jitter: float = 0.0) -> Array:
+    count = int(seconds * 1e3 / cycle_ms) + 20
+    early = np.random.default_rng(2).uniform(-jitter, jitter, count)
+    return np.sort(np.arange(-10, count - 10) + 0.37 + early) * cycle_ms * MS
+
+
+@pytest.mark.parametrize("stated", [100.0, None])
+def test_ticks_are_found_to_a_fraction_of_the_requests(stated: float | None) -> None:
+    asked = requests()
+    ticks = latest(asked, grid(100.0))
+    found = through_cycle(asked, swing(ticks, noise_mm=1e-3)[:, None], stated and stated * MS)
+    assert found is not None and found.steady and found.period_ns == pytest.approx(100 * MS, rel=1e-4)
+    inside = asked > asked[0] + 200 * MS
+    assert np.abs(found.ns - ticks)[inside].max() < 0.5 * MS
+
+
+def test_coarse_steps_and_a_rest_put_no_reading_on_another_tick() -> None:
+    """10 µm steps, and 10 s of standing in the middle: many ticks change nothing."""
+    asked = requests()
+    ticks = latest(asked, grid(100.0, jitter=0.03))
+    moved = np.where(ticks < 10e9, ticks, np.maximum(ticks - 10e9, 10e9))
+    found = through_cycle(asked, swing(moved, resolution_mm=0.01)[:, None], 100 * MS)
+    assert found is not None and found.steady
+    error = np.abs(found.ns - ticks)
+    moving = (ticks > 0.5e9) & ((ticks < 9.5e9) | (ticks > 20.5e9))
+    assert np.mean(error <= 2e9 * np.hypot(found.u_s, found.own_u_s)) > 0.9
+    assert np.quantile(error[moving], 0.9) < 10 * MS
+
+
+def test_garbled_readings_move_no_tick_but_their_own() -> None:
+    asked = requests()
+    ticks = latest(asked, grid(100.0))
+    values = swing(ticks)
+    values[100::97] += 5.0
+    found = through_cycle(asked, values[:, None], 100 * MS)
+    assert found is not None and found.steady
+    good = np.delete(np.arange(len(asked)), np.arange(100, len(asked), 97))
+    assert np.mean(np.abs(found.ns - ticks)[good] < 1 * MS) > 0.97
+
+
+def test_requests_in_step_with_the_cycle_leave_the_phase_uncertain() -> None:
+    """Every 25 ms exactly: each change has the same bounds, and the truth may be anywhere in them."""
+    asked = requests(25.0, scatter=0.0)
+    for shift_ms in (1.0, 12.0, 24.0):
+        ticks = latest(asked, grid(100.0) + shift_ms * MS)
+        found = through_cycle(asked, swing(ticks)[:, None], 100 * MS)
+        assert found is not None and found.u_s == pytest.approx(25e-3 / np.sqrt(12), rel=0.15)
+        assert np.mean(np.abs(found.ns - ticks) <= 2e9 * np.hypot(found.u_s, found.own_u_s)) > 0.9
+
+
+@pytest.mark.parametrize("resolution_mm", [1e-4, 1e-3, 0.01, 0.05])
+def test_a_gauge_that_latches_on_request_has_no_cycle_however_coarse(resolution_mm: float) -> None:
+    asked = requests()
+    assert through_cycle(asked, swing(asked, resolution_mm, noise_mm=5e-4)[:, None], None) is None
+
+
+def test_a_ramp_in_steps_is_no_cycle() -> None:
+    """0.1 mm/s in steps of 10 µm changes every 100 ms, as a cycle would."""
+    asked = requests()
+    assert through_cycle(asked, np.round(asked * 1e-10 / 0.01)[:, None] * 0.01, None) is None
+
+
+def test_a_gauge_that_stops_and_goes_has_no_cycle() -> None:
+    """Still to its resolution for a second, then on the move for another, as between targets."""
+    asked = requests()
+    moved = np.cumsum(np.where(asked // 1e9 % 2, 0.02, 0.0))
+    values = np.round(moved[:, None] / 1e-3) * 1e-3
+    assert through_cycle(asked, values, None) is None and not changes(asked, values).repeating
+
+
+def test_a_stated_cycle_that_is_not_that_of_the_readings_is_not_believed() -> None:
+    asked = requests()
+    ticks = latest(asked, grid(100.0))
+    found = through_cycle(asked, swing(ticks)[:, None], 130 * MS)
+    assert found is None or not found.steady
+
+
+def test_readings_without_a_number_change_nothing() -> None:
+    asked = requests()
+    assert through_cycle(asked, np.full((len(asked), 2), np.nan), 100 * MS) is None
+    assert through_cycle(asked, np.full((len(asked), 1), 0.5), None) is None
+
+
+@pytest.mark.parametrize(("poll_ms", "shared"), [(20.0, True), (23.7, False)])
+def test_an_age_that_all_readings_have_in_common_is_shared(poll_ms: float, shared: bool) -> None:
+    asked = requests(poll_ms, scatter=0.0)
+    own_u_s, u_s = anywhere_in_a_cycle(asked, 10 * MS)
+    assert np.hypot(own_u_s, u_s) == pytest.approx(np.full(len(asked), 10e-3 / np.sqrt(12)))
+    assert (u_s > own_u_s[0]) == shared
+
+
+def test_keys_that_contradict_each_other_are_refused() -> None:
+    with pytest.raises(ValueError, match="own_cycle"):
+        Timing(latch="on_request", cycle_ms=10)
+    with pytest.raises(ValueError, match="on_request"):
+        Timing(latch="own_cycle", latched_within_ms=1)
+    assert str(Timing(latch="own_cycle", cycle_ms=100, filter_ms=50)) == "own cycle of 100 ms, filter 50 ms"
+
+
+@pytest.mark.parametrize("timing", [{"latch": "on_request"}, {"answer_delay_ms": 20.0}])
+def test_a_gauge_that_sends_unasked_is_not_timed_by_a_request(timing: dict[str, object]) -> None:
+    gauge = {"interface": "sylvac_opto_rs", "port": "/dev/ttyUSB0", "offset_mm": 25.0, "timing": timing}
+    SylvacOptoRS.model_validate(gauge)
+    with pytest.raises(ValueError, match="sends unasked"):
+        SylvacOptoRS.model_validate({**gauge, "mode": "continuous"})
+
+
+@pytest.mark.parametrize(
+    ("latency_ms", "stated", "mode"),
+    cases(
+        [
+            (latency_ms, stated, mode)
+            for mode in ("polled", "continuous")
+            for latency_ms, stated in ((0.0, True), (16.0, True), (0.0, False))
+        ],
+        ((0.0, True, "polled"), (16.0, True, "continuous"), (0.0, False, "polled")),
+    ),
+)
+def test_the_shift_of_a_lap_by_gauges_of_a_100_ms_cycle_is_true(
+    tmp_path: Path, latency_ms: float, stated: bool, mode: str
+) -> None:
+    """Half a cycle of age would be 1° of the circle."""
+    rig, text = lap_rig(100.0, mode)
+    if not stated:
+        text = text.replace("cycle_ms: 100.0", "filter_ms: 0.0").replace("latch: own_cycle", "latch: unknown")
+    driven = drive(rig)
+    rng = np.random.default_rng(3)
+    line = rig.gauges.g1.line.character_ns
+    wires = {name: serial(rng, line, latency_ms) for name in ("g1", "g2")} | {"robot": network(rng, 1.0)}
+    measured = measured_of(read_run(record(tmp_path, rig, text, driven, wires, seed=4)))
+    shift = evaluate(measured.table, measured.rig, measured.u_lag_s, "lap").figures["shift_deg"]
+    expected = truth(rig, {"acw": driven})["yaw"]["acw"]["shift_deg"]
+    assert abs(shift.value - expected) < 2 * shift.u and shift.u < 0.2
+    assert any("cycle of its own" in doubt for doubt in measured.doubts) != stated
+    assert sum("100 ms apart" in doubt for doubt in measured.doubts) == 2
+
+
+def test_readings_as_large_as_a_double_are_compared() -> None:
+    values = np.array([[0.0], [1.5e308], [0.0], [1.5e308], [0.0]])
+    assert len(changes(np.arange(5.0), values).row) == 4

@@ -1,0 +1,162 @@
+"""Messages of a steady pace without a clock: their numbers, held against counting them one by one."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from analysis.runs import align
+from analysis.runs.clocks import Instants
+from analysis.runs.own_clock import numbered, through_pace
+
+Array = np.ndarray[Any, Any]
+AHEAD, EARLY = 32, 0.15
+
+
+def counted_one_by_one(host_ns: Array, period_ns: float) -> Array:
+    """What `numbered` says, row after row."""
+    along = np.arange(len(host_ns), dtype=np.int64)
+    late = host_ns - along * period_ns
+    least = np.lib.stride_tricks.sliding_window_view(late, AHEAD).min(axis=1)
+    missing = np.zeros(len(host_ns), dtype=np.int64)
+    before = np.full(AHEAD, least[0])
+    for k, ahead in enumerate(least.tolist()):
+        missing[k] = math.floor((ahead - before.min()) / period_ns + EARLY)
+        before[k % AHEAD] = ahead - missing[k] * period_ns
+    missing[len(least) :] = missing[len(least) - 1]
+    return along + np.minimum.accumulate(missing[::-1])[::-1]
+
+
+@settings(max_examples=150)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(AHEAD, 800),
+    often=st.sampled_from([0.0, 0.003, 0.05, 0.4]),
+    uneven=st.sampled_from([0.0, 0.02, 0.3, 3.0]),
+    held=st.sampled_from([0.0, 0.8, 3.3]),
+    stalls=st.lists(st.tuples(st.floats(0, 1), st.floats(0, 6)), max_size=5),
+)
+def test_numbers_are_those_of_counting_one_by_one(
+    seed: int, count: int, often: float, uneven: float, held: float, stalls: list[tuple[float, float]]
+) -> None:
+    """Times in whole ns, so that no rounding decides."""
+    rng, period_ns = np.random.default_rng(seed), 1000.0
+    number = np.cumsum(1 + (rng.random(count) < often) * rng.integers(1, 5, count))
+    host_ns = period_ns * (number + rng.exponential(uneven, count))
+    for at, periods in stalls:
+        host_ns[int(at * count) :] += periods * period_ns
+    if held:
+        host_ns = np.ceil(host_ns / (held * period_ns)) * held * period_ns
+    host_ns = np.maximum.accumulate(host_ns).round()
+    np.testing.assert_array_equal(numbered(host_ns, period_ns), counted_one_by_one(host_ns, period_ns))
+
+
+@settings(max_examples=50)
+@given(st.lists(st.integers(0, 4000), min_size=AHEAD, max_size=300), st.integers(1, 3000))
+def test_numbers_of_no_pace_at_all_too(steps_ns: list[int], period_ns: int) -> None:
+    host_ns = np.cumsum(steps_ns).astype(float)
+    np.testing.assert_array_equal(numbered(host_ns, period_ns), counted_one_by_one(host_ns, period_ns))
+
+
+SYLVAC_NS, QUICK_NS = 20.6e6, 0.25e6
+ADAPTERS_MS = (0, 1, 16)
+TOLD_S = align.WANDERS_S
+
+
+def arrived(rng: np.random.Generator, sent_ns: Array, adapter_ms: float) -> Array:
+    """Arrivals (n,) ns: each late by 0.1 ms or so, and held until the next tick of an adapter's timer."""
+    came = 1e9 + sent_ns + rng.exponential(0.1e6, len(sent_ns))
+    return np.maximum.accumulate(np.ceil(came / (adapter_ms * 1e6)) * adapter_ms * 1e6 if adapter_ms else came)
+
+
+def waited(rng: np.random.Generator, period_ns: float, count: int) -> Array:
+    """When a sender without a crystal of its own sends (n,) ns: it is held up now and then, and goes on from there."""
+    sent = np.arange(count) * period_ns
+    for at in rng.integers(count // 10, 9 * count // 10, rng.integers(1, 5)):
+        sent[at:] += rng.uniform(0.1, 2.5) * period_ns
+    return sent
+
+
+@pytest.mark.parametrize("adapter_ms", ADAPTERS_MS)
+@pytest.mark.parametrize("period_ns", [14.3e6, SYLVAC_NS])
+def test_a_crystal_keeps_its_pace_through_missing_messages_and_a_computer_held_up(
+    period_ns: float, adapter_ms: float
+) -> None:
+    """Readings that come late, all at once, were taken in time. Which of those is missing nobody can know, nor beside a
+    hole where the adapter holds messages back for longer than their period."""
+    rng = np.random.default_rng(11)
+    for lost, stalls in ((0, 0), (6, 0), (0, 3), (6, 3)):
+        number = np.sort(rng.choice(np.arange(1, 1200), 1199 - lost, replace=False))
+        sent = taken = number * period_ns
+        for begin in rng.choice(taken[100:-100], stalls, replace=False):
+            sent = np.where((sent > begin) & (sent < begin + 200e6), begin + 200e6, sent)
+        found = through_pace(arrived(rng, sent, adapter_ms))
+        right = np.abs(found.ns - 1e9 - taken)[:-AHEAD] < max(0.6e6, 2e9 * found.shared_u_s)
+        assert right.mean() > (0.98 if lost else 1 - 1e-9), (lost, stalls)
+        assert found.wanders_s < TOLD_S and found.shared_u_s < 1e-3, (lost, stalls)
+
+
+@pytest.mark.parametrize("adapter_ms", ADAPTERS_MS)
+@pytest.mark.parametrize("period_ns", [14.3e6, SYLVAC_NS])
+def test_an_instrument_that_waited_is_timed_by_its_arrivals_and_doubted(period_ns: float, adapter_ms: float) -> None:
+    """One of 25 runs may hide so short a wait that nobody sees it."""
+    within, told = [], 0
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        taken = waited(rng, period_ns, 1000)
+        found = through_pace(arrived(rng, taken, adapter_ms))
+        error_s = np.abs(found.ns - 1e9 - taken)[:-AHEAD] / 1e9
+        within.append(np.mean(error_s < 2 * np.hypot(np.hypot(found.u_s[:-AHEAD], found.shared_u_s), 0.3e-3)))
+        told += found.wanders_s > TOLD_S
+    assert np.mean(within) > 0.9
+    assert told >= 18
+
+
+@pytest.mark.parametrize("adapter_ms", [0, 1])
+def test_messages_that_come_later_for_good_are_covered_by_the_uncertainty_too(adapter_ms: float) -> None:
+    """From the middle on by 8 ms: a crystal behind a slower line, or an instrument that waited once."""
+    rng = np.random.default_rng(12)
+    crystal = np.arange(1000) * SYLVAC_NS
+    later = np.where(np.arange(1000) >= 500, 8e6, 0.0)
+    found = through_pace(arrived(rng, crystal + later, adapter_ms))
+    assert np.abs(found.ns - 1e9 - crystal - later)[:-AHEAD].max() < 2e6
+    assert np.abs(found.ns - 1e9 - crystal)[:-AHEAD].max() < 2e9 * found.shared_u_s
+    assert 6e-3 < found.wanders_s < 10e-3
+
+
+def test_a_computer_held_up_for_a_thousand_messages_of_a_quick_gauge_is_no_wait() -> None:
+    rng = np.random.default_rng(13)
+    taken = np.arange(80_000) * QUICK_NS
+    sent = np.where((taken > 5e9) & (taken < 5.25e9), 5.25e9, taken)
+    found = through_pace(arrived(rng, sent, 1))
+    assert np.abs(found.ns - 1e9 - taken)[:-AHEAD].max() < 0.6e6
+    assert found.wanders_s == 0.0
+
+
+@pytest.mark.parametrize("held_s", [0.4, 1.1, 1.6])
+def test_a_computer_held_up_for_seconds_is_no_wait_where_the_lateness_is_made_up_for(held_s: float) -> None:
+    """Twice in a lap: what came meanwhile is read at once, and the next message comes in time."""
+    rng = np.random.default_rng(14)
+    taken = np.arange(2700) * 18.33e6
+    sent = taken
+    for begin in (12.3e9, 37.1e9):
+        sent = np.where((sent > begin) & (sent < begin + held_s * 1e9), begin + held_s * 1e9, sent)
+    found = through_pace(arrived(rng, sent, 0))
+    assert np.abs(found.ns - 1e9 - taken)[:-AHEAD].max() < 0.6e6
+    assert found.wanders_s == 0.0 and found.shared_u_s < 1e-3
+
+
+def test_a_pace_that_is_left_is_told() -> None:
+    doubts = [
+        doubt
+        for wanders_s in (0.0, 0.5 * TOLD_S, 5.24e-3)
+        for doubt in align.timing_doubts("g1", Instants(np.empty(0), 0.0, np.empty(0), wanders_s=wanders_s))
+    ]
+    assert [doubt.split(":")[:2] for doubt in doubts] == [
+        ["g1", " its messages deviate from their steady pace by 5.2 ms"]
+    ]

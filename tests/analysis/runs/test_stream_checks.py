@@ -1,0 +1,109 @@
+"""Columns of a run directory that nobody can have recorded: refused in one line, or left out and counted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis.runs.loading import measured_of
+from daq.store import Run, read_run
+from rigs.errors import FileError
+from tests.support.recorded_lap import recorded
+
+Array = np.ndarray[Any, Any]
+FIRST, LAST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
+
+
+@cache
+def lap() -> Run:
+    with TemporaryDirectory() as runs:
+        return read_run(recorded(Path(runs)))
+
+
+def with_column(stream: str, column: str, rows: Any, value: Any) -> Run:
+    """The lap with a value, or several, in these rows of a column."""
+    run = lap()
+    new = run.streams[stream][column].copy()
+    new[rows] = value
+    return replace(run, streams={**run.streams, stream: {**run.streams[stream], column: new}})
+
+
+@pytest.mark.parametrize(
+    ("column", "row", "value", "said"),
+    [
+        ("first_byte_ns", 40, -7, "row 41 of {} has an impossible stamp"),
+        ("first_byte_ns", 0, FIRST, "row 1 of {} has an impossible stamp"),
+        ("last_byte_ns", -1, LAST, "has an impossible stamp"),
+        ("last_byte_ns", 40, 0, "row 41 of {} has a first byte later than the last"),
+        ("requested_ns", 40, LAST, "row 41 of {} has a request later than its answer"),
+        ("last_byte_ns", 40, 2**60, "row 42 of {} has a stamp earlier than that of the row before"),
+        ("size", 40, -1, "row 41 of {} has an impossible message size"),
+        ("size", 40, 2**31 - 1, "row 41 of {} has an impossible message size"),
+    ],
+)
+@pytest.mark.parametrize("stream", ["g2", "robot"])
+def test_stamps_that_rigd_cannot_have_written_are_refused(
+    stream: str, column: str, row: int, value: int, said: str
+) -> None:
+    what = "the robot" if stream == "robot" else f"gauge {stream}"
+    with pytest.raises(FileError, match=said.format(what) + "; restore the run from a copy") as refused:
+        measured_of(with_column(stream, column, row, value))
+    assert len(refused.value.lines()) == 1
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1.7e308, -2e5, 200.0])
+def test_what_is_no_reading_is_left_out_and_counted(value: float) -> None:
+    """200 mm is further than a link between the two sides of the circle can be."""
+    measured = measured_of(with_column("g1", "g1_mm", [100, 200, 201], value))
+    assert "g1: 3 rows are left out for want of a valid reading; check it and its connection" in measured.doubts
+    usual = measured_of(lap())
+    assert len(usual.table.q) - 3 <= len(measured.table.q) < len(usual.table.q)
+    assert not [doubt for doubt in usual.doubts if "no reading" in doubt]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_joints_that_no_robot_has_are_left_out_and_counted(value: float) -> None:
+    measured = measured_of(with_column("robot", "q3_deg", [100], value))
+    assert "robot: 1 row is left out for want of a valid reading; check it and its connection" in measured.doubts
+    assert np.isfinite(measured.table.q).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+@pytest.mark.parametrize(("stream", "column"), [("g1", "g1_mm"), ("g2", "g2_mm"), ("robot", "q6_deg")])
+def test_an_instrument_without_a_reading_is_missed(stream: str, column: str, value: float) -> None:
+    with pytest.raises(FileError, match="holds no readings of"):
+        measured_of(with_column(stream, column, slice(None), value))
+
+
+@pytest.mark.parametrize("clock_s", [1e300, -1e300, 5e-324, np.nan, 9e10])
+def test_a_controllers_clock_that_shows_nonsense_is_none(clock_s: float) -> None:
+    measured = measured_of(with_column("robot", "device_time_s", [7, 8, 500], clock_s))
+    assert np.isfinite(measured.table.q).all() and np.ptp(measured.table.q, axis=0).max() > 1
+
+
+@pytest.mark.parametrize("step_s", [0.0, 5e-324, 1e-300, 1e-13])
+@pytest.mark.parametrize("stream", ["g1", "robot"])
+def test_a_clock_that_does_not_advance_is_not_used_and_is_said_to_be(stream: str, step_s: float) -> None:
+    count = len(lap().streams[stream]["device_time_s"])
+    measured = measured_of(
+        with_column(stream, "device_time_s", slice(None), 77 * (step_s == 0) + np.arange(count) * step_s)
+    )
+    without = measured_of(with_column(stream, "device_time_s", slice(None), np.nan))
+    (doubt,) = set(measured.doubts) - set(without.doubts)
+    assert doubt.startswith(f"{stream}: its own clock does not advance and is not used")
+    assert measured.u_lag_s == without.u_lag_s and np.array_equal(measured.table.q, without.table.q)
+
+
+def test_a_run_of_a_hundred_years_costs_no_more() -> None:
+    run = lap()
+    streams = {}
+    for name, columns in run.streams.items():
+        stamps = np.linspace(0, 2**61 - 1, len(columns["size"])).astype(np.int64)
+        streams[name] = {**columns, "requested_ns": stamps * 0 - 1, "first_byte_ns": stamps, "last_byte_ns": stamps}
+    measured_of(replace(run, streams=streams))

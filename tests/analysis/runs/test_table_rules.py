@@ -1,0 +1,85 @@
+"""What holds of every table that is read: a run that was edited costs itself, and no other run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from analysis import load_run, save_run, simulate
+from analysis.runs.loading import Measured
+from daq.store import write_table_run
+from rigs.errors import FileError
+from rigs.schema.vocabulary import TestName
+from tests.support.command_line import ran
+
+
+def edited(run: Measured, path: Path, column: str, row: int, value: float) -> Path:
+    """The directory of a run with one cell changed, its checksums made anew, as another program may leave it."""
+    table = run.run.table
+    assert table is not None
+    place = table.column_names.index(column)
+    values = table[column].to_numpy().copy()
+    values[row] = value
+    changed = table.set_column(place, column, pa.array(values, table.schema.field(column).type))
+    write_table_run(replace(run.run, table=changed), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def lap() -> Measured:
+    return simulate("ur10e", "yaw", "acw", seed=1, effects="ur10e")
+
+
+@pytest.mark.parametrize(
+    ("test", "column", "value", "told"),
+    [
+        ("yaw", "t_s", np.nan, "row 6 has t_s = nan"),
+        ("yaw", "t_s", 1e300, "row 6 has t_s = 1e+300"),
+        ("yaw", "t_s", -5.0, "row 6: time does not increase, -5 after"),
+        ("yaw", "q3_deg", np.inf, "row 6 has q"),
+        ("yaw", "g2_mm", np.nan, "row 6 has g_mm"),
+        ("radial", "polar_deg", np.nan, "row 6 has polar"),
+        ("radial", "target", 0, "row 6 has target = 0"),
+        ("repeatability", "g1_mm", -1e300, "row 6 has g1_mm"),
+        ("repeatability", "round", -1, "row 6 has round = -1"),
+    ],
+)
+def test_a_row_that_no_import_lets_through_is_told(
+    tmp_path: Path, test: TestName, column: str, value: float, told: str
+) -> None:
+    run = simulate("ur10e", test, "acw" if test == "yaw" else None, seed=1, effects="ur10e")
+    path = edited(run, tmp_path / "run", column, 5, value)
+    with pytest.raises(FileError) as error:
+        load_run(path)
+    assert str(error.value).startswith(f"{path}: {told}") and "restore the run" in str(error.value)
+
+
+@pytest.mark.parametrize("value", [np.nan, 1e300])
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_one_such_run_costs_its_own_row(tmp_path: Path, lap: Measured, value: float, jobs: int) -> None:
+    paths = [tmp_path / name for name in ("a", "b", "c")]
+    save_run(lap, paths[0])
+    edited(lap, paths[1], "t_s", 9, value)
+    save_run(replace(lap, run=replace(lap.run, table=lap.run.table)), paths[2])
+    alone = ran("analyse", "--lines", paths[0]).stdout.replace(str(paths[0]), "…")
+    done = ran("analyse", "--lines", *paths, "--jobs", str(jobs))
+    assert done.returncode == 3
+    assert [line.replace(str(path), "…") for line, path in zip(done.stdout.splitlines(), paths[::2], strict=True)] == [
+        alone.strip(),
+        alone.strip().replace('"a"', '"c"'),
+    ]
+    (error,) = [line for line in done.stderr.splitlines() if line.startswith("error")]
+    assert error.startswith(f"error: {paths[1]}: row 10 has t_s")
+
+
+def test_the_page_of_a_batch_names_the_run_that_cannot_be_read(tmp_path: Path, lap: Measured) -> None:
+    save_run(lap, tmp_path / "runs" / "a")
+    edited(lap, tmp_path / "runs" / "b", "t_s", 9, np.nan)
+    page = tmp_path / "page.html"
+    done = ran("report", tmp_path / "runs", "--no-diagnosis", "-o", page)
+    assert done.returncode == 3 and "row 10 has t_s = nan" in done.stderr
+    assert "row 10 has t_s = nan" in page.read_text()

@@ -1,0 +1,87 @@
+"""Several new files in a directory: all of them, or none; tables in parts."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import BinaryIO
+
+import pyarrow as pa
+import pytest
+
+from analysis.runs.written_files import ROWS_AT_ONCE, holding, write_all_new, write_csv, write_new
+from rigs.errors import CellError, FileError
+
+
+def test_all_are_written_into_a_directory_that_is_made(tmp_path: Path) -> None:
+    paths = write_all_new(tmp_path / "new" / "below", {"a": holding(b"x"), "b": holding(b"y")})
+    assert [(path.name, path.read_bytes()) for path in paths] == [("a", b"x"), ("b", b"y")]
+
+
+def test_one_that_exists_leaves_all_as_they_are(tmp_path: Path) -> None:
+    (tmp_path / "b").write_bytes(b"old")
+    with pytest.raises(FileError, match="b: exists already; give another --output"):
+        write_all_new(tmp_path, {"a": holding(b"x"), "b": holding(b"y")})
+    assert [path.name for path in tmp_path.iterdir()] == ["b"] and (tmp_path / "b").read_bytes() == b"old"
+
+
+def test_a_file_that_is_not_complete_has_another_name(tmp_path: Path) -> None:
+    path, seen = tmp_path / "table.csv", []
+
+    def look(file: BinaryIO) -> None:
+        file.write(b"half")
+        seen.append(path.exists())
+
+    write_new(path, look)
+    assert seen == [False] and [file.name for file in tmp_path.iterdir()] == ["table.csv"]
+
+
+@pytest.mark.parametrize("path", [".", "..", "/", "/dev/null"])
+def test_what_is_no_name_for_a_file_exists_already(path: str) -> None:
+    with pytest.raises(FileError, match="exists already; give another --output"):
+        write_new(Path(path), holding(b"x"))
+
+
+@pytest.mark.parametrize("refusal", [OSError(1, "Operation not permitted"), None])
+def test_a_file_of_another_program_is_never_replaced(
+    refusal: OSError | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not even one that comes while ours is being written, nor where the disk has no links."""
+    path = tmp_path / "table.csv"
+
+    def refuse(self: Path, target: Path) -> None:
+        assert refusal
+        raise refusal
+
+    if refusal:
+        monkeypatch.setattr(Path, "hardlink_to", refuse)
+    with pytest.raises(FileError, match="exists already"):
+        write_new(path, lambda file: path.write_bytes(b"theirs"))
+    assert path.read_bytes() == b"theirs" and len(list(tmp_path.iterdir())) == 1
+    path.unlink()
+    write_new(path, holding(b"ours"))
+    assert path.read_bytes() == b"ours"
+
+
+@pytest.mark.parametrize(
+    ("stopped_by", "reported_as"),
+    [(KeyboardInterrupt(), KeyboardInterrupt), (OSError(28, "No space left on device"), CellError)],
+)
+def test_what_stops_one_leaves_none(
+    stopped_by: BaseException, reported_as: type[BaseException], tmp_path: Path
+) -> None:
+    def stops(file: BinaryIO) -> None:
+        file.write(b"half")
+        raise stopped_by
+
+    with pytest.raises(reported_as):
+        write_all_new(tmp_path, {"a": holding(b"x"), "b": stops})
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_csv_of_several_parts_has_every_row_once_and_in_order() -> None:
+    rows = 2 * ROWS_AT_ONCE + 3
+    file = io.BytesIO()
+    write_csv(pa.table({"n": range(rows), "half": [n / 2 for n in range(rows)]}), file)
+    head, *lines = file.getvalue().decode().splitlines()
+    assert head == "n,half" and lines == [f"{n},{n / 2!r}" for n in range(rows)]

@@ -1,0 +1,93 @@
+"""What `rig doctor` says of a robot's condition, from a conversation and from a daemon."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+
+import daq.feedback
+from daq.acquisition.streams import Stream, robot_stream
+from daq.apps.commission import trial
+from daq.apps.commission.cell_finding import Finding, Verdict, of_condition
+from daq.apps.commission.examine import of_daemon
+from daq.apps.emulate.network_ports import TcpPort
+from daq.protocol.conversation import Sample
+from rigs.schema.condition import UNDISTURBED, ProgramState, SafetyState
+from tests.support.drivers import rtde
+
+
+@contextmanager
+def _robot(condition: Sequence[float]) -> Iterator[Stream]:
+    """The stream of an emulated controller that shows this after its joints."""
+    robot, stop = rtde(rate_hz=125), threading.Event()
+    port = TcpPort.open(lambda: daq.feedback.device(robot, lambda now_ns: [1.0] * 6 + [*condition]))
+    thread = threading.Thread(target=port.serve, args=(stop,))
+    thread.start()
+    try:
+        yield replace(robot_stream(robot), port=port.port)
+    finally:
+        stop.set()
+        thread.join()
+
+
+def _beyond_answers(found: Sequence[Finding]) -> list[tuple[Verdict, str]]:
+    return [(finding.verdict, f"{finding.what}: {finding.remedy}") for finding in found if finding.remedy]
+
+
+def test_a_robot_in_protective_stop_with_a_paused_program_and_a_lowered_slider() -> None:
+    with _robot([ProgramState.PAUSED, SafetyState.PROTECTIVE_STOP, 40.0]) as stream:
+        found = _beyond_answers(list(trial.examine_conversation(stream, 0.3)))
+    assert [verdict for verdict, _ in found] == [Verdict.WRONG, Verdict.DOUBTFUL, Verdict.DOUBTFUL], found
+    assert "protective stop" in found[0][1] and "unlock" in found[0][1]
+    assert "paused" in found[1][1] and "40 %" in found[2][1]
+
+
+def test_a_robot_without_anything_to_say() -> None:
+    with _robot([]) as stream:
+        found = list(trial.examine_conversation(stream, 0.3))
+    assert {finding.verdict for finding in found} == {Verdict.OK} and "does not show" not in found[0].what
+
+
+def test_what_a_controller_does_not_show_is_named_and_not_judged() -> None:
+    readings = trial.Trial([Sample((*[1.0] * 6, math.nan, 0.0, *[math.nan] * 8), k, k, k, 9) for k in range(9)])
+    finding = trial.answers(robot_stream(rtde()), readings, lambda: None)
+    assert finding.verdict is Verdict.OK and "does not show program_state, speed_percent, payload_kg" in finding.what
+
+
+@pytest.mark.parametrize(
+    ("shown", "count"),
+    [
+        ({}, 0),
+        (UNDISTURBED, 0),
+        (dict.fromkeys(UNDISTURBED, math.nan), 0),
+        ({"program_state": 0.0, "speed_percent": 0.0, "safety_state": 1.0}, 0),
+        ({"motors_on": 0.0}, 1),
+        ({"speed_percent": 99.0}, 1),
+        ({"safety_state": 6.0, "motors_on": 0.0}, 2),
+    ],
+)
+def test_each_condition_by_itself(shown: dict[str, float], count: int) -> None:
+    assert len(list(of_condition("robot", shown))) == count
+
+
+def test_a_daemon_knows_the_condition_too() -> None:
+    stream = robot_stream(rtde())
+    last = {"q1_deg": 1.0, "safety_state": 4.0, "temperature1_c": 30.0}
+    served = {"port": stream.port, "connected": True, "rate_hz": 500.0, "counters": {"samples": 9}, "last_fault": ""}
+    ages_s = {"q1_deg": 0.1, "safety_state": 0.1, "temperature1_c": 100.0}
+    robot = {**served, "last": last, "age_s": ages_s}
+    found = list(of_daemon({"rig": "bench", "recording": None, "streams": {"robot": robot}}, [stream]))
+    assert [finding.verdict for finding in found] == [Verdict.OK, Verdict.OK, Verdict.WRONG], found
+    assert "emergency stop" in found[-1].what
+    ages_s["safety_state"] = 60.0
+    found = list(of_daemon({"rig": "bench", "recording": None, "streams": {"robot": robot}}, [stream]))
+    assert "emergency" not in " ".join(finding.what for finding in found), "what is no longer shown"
+    ages_s["safety_state"] = 0.1
+    robot["connected"] = False
+    found = list(of_daemon({"rig": "bench", "recording": None, "streams": {"robot": robot}}, [stream]))
+    assert "emergency" not in " ".join(finding.what for finding in found), "what was shown before the link was lost"

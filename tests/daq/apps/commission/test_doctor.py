@@ -1,0 +1,418 @@
+"""`rig doctor`: each finding on a system made for it, and whole cells with something wrong."""
+
+from __future__ import annotations
+
+import grp
+import json
+import math
+import os
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from daq import gauges
+from daq.acquisition.streams import Stream, streams_of
+from daq.apps.commission import computer, trial
+from daq.apps.commission.cell_finding import Finding, Verdict
+from daq.apps.commission.examine import examine, of_daemon
+from daq.apps.emulate.instruments import emulated
+from daq.apps.emulate.network_ports import TcpPort
+from daq.apps.emulate.pty_line import PtyLine, heard
+from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Sample, Step
+from daq.service.client import Client
+from daq.wire.conversation_loop import ByteLink
+from daq.wire.links import open_link
+from rigs.load import SHIPPED, parse
+from rigs.schema.links import Line
+from tests.support.bench import Bench, ByHand, rig_text
+
+FTDI = "/dev/serial/by-id/usb-FTDI_FT232R_A900XYZ-if00-port0"
+OK, DOUBTFUL, WRONG = Verdict.OK, Verdict.DOUBTFUL, Verdict.WRONG
+
+
+@pytest.fixture
+def system(tmp_path: Path) -> Path:
+    """A computer with one FTDI adapter, and a process that sleeps."""
+    (tmp_path / "dev/serial/by-id").mkdir(parents=True)
+    (tmp_path / "dev/ttyUSB0").touch()
+    (tmp_path / FTDI[1:]).symlink_to("../../ttyUSB0")
+    (tmp_path / "sys/bus/usb-serial/devices/ttyUSB0").mkdir(parents=True)
+    (tmp_path / "sys/bus/usb-serial/devices/ttyUSB0/latency_timer").write_text("16\n")
+    (tmp_path / "proc/77/fd").mkdir(parents=True)
+    (tmp_path / "proc/77/comm").write_text("ModemManager\n")
+    (tmp_path / "proc/77/fd/5").symlink_to("/dev/null")
+    return tmp_path
+
+
+def test_a_port_that_is_not_there(system: Path) -> None:
+    (finding,) = computer.examine_port("g1", "/dev/ttyUSB1", system, served=False)
+    assert finding.verdict is WRONG and finding.remedy.endswith(f"ports here: {FTDI}")
+    (system / FTDI[1:]).unlink()
+    (system / "dev/ttyUSB0").unlink()
+    assert computer.present("g1", FTDI, system).remedy.endswith("ports here: none")
+
+
+def test_a_name_that_changes_with_the_order_of_plugging_in(system: Path) -> None:
+    assert computer.lasting("g1", FTDI, system) is None
+    finding = computer.lasting("g1", "/dev/ttyUSB0", system)
+    assert finding and finding.verdict is DOUBTFUL and finding.remedy == f"write port: {FTDI}"
+    (system / "dev/rig").mkdir()
+    (system / "dev/rig/A900XYZ-00").symlink_to("../ttyUSB0")
+    finding = computer.lasting("g1", "/dev/ttyUSB0", system)
+    assert finding and finding.remedy == "write port: /dev/rig/A900XYZ-00"
+
+
+def test_a_port_that_another_program_holds(system: Path) -> None:
+    assert computer.free("g1", FTDI, system) is None
+    (system / "proc/77/fd/6").symlink_to("/dev/ttyUSB0")
+    finding = computer.free("g1", FTDI, system)
+    assert finding and finding.verdict is WRONG and "held by ModemManager (process 77)" in finding.what
+    assert finding.remedy == "end it: sudo systemctl disable --now ModemManager"
+    (system / "proc/77/comm").write_text("picocom\n")
+    finding = computer.free("g1", FTDI, system)
+    assert finding and finding.remedy == "end it: sudo kill 77"
+    assert WRONG not in {f.verdict for f in computer.examine_port("g1", FTDI, system, served=True)}, "rigd may hold it"
+
+
+def test_the_permissions_of_a_port(system: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may everything
+    finding = computer.allowed("g1", FTDI, system)
+    assert finding and finding.verdict is WRONG and "usermod -aG" in finding.remedy
+    monkeypatch.setattr(os, "access", lambda *_: True)
+    group = grp.getgrgid((system / "dev/ttyUSB0").stat().st_gid).gr_name
+    finding = computer.allowed("g1", FTDI, system)
+    if group != "dialout":
+        assert finding and finding.verdict is DOUBTFUL and f"belongs to the group {group} with mode" in finding.what
+
+
+@pytest.mark.parametrize(("ms", "verdict"), [("16", DOUBTFUL), ("2", DOUBTFUL), ("1", OK), ("?", None)])
+def test_the_latency_timer(system: Path, ms: str, verdict: Verdict | None) -> None:
+    (system / "sys/bus/usb-serial/devices/ttyUSB0/latency_timer").write_text(f"{ms}\n")
+    finding = computer.quick("g1", FTDI, system)
+    assert (finding and finding.verdict) == verdict
+
+
+@pytest.mark.parametrize(
+    ("finding", "verdict"),
+    [
+        (computer.room(Path("runs"), 80.0), OK),
+        (computer.room(Path("runs"), 3.0), DOUBTFUL),
+        (computer.room(Path("runs"), 0.2), WRONG),
+        (computer.sync_time(Path("runs"), 0.004), OK),
+        (computer.sync_time(Path("runs"), 0.3), DOUBTFUL),
+        (computer.sync_time(Path("runs"), 7.0), WRONG),
+        (computer.wall_clock(0), OK),
+        (computer.wall_clock(5), DOUBTFUL),
+    ],
+)
+def test_what_figures_of_the_computer_mean(finding: Finding, verdict: Verdict) -> None:
+    assert finding.verdict is verdict and bool(finding.remedy) == (verdict is not OK)
+
+
+@pytest.mark.parametrize(
+    ("shown", "verdict", "says"),
+    [
+        ("LoadState=not-found ActiveState=inactive SubState=dead", DOUBTFUL, "not installed"),
+        ("LoadState=loaded ActiveState=inactive SubState=dead", DOUBTFUL, "stopped"),
+        ("LoadState=loaded ActiveState=failed SubState=failed Result=exit-code", WRONG, "failed (exit-code)"),
+        ("LoadState=loaded ActiveState=activating SubState=auto-restart NRestarts=7", WRONG, "7 attempts so far"),
+        ("LoadState=loaded ActiveState=active SubState=running NRestarts=0 UnitFileState=enabled", OK, "running"),
+        ("LoadState=loaded ActiveState=active SubState=running NRestarts=2 UnitFileState=enabled", DOUBTFUL, "2 times"),
+        (
+            "LoadState=loaded ActiveState=active SubState=running UnitFileState=disabled",
+            DOUBTFUL,
+            "not started at boot",
+        ),
+    ],
+)
+def test_what_systemd_says_of_the_service(shown: str, verdict: Verdict, says: str) -> None:
+    finding = computer.service("rigd@cell", dict(part.split("=") for part in shown.split()))
+    assert finding.verdict is verdict and says in finding.what
+
+
+def test_the_kernel_tells_whether_ntp_keeps_the_clock(tmp_path: Path) -> None:
+    assert 0 <= computer.clock_state() <= 5
+    assert 0 < computer.slowest_sync_s(tmp_path) < 60 and not list(tmp_path.iterdir())
+
+
+def _samples(rate_hz: float, seconds: float, drift_ppm: float) -> list[Sample]:
+    """Of a controller whose clock runs fast by so much, arriving up to 2 ms late."""
+    made = []
+    for number in range(round(rate_hz * seconds)):
+        sent_ns = round(number * 1e9 / rate_hz)
+        at_ns = sent_ns + 2_000_000 * (number * 7 % 10) // 9
+        made.append(Sample((0.0,) * 6, NO_TIME, at_ns, at_ns, 60, 100 + sent_ns * 1e-9 * (1 + drift_ppm * 1e-6)))
+    return made
+
+
+@pytest.mark.parametrize(("drift_ppm", "verdict"), [(30, OK), (-400, OK), (5000, DOUBTFUL), (-1e6 / 2, DOUBTFUL)])
+def test_the_clock_of_a_controller(drift_ppm: float, verdict: Verdict) -> None:
+    finding = trial.pace_of_clock("robot", _samples(500, 3, drift_ppm))
+    assert finding and finding.verdict is verdict
+    assert abs(int(finding.what.split()[3]) - drift_ppm) < max(100, abs(drift_ppm) * 0.01), finding.what
+    assert trial.pace_of_clock("g1", [replace(s, device_time_s=math.nan) for s in _samples(500, 3, 0)]) is None
+
+
+def test_a_gauge_far_below_what_its_line_carries() -> None:
+    stream = streams_of(parse(rig_text(), "bench"))[0]
+    samples = _samples(20, 2, 0)
+    finding = trial.pace(stream, trial.Trial(samples, 2.0, 360, 360))
+    assert finding and finding.verdict is DOUBTFUL and "20.0 readings a second" in finding.what
+    finding = trial.pace(stream, trial.Trial(samples, 2.0, 6000, 6000))
+    assert finding and finding.verdict is OK
+
+
+def test_readings_that_came_all_at_once_have_no_pace() -> None:
+    """The link was lost after its first piece."""
+    stream = streams_of(parse(rig_text(), "bench"))[0]
+    samples = [replace(sample, first_byte_ns=5, last_byte_ns=5) for sample in _samples(500, 0.1, 0)]
+    assert trial.pace(stream, trial.Trial(samples, 2.0, 360, 360)) is None
+    assert trial.pace_of_clock("robot", samples) is None
+
+
+@pytest.mark.parametrize("text", ["4800 7E2", "9600 8N1", "19200 8O1", "115200 8E2"])
+def test_a_uart_hears_what_was_sent_only_at_the_same_settings(text: str) -> None:
+    line = Line.model_validate(text)
+    data = bytes(range(2**line.bits))
+    assert heard(data, line, line) == data
+    for baud in (line.baud // 2, line.baud * 2, line.baud * 4):
+        other = Line.model_validate(f"{baud} 8N1")
+        right = sum(heard(bytes([byte]), line, other) == bytes([byte]) for byte in data)
+        assert right < len(data) / 16, (baud, right)
+
+
+def _all(end: ByteLink) -> bytes:
+    """What has come, and comes until the line is quiet."""
+    return b"".join(iter(lambda: end.read(0.3), b""))
+
+
+def test_an_emulated_line_garbles_both_ways_at_another_baud() -> None:
+    def exchanged(host: str) -> tuple[bytes, bytes]:
+        """What each end heard of the other."""
+        far = PtyLine.open(Line.model_validate("4800 7E2"))
+        link = open_link("g1", far.port, Line.model_validate(host))
+        try:
+            link.write(b"?\r")
+            asked = _all(far)
+            far.write(b"+1.2345\r")
+            return asked, _all(link)
+        finally:
+            link.close()
+            far.close()
+
+    assert exchanged("4800 8N1") == (b"?\r", b"+1.2345\r")
+    asked, answered = exchanged("9600 8N1")
+    assert b"?" not in asked and b"1.2" not in answered
+
+
+@contextmanager
+def _switched_on(text: str) -> Iterator[dict[str, Any]]:
+    """A cell; gives its rig file's data."""
+    cell = emulated(parse(text, "bench"), ByHand())
+    cell.start()
+    try:
+        yield yaml.safe_load(cell.rig_text(text))
+    finally:
+        cell.stop()
+
+
+def _streams(data: object) -> dict[str, Stream]:
+    return {stream.name: stream for stream in streams_of(parse(yaml.safe_dump(data), "bench"))}
+
+
+def test_line_settings_that_would_work_are_found() -> None:
+    """A Sylvac cable at the maker's 4800 and a Modbus gauge at 9600 baud; the rig file has both otherwise."""
+    data = yaml.safe_load(rig_text("polled"))
+    data["gauges"]["g1"]["line"] = "4800 7E2"
+    data["gauges"]["g2"] = {**yaml.safe_load(rig_text("modbus"))["gauges"]["g2"], "line": "9600 8E1"}
+    with _switched_on(yaml.safe_dump(data)) as served:
+        good = list(trial.examine_conversation(_streams(served)["g1"], 0.3))
+        served["gauges"]["g1"]["line"], served["gauges"]["g2"]["line"] = "9600 8N1", "38400 8N1"
+        streams = _streams(served)
+        (first,) = trial.examine_conversation(streams["g1"], 0.3)
+        (second,) = trial.examine_conversation(streams["g2"], 0.3)
+    assert [finding.verdict for finding in good] == [OK, OK], good
+    assert "at 4800 7E2 with DTR on, RTS off: " in good[0].what and "the line could carry" in good[1].what
+    assert first.verdict is second.verdict is WRONG
+    assert first.what == "does not answer at 9600 8N1, but does at 4800 7E2" and first.remedy == "write line: 4800 7E2"
+    assert "does not answer at 38400 8N1, but does at 9600 8" in second.what, "a pty knows no parity"
+
+
+def test_nothing_and_something_else_behind_the_robot_s_port() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        data = yaml.safe_load(rig_text("tcp"))
+        data["feedback"]["port"] = f"tcp://127.0.0.1:{other.getsockname()[1]}"
+        robot = _streams(data)["robot"]
+
+        def greet() -> None:
+            connection, _ = other.accept()
+            with connection:
+                connection.sendall(b"220 welcome to the print server\r\n")
+                connection.recv(1000)
+
+        threading.Thread(target=greet, daemon=True).start()
+        (finding,) = trial.examine_conversation(robot, 0.3)
+    assert finding.verdict is WRONG and "33 bytes arrived, but no reading among them" in finding.what, finding
+    (finding,) = trial.examine_conversation(robot, 0.3)
+    assert finding.verdict is WRONG and "connection refused" in finding.what
+
+
+def test_a_cell_that_is_not_there_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each port is told once, and nobody waits for an answer on it."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with socket.create_server(("127.0.0.1", 0)) as gone:
+        data = yaml.safe_load(rig_text())
+        data["feedback"]["port"] = f"tcp://127.0.0.1:{gone.getsockname()[1]}"
+    findings = list(examine(parse(yaml.safe_dump(data), "bench"), tmp_path / "runs"))
+    assert [finding.about for finding in findings][:3] == ["disk", "disk", "clock"]
+    assert [finding.about for finding in findings[3:]] == ["g1", "g2", "robot"], findings
+    assert {finding.verdict for finding in findings[3:]} == {WRONG}
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_disk_that_this_user_may_not_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(_: Path) -> float:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(computer, "slowest_sync_s", refused)
+    findings = list(computer.examine_computer(tmp_path / "runs", None))
+    assert [finding.verdict for finding in findings[:2]] == [OK, DOUBTFUL] and "may not write there" in findings[1].what
+
+
+GOOD = {
+    "port": "/dev/g1",
+    "connected": True,
+    "rate_hz": 48.0,
+    "last": {"g1_mm": 1.0},
+    "age_s": {"g1_mm": 0.02},
+    "counters": {"samples": 900},
+    "last_fault": "",
+}
+
+
+@pytest.mark.parametrize(
+    ("stream", "verdict", "says"),
+    [
+        ({}, OK, "48.0 readings a second, 900 so far"),
+        ({"counters": {"samples": 900, "silent": 3}}, OK, "48.0"),
+        ({"counters": {"samples": 900, "silent": 30}, "last_fault": "nothing for 0.5 s"}, DOUBTFUL, "30 silent"),
+        ({"age_s": {"g1_mm": 4.0}}, WRONG, "no reading of g1_mm"),
+        ({"age_s": {}}, WRONG, "no reading of g1"),
+        ({"connected": False, "last_fault": "no such port"}, WRONG, "not open"),
+    ],
+)
+def test_what_a_daemon_says_of_a_stream(stream: dict[str, Any], verdict: Verdict, says: str) -> None:
+    status = {"rig": "bench", "recording": None, "streams": {"g1": GOOD | stream}}
+    served = replace(streams_of(parse(rig_text("keyence"), "bench"))[-1], name="g1", port="/dev/g1")
+    rigd, finding = of_daemon(status, [served])
+    assert [f.verdict for f in of_daemon(status, [replace(served, port="/dev/g2")])][:2] == [OK, WRONG]
+    assert rigd.verdict is OK and (finding.about, finding.verdict) == ("g1", verdict) and says in finding.what
+    assert bool(finding.remedy) == (verdict is not OK)
+    del status["streams"]["g1"]["port"]  # type: ignore[index]
+    older = list(of_daemon(status, [served]))
+    assert (older[1].verdict, older[1].what, older[2].what) == (
+        DOUBTFUL,
+        "is older than this rig",
+        finding.what,
+    )
+
+
+def test_a_daemon_is_asked_in_place_of_the_ports(bench: Bench) -> None:
+    bench.start().all_reading()
+    done = bench.run("rig", "doctor", bench.rig, "--json")
+    said = json.loads(done.stdout)
+    assert done.returncode == 0 and said["rig"] == "bench" and said["wrong"] == 0, said
+    assert any(f["about"] == "rigd" and "queried instead of the ports" in f["what"] for f in said["findings"])
+    with Client(bench.socket) as client:
+        # A computer that is held up stalls readers and has answers come late; a port that is opened is another fault.
+        usual = {"samples", "stalled", "silent", "late"}
+        faults = {name: s["counters"].keys() - usual for name, s in client.ask("status")["streams"].items()}
+    assert not any(faults.values()), "the doctor has touched nothing"
+    bench.cell.stop()
+    bench.until(lambda state: not state["streams"]["robot"]["connected"])
+    done = bench.run("rig", "doctor", bench.rig)
+    assert done.returncode == 1 and "wrong     robot: its port is not open; " in done.stdout, done.stdout
+
+
+@pytest.mark.real_time
+def test_a_controller_that_sends_over_udp() -> None:
+    data = yaml.safe_load(rig_text("tcp"))
+    data["feedback"] = {"interface": "kuka_rsi", "port": "udp://127.0.0.1:49152"}
+    with _switched_on(yaml.safe_dump(data)) as served:
+        found = list(trial.examine_conversation(_streams(served)["robot"], 1.0))
+    assert [finding.verdict for finding in found] == [OK, OK] and "ppm" in found[1].what, found
+
+
+class _EverySecond:
+    """A unit that answers every second request with the exception that it is busy."""
+
+    def __init__(self, device: Device) -> None:
+        self.sent, self._device, self._requests = 0, device, 0
+        self.connected, self.tick = device.connected, device.tick
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        self._requests += 1
+        if self._requests % 2:
+            return self._device.received(data, now_ns)
+        return Step(data[:7].replace(data[4:6], b"\0\3", 1) + bytes([data[7] | 0x80, 6]))
+
+
+def test_exceptions_every_second_answer_are_doubtful() -> None:
+    stream = _streams(yaml.safe_load(rig_text("tcp")))["g1"]
+    gauge = parse(rig_text("tcp"), "bench").gauges.g1
+    stop = threading.Event()
+    port = TcpPort.open(lambda: _EverySecond(gauges.device([gauge], lambda now_ns: [1.0])))
+    serve = threading.Thread(target=port.serve, args=(stop,))
+    serve.start()
+    try:
+        finding, *_ = trial.examine_conversation(replace(stream, port=port.port), 0.3)
+    finally:
+        stop.set()
+        serve.join()
+    assert finding.verdict is DOUBTFUL and "device_error" in finding.what and "exception 6" in finding.remedy, finding
+
+
+def test_a_few_readings_among_hundreds_of_garbled_messages_are_an_accident() -> None:
+    readings = [Sample((1.0,), k, k, k, 9) for k in range(9)]
+    first = Fault(FaultKind.GARBLED, 5, "of wrong parity")
+    assert trial.Trial([*readings, first]).understood
+    assert not trial.Trial([*readings, first, replace(first, count=500)]).understood, "counted once a second"
+
+
+@pytest.mark.parametrize("closes", [False, True], ids=["stays", "closes"])
+def test_faults_that_a_conversation_still_holds_back_count_at_its_end(closes: bool) -> None:
+    over = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def peer() -> None:
+            with server.accept()[0] as link:
+                link.sendall(b"".join(b"%d,0,0,0,0,0,0\n" % k for k in range(30)) + b"no,number\n" * 600)
+                if not closes:
+                    over.wait(20)
+
+        sender = threading.Thread(target=peer)
+        sender.start()
+        data = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())
+        data["feedback"]["port"] = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        robot = _streams(data)["robot"]
+
+        found = trial.try_line(robot, robot.line, 0.5, 0.1)
+        over.set()
+        sender.join()
+    assert sum(one.count for one in found.items if isinstance(one, Fault) and one.kind is FaultKind.GARBLED) == 600
+    assert not found.understood and ("link was lost" in found.last_fault) is closes
+
+
+def test_a_gauge_of_a_shared_line_that_gives_nothing_is_named() -> None:
+    stream = replace(_streams(yaml.safe_load(rig_text("tcp")))["g1"], name="g1_g2", columns=("g1_mm", "g2_mm"))
+    readings = [Sample((1.0, math.nan), k, k, k, 9) for k in range(10)]
+    silent = Fault(FaultKind.SILENT, 5, "unit 2, input register 0: no answer within 0.1 s; check the cable")
+    finding = trial.answers(stream, trial.Trial([*readings, silent], 2.0, 90, 170), lambda: None)
+    assert finding.verdict is WRONG and "none of g2_mm" in finding.what and finding.remedy.startswith("unit 2")

@@ -1,0 +1,74 @@
+"""How sure a protocol is, and which gauge was pushed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from daq.apps.commission.attempts import evidence_of
+from daq.apps.commission.watched_ports import pushed
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+
+GOOD = Sample((1.0,), -1, 0, 0, 8)
+
+
+def fault(kind: FaultKind) -> Fault:
+    return Fault(kind, 0, "")
+
+
+@pytest.mark.parametrize(
+    ("items", "enough"),
+    [
+        ([GOOD] * 3, True),
+        ([GOOD] * 2, False),
+        ([GOOD, fault(FaultKind.LATE)] * 20, False),
+        ([GOOD, GOOD, fault(FaultKind.GARBLED)] * 20, False),
+        ([fault(FaultKind.GARBLED), *[GOOD] * 3], True),
+        ([GOOD, fault(FaultKind.MISSING)] * 3, True),
+        ([GOOD, fault(FaultKind.DEVICE_ERROR)] * 3, True),
+        ([fault(FaultKind.DEVICE_ERROR)] * 9, False),
+        ([], False),
+    ],
+)
+def test_readings_in_a_row(items: list[Item], enough: bool) -> None:
+    assert evidence_of(items).enough is enough
+
+
+def test_the_clean_protocol_ranks_first() -> None:
+    clean, doubtful = evidence_of([GOOD] * 5), evidence_of([*[GOOD] * 9, fault(FaultKind.GARBLED)])
+    assert clean.rank > doubtful.rank > evidence_of([GOOD]).rank
+    many = evidence_of([*[GOOD] * 9, replace(fault(FaultKind.GARBLED), count=500)])
+    assert many.not_understood == 500 and doubtful.rank > many.rank
+
+
+REST = {"a": [0.0, 0.001, 0.0, 0.001, 0.0], "b": [5.0, 5.001, 5.0, 5.0, 5.0]}
+
+
+@pytest.mark.parametrize(
+    ("now_mm", "moved"),
+    [
+        ({"a": 0.0, "b": 5.0}, None),
+        ({"a": 0.1, "b": 5.0}, None),
+        ({"a": 0.9, "b": 5.0}, "a"),
+        ({"a": -0.9, "b": 5.1}, "a"),
+        ({"a": 0.0, "b": 3.0}, "b"),
+        ({"a": 0.9, "b": 5.9}, None),
+        ({"a": 0.9}, "a"),
+        ({}, None),
+        ({"a": math.nan, "b": 5.0}, None),
+    ],
+)
+def test_the_gauge_that_moved(now_mm: dict[str, float], moved: str | None) -> None:
+    assert pushed(REST, now_mm) == moved
+
+
+def test_an_unrestful_gauge_has_to_move_further() -> None:
+    rest = {"a": [0.0, 0.3, -0.3, 0.2, 0.0], "b": [0.0] * 5}
+    assert pushed(rest, {"a": 0.5, "b": 0.0}) is None
+    assert pushed(rest, {"a": 2.5, "b": 0.0}) == "a"
+
+
+def test_nothing_is_known_before_there_is_a_rest() -> None:
+    assert pushed({"a": [0.0] * 4}, {"a": 9.0}) is None

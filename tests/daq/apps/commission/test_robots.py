@@ -1,0 +1,170 @@
+"""Robots that answer, call, print or are not there; and one that is in protective stop."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+from pydantic import TypeAdapter
+
+import daq.feedback
+from daq.apps.commission.cell_finding import STOPS
+from daq.apps.commission.robots import joints_of, search_robot
+from daq.apps.emulate.network_ports import TcpPort
+from daq.protocol.conversation import Device, Step
+from rigs.errors import CellError
+from rigs.schema.condition import ProgramState, SafetyState
+from rigs.schema.feedback import Feedback, OPCUARobotics
+from tests.support.drivers import OPC_UA, opc_ua, rtde
+from tests.support.unknown_cells import ROBOTS, switched_on
+
+DEGREES = [0.5, -70.0, 100.0, 55.25, 84.5, 107.75]
+
+
+@pytest.mark.parametrize("kind", ROBOTS)
+def test_the_robot_of_a_cell_is_found(kind: str) -> None:
+    with switched_on("tesa", kind) as unknown:
+        unknown.hand.deg = DEGREES
+        fields = {**ROBOTS[kind], "port": unknown.robot}
+        named = TypeAdapter(Feedback).validate_python(fields) if unknown.robot_is_named else None
+        report = search_robot(unknown.robot, named)
+        assert report.feedback is not None, report
+        assert joints_of(report.feedback) == pytest.approx(DEGREES, abs=1e-4)
+    assert report.feedback.interface == ROBOTS[kind]["interface"]
+    assert report.joints_deg == pytest.approx(DEGREES, abs=1e-4)
+    assert report.units_sure and not report.problem
+    if kind == "kuka":
+        assert report.feedback.cycle_ms == 12, "its IPOC shows the cycle"  # type: ignore[union-attr]
+    if kind == "fanuc":
+        assert report.feedback.fields[0] == "t_ms"  # type: ignore[union-attr]
+
+
+@contextmanager
+def opc_ua_served(feedback: OPCUARobotics) -> Iterator[None]:
+    """A server in a protective stop at port 4840 of 127.0.0.48."""
+    shown = [*DEGREES, 0.0, float(SafetyState.PROTECTIVE_STOP), 1.0, 100.0, 0.0, *[30.0] * 6]
+    listener = socket.create_server(("127.0.0.48", 4840))
+    server = TcpPort(listener, lambda: daq.feedback.device(feedback, lambda _: shown), 0.0)
+    stop = threading.Event()
+    thread = threading.Thread(target=server.serve, args=(stop,))
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install '.[opcua]'")
+def test_port_4840_is_asked_as_opc_ua() -> None:
+    feedback = opc_ua(port="tcp://127.0.0.48:4840")
+    absent = search_robot(feedback.port)
+    assert "opc_ua_robotics" in absent.problem and "anonymous" in absent.remedy
+    with opc_ua_served(feedback):
+        report = search_robot(feedback.port)
+    assert report.feedback == feedback and report.joints_deg == pytest.approx(DEGREES)
+    assert "protective stop" in report.reported
+
+
+@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install '.[opcua]'")
+def test_an_opc_ua_server_that_is_spoken_to_says_what_is_missing() -> None:
+    names = ("Base", "Shoulder", "Elbow", "Wrist1", "Wrist2", "Wrist3")
+    feedback = opc_ua(port="tcp://127.0.0.48:4840", axes=names)
+    with opc_ua_served(feedback):
+        report = search_robot(feedback.port)
+    assert report.feedback is None and "name six of them as `axes`" in report.problem and "Wrist1" in report.problem
+
+
+class _Listener:
+    """A program that waits for what it is told."""
+
+    sent = 0
+
+    def __init__(self) -> None:
+        self.heard = b""
+
+    def connected(self, now_ns: int) -> Step:
+        return Step()
+
+    def tick(self, now_ns: int) -> Step:
+        return Step()
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        self.heard += data
+        return Step()
+
+
+def test_a_port_that_is_not_rtdes_is_sent_nothing() -> None:
+    listener = _Listener()
+    with served(lambda: listener) as port:
+        report = search_robot(port)
+    assert listener.heard == b"" and "nothing arrived" in report.problem and "host alone" in report.remedy
+
+
+def test_a_udp_port_that_is_not_stream_motions_is_sent_nothing() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        search_robot(f"udp://127.0.0.1:{other.getsockname()[1]}")
+        other.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            other.recv(100)
+
+
+def test_a_robot_that_is_not_there() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as gone:
+        port = gone.getsockname()[1]
+    report = search_robot(f"tcp://127.0.0.1:{port}")
+    assert report.feedback is None and "connection refused" in report.problem and report.remedy
+
+
+@pytest.mark.parametrize("address", ["a b", "", "tcp://host", "tcp://host:99999", "udp://x", "::1", "a/b"])
+def test_what_is_not_an_address(address: str) -> None:
+    report = search_robot(address)
+    assert report.problem == "is not an address" and "HOST" in report.remedy
+
+
+def test_a_controller_that_does_not_call() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    report = search_robot(f"udp://127.0.0.1:{port}")
+    assert report.feedback is None and "nothing arrived" in report.problem and "RSI_ON" in report.remedy
+
+
+def test_an_address_that_is_not_of_this_computer() -> None:
+    report = search_robot("udp://192.0.2.1:49152")
+    assert report.feedback is None and "cannot be bound" in report.problem
+
+
+def test_joints_of_a_robot_that_has_gone() -> None:
+    with switched_on("tesa", "fanuc") as unknown:
+        report = search_robot(unknown.robot)
+    assert report.feedback is not None
+    with pytest.raises(CellError, match="refused"):
+        joints_of(report.feedback)
+
+
+@contextmanager
+def served(device: Callable[[], Device]) -> Iterator[str]:
+    """The address of a TCP port with this behind it."""
+    port, stop = TcpPort.open(device), threading.Event()
+    thread = threading.Thread(target=port.serve, args=(stop,))
+    thread.start()
+    try:
+        yield port.port
+    finally:
+        stop.set()
+        thread.join()
+
+
+@pytest.mark.parametrize("safety", SafetyState)
+def test_a_robot_that_runs_no_program_is_found_with_the_reason(safety: SafetyState) -> None:
+    robot = rtde(rate_hz=125)
+    with served(lambda: daq.feedback.device(robot, lambda _: [*DEGREES, ProgramState.STOPPED, safety])) as port:
+        report = search_robot(port, robot.model_copy(update={"port": port}))
+    assert report.joints_deg == pytest.approx(DEGREES) and report.reported == "; ".join(STOPS.get(safety, ()))
+    if safety is SafetyState.PROTECTIVE_STOP:
+        assert "protective stop" in report.reported and "unlock" in report.reported

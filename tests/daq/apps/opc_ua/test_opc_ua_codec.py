@@ -1,0 +1,217 @@
+"""Messages of OPC UA read from bytes: what asyncua writes is read as asyncua does, and no claim fills the memory."""
+
+from __future__ import annotations
+
+import struct
+import tracemalloc
+import uuid
+from contextlib import nullcontext
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+
+pytest.importorskip("asyncua", reason="asyncua is not installed: pip install '.[opcua]'")
+
+from asyncua import ua
+from asyncua.common.utils import Buffer
+from asyncua.ua.ua_binary import struct_from_binary, struct_to_binary
+
+import daq.feedback
+from daq.apps.opc_ua.channel import ACKNOWLEDGE, CHUNK, CHUNKS, ELEMENTS, LIMIT, MESSAGE, Channel, Unreadable, decoded
+from daq.protocol.conversation import FaultKind
+from tests.daq.apps.opc_ua.test_opc_ua_messages import ByHand
+from tests.support.drivers import opc_ua
+from tests.support.opc_ua_chunks import faults, requests_in
+from tests.support.simulated_conversation import Script
+
+T0 = datetime(2026, 11, 21, 12, 30, tzinfo=UTC)
+CLAIMED = 2_000_000
+"""Elements that a message claims: of one that believed it, the memory would show it and the test would still end."""
+MOST_BYTES = 1 << 20
+
+
+def variants() -> list[Any]:
+    """One value of each kind, and arrays of some."""
+    plain = [True, -5, 2**40, 1.5, "text", b"bytes", T0, uuid.UUID(int=7), None]
+    kinds = ("SByte", "Byte", "Int16", "UInt16", "UInt32", "UInt64", "Float")
+    typed = [ua.Variant(3, ua.VariantType[kind]) for kind in kinds]
+    structures = [ua.NodeId("name", 3), ua.QualifiedName("name", 2), ua.LocalizedText("Wert", "de"), ua.StatusCode(5)]
+    structures += [ua.EUInformation(UnitId=17476), ua.DataValue(ua.Variant(1.0))]
+    arrays = [[1.0, 2.0], ["a", None, ""], [ua.NodeId(5, 2)], [ua.Variant(1), ua.Variant("b")]]
+    return [*map(ua.Variant, plain), *typed, *map(ua.Variant, structures), *map(ua.Variant, arrays)]
+
+
+def read_response(values: list[Any]) -> Any:
+    results = [ua.DataValue(value, ua.StatusCode(0x40920000), T0, T0) for value in values]
+    return ua.ReadResponse(Results=[*results, ua.DataValue()])
+
+
+def messages() -> list[Any]:
+    reference = ua.ReferenceDescription(
+        NodeId=ua.ExpandedNodeId("a", 3), BrowseName=ua.QualifiedName("A1", 2), NodeClass=ua.NodeClass.Variable
+    )
+    session = ua.CreateSessionResponse()
+    policy = ua.UserTokenPolicy(PolicyId="a", TokenType=ua.UserTokenType.UserName)
+    session.Parameters.ServerEndpoints = [ua.EndpointDescription("opc.tcp://a", UserIdentityTokens=[policy, policy])]
+    publish = ua.PublishResponse()
+    notes = [ua.MonitoredItemNotification(k, ua.DataValue(ua.Variant(float(k)))) for k in range(3)]
+    publish.Parameters.NotificationMessage = ua.NotificationMessage(
+        3, T0, [ua.DataChangeNotification(MonitoredItems=notes), ua.StatusChangeNotification(ua.StatusCode(7))]
+    )
+    browsed = ua.BrowseResponse(Results=[ua.BrowseResult(References=[reference]), ua.BrowseResult()])
+    plain = [ua.OpenSecureChannelResponse(), ua.ServiceFault(), ua.CreateMonitoredItemsResponse(), ua.Acknowledge()]
+    return [*plain, browsed, session, publish, read_response(variants())]
+
+
+@pytest.mark.parametrize("message", messages(), ids=lambda message: type(message).__name__)
+def test_a_message_is_read_as_asyncua_reads_it(message: Any) -> None:
+    body = struct_to_binary(message)
+    assert decoded(type(message), body) == struct_from_binary(type(message), Buffer(body))
+
+
+def test_a_structure_that_is_not_known_stays_bytes_and_what_follows_is_read() -> None:
+    unknown = ua.ExtensionObject(ua.NodeId(4711, 5), Body=b"whatever")
+    (first, second) = decoded(ua.ReadResponse, struct_to_binary(read_response([ua.Variant(unknown)]))).Results
+    assert first.Value.Value.Body == b"whatever" and first.SourceTimestamp == T0 and second.Value == ua.Variant()
+
+
+def test_fields_that_a_later_version_adds_to_a_structure_are_passed_over() -> None:
+    body = struct_to_binary(read_response([ua.Variant(ua.EUInformation(UnitId=17476))]))
+    inner = struct_to_binary(ua.EUInformation(UnitId=17476))
+    longer = body.replace(struct.pack("<i", len(inner)) + inner, struct.pack("<i", len(inner) + 3) + inner + b"new")
+    (value, _) = decoded(ua.ReadResponse, longer).Results
+    assert value.Value.Value.UnitId == 17476 and value.SourceTimestamp == T0
+
+
+# --- claims ---
+
+NULL, DOUBLE, TEXT, BYTES, VALUE = 0, 11, 12, 15, 23
+ARRAY, MATRIX = 0x80, 0xC0
+
+
+def i32(*numbers: int) -> bytes:
+    return struct.pack(f"<{len(numbers)}i", *numbers)
+
+
+CLAIMS = {
+    "nulls": bytes([ARRAY | NULL]) + i32(CLAIMED),
+    "more nulls than bytes": bytes([ARRAY | NULL]) + i32(50_000),
+    "texts that take their lengths back": bytes([ARRAY | TEXT]) + i32(CLAIMED, -4),
+    "byte strings that take their lengths back": bytes([ARRAY | BYTES]) + i32(CLAIMED, -4),
+    "texts of negative length": bytes([ARRAY | TEXT]) + i32(4, -4),
+    "numbers": bytes([ARRAY | DOUBLE]) + i32(CLAIMED),
+    "numbers that take bytes back": bytes([ARRAY | DOUBLE]) + i32(-3),
+    "values": bytes([ARRAY | VALUE]) + i32(CLAIMED) + bytes(20),
+    "a matrix": bytes([MATRIX | DOUBLE]) + i32(0, 2, 1000, 1000),
+    "the sides of a matrix": bytes([MATRIX | DOUBLE]) + i32(0, CLAIMED),
+    "a text": bytes([TEXT]) + i32(CLAIMED),
+    "more elements than a message may have": bytes([ARRAY | VALUE]) + i32(ELEMENTS + 1) + bytes(ELEMENTS + 1),
+}
+HARMLESS = ("numbers that take bytes back", "a matrix")
+"""What is read: an array of fewer than no elements as none, and a matrix in one row."""
+
+
+def claiming(claim: bytes) -> bytes:
+    """The answer to a request for values in which one value is this."""
+    empty = struct_to_binary(ua.ReadResponse())
+    return empty[:-8] + i32(1) + b"\1" + claim + i32(0)
+
+
+def test_a_claim_that_holds_is_read() -> None:
+    (value,) = decoded(ua.ReadResponse, claiming(bytes([ARRAY | DOUBLE]) + i32(2) + struct.pack("<dd", 1, 2))).Results
+    assert value.Value.Value == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("what", CLAIMS)
+def test_what_a_message_claims_takes_no_memory(what: str) -> None:
+    body = claiming(CLAIMS[what])
+    tracemalloc.start()
+    try:
+        with nullcontext() if what in HARMLESS else pytest.raises(Unreadable, match="no ReadResponse"):
+            decoded(ua.ReadResponse, body)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < MOST_BYTES
+
+
+@pytest.mark.parametrize("where", ["StringTable", "Results", "DiagnosticInfos"])
+def test_an_array_of_more_elements_than_bytes_is_refused_wherever_it_is(where: str) -> None:
+    body = struct_to_binary(ua.ReadResponse())
+    at = len(body) - {"StringTable": 15, "Results": 8, "DiagnosticInfos": 4}[where]
+    with pytest.raises(Unreadable, match="array of 2147483647 elements"):
+        decoded(ua.ReadResponse, body[:at] + i32(2**31 - 1) + body[at + 4 :])
+
+
+def test_values_within_values_end_where_the_bytes_or_the_depth_do() -> None:
+    with pytest.raises(Unreadable):
+        decoded(ua.ReadResponse, claiming(bytes([24]) * (LIMIT // 2)))
+
+
+def test_a_server_that_claims_too_much_is_left() -> None:
+    server = ByHand().in_session()
+    answer = server.channel.packed(MESSAGE, ua.BrowseResponse(), len(server.requests()))
+    server.script.receive(answer[:-8] + i32(2**31 - 1) + answer[-4:])
+    (fault,) = faults(server.script.taken())
+    assert fault.kind is FaultKind.GARBLED and "2147483647 elements" in fault.detail and server.script.step.hang_up
+
+
+# --- chunks ---
+
+
+def chunk(more: bytes, part: bytes, request: int = 1, kind: bytes = MESSAGE) -> bytes:
+    return kind + more + struct.pack("<IIIII", 24 + len(part), 0, 0, 1, request) + part
+
+
+def test_a_message_longer_than_what_the_other_side_receives_goes_out_in_chunks() -> None:
+    writer, reader = Channel(), Channel()
+    writer.agree(8192)
+    message = ua.BrowseRequest()
+    message.Parameters.NodesToBrowse = [ua.BrowseDescription(ua.NodeId("x" * 100, 2)) for _ in range(200)]
+    sent = writer.packed(MESSAGE, message, 5)
+    sizes, rest = list[int](), sent
+    while rest:
+        sizes.append(int.from_bytes(rest[4:8], "little"))
+        rest = rest[sizes[-1] :]
+    assert len(sizes) > 2 and max(sizes) == 8192
+    pieces = [sent[sum(sizes[:k]) : sum(sizes[: k + 1])] for k in range(len(sizes))]
+    *begun, whole = [reader.read(piece) for piece in pieces]
+    assert set(begun) == {None} and whole is not None
+    assert decoded(ua.BrowseRequest, whole.body).Parameters.NodesToBrowse == message.Parameters.NodesToBrowse
+
+
+@pytest.mark.parametrize(
+    ("pieces", "words"),
+    [
+        ([chunk(b"C", b"")] * (CHUNKS + 1), f"{CHUNKS} chunks"),
+        ([chunk(b"C", bytes(CHUNK - 24))] * (LIMIT // CHUNK + 1), f"{LIMIT} bytes"),
+        ([chunk(b"C", b"a"), chunk(b"F", b"b", request=2)], "message 2 within message 1"),
+        ([chunk(b"X", b"a")], "kind b'X'"),
+        ([chunk(b"A", struct_to_binary(ua.ErrorMessage(ua.StatusCode(0x80B90000), "big")))], "BadResponseTooLarge"),
+        ([chunk(b"A", b"")], "no ErrorMessage"),
+        ([chunk(b"F", b"")[:20]], "no SequenceHeader"),
+    ],
+)
+def test_chunks_that_make_no_message_are_refused(pieces: list[bytes], words: str) -> None:
+    channel = Channel()
+    with pytest.raises(Unreadable, match=words):
+        for piece in pieces:
+            channel.read(piece)
+
+
+def test_a_message_of_many_chunks_is_read_whole() -> None:
+    channel = Channel()
+    received = [channel.read(chunk(b"C", bytes([k]))) for k in range(CHUNKS - 1)] + [channel.read(chunk(b"F", b"z"))]
+    assert received[-1] is not None and received[-1].body == bytes(range(CHUNKS - 1)) + b"z"
+
+
+def test_the_limits_are_stated_and_a_server_that_receives_too_little_is_left() -> None:
+    server = ByHand()
+    hello = decoded(ua.Hello, server.script.sent[8:])
+    stated = (hello.ReceiveBufferSize, hello.MaxMessageSize, hello.MaxChunkCount)
+    assert stated == (CHUNK, LIMIT, CHUNKS) and requests_in(server.script.sent)
+    script = Script(daq.feedback.host(opc_ua()))
+    script.receive(Channel().packed(ACKNOWLEDGE, ua.Acknowledge(ReceiveBufferSize=100)))
+    (fault,) = faults(script.taken())
+    assert "100 bytes" in fault.detail and script.step.hang_up
