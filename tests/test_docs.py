@@ -163,12 +163,12 @@ def test_every_option_says_what_it_takes_and_its_default() -> None:
 # --- pages that are made
 
 MADE = {"api": "api", "arms": "arms", "interfaces": "interfaces", "rig_file": "rig-file-reference"}
-"""The programs of dev/ that make a page, without _page, and the pages."""
+"""The programs of scripts/tools that make a page, without _page, and the pages."""
 
 
 @pytest.mark.parametrize("program", MADE)
 def test_the_page_is_what_its_program_prints(program: str) -> None:
-    script = ROOT / "dev" / f"{program}_page.py"
+    script = ROOT / "scripts" / "tools" / f"{program}_page.py"
     page = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, encoding="utf-8").stdout
     assert _page(MADE[program]) == page, f"run: scripts/dev {program}_page > docs/{MADE[program]}.md"
 
@@ -208,7 +208,9 @@ def test_every_link_within_the_page_has_its_heading() -> None:
 
 
 def _wire_peers() -> Any:
-    spec = importlib.util.spec_from_file_location("wire_peers", ROOT / "dev" / "wire_peers.py")
+    spec = importlib.util.spec_from_file_location(
+        "wire_peers", ROOT / "tests" / "trials" / "wire_peers" / "__main__.py"
+    )
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from dev import durations as program
+from scripts.tools import durations as program
 from tests.support.durations import durations
 
 ROOT = Path(__file__).parents[1]

@@ -1,4 +1,4 @@
-"""`dev/folder_cycles.py`: it finds folders that import each other, and finds none in the product."""
+"""`scripts/tools/folder_cycles.py`: it finds folders that import each other, and finds none in the product."""
 
 import subprocess
 import sys
@@ -11,7 +11,7 @@ PACKAGES = ("rigs", "daq", "analysis")
 
 
 def _count(directory: Path, package: str) -> subprocess.CompletedProcess[str]:
-    script = ROOT / "dev" / "folder_cycles.py"
+    script = ROOT / "scripts" / "tools" / "folder_cycles.py"
     return subprocess.run([sys.executable, script, package], cwd=directory, capture_output=True, text=True, check=False)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-HOUSE = runpy.run_path(str(Path(__file__).parents[1] / "dev" / "house.py"))
+HOUSE = runpy.run_path(str(Path(__file__).parents[1] / "scripts" / "tools" / "house.py"))
 MOST = {
     # 7000 lines more than in November: 2400 of the machine on which a program is followed (decision 0032), 1950 of acts
     # and how a report says them (0035), 540 of a session that acts, 430 of clock and cell without waiting, 360 of

@@ -58,8 +58,8 @@ def test_the_pages_that_are_made_from_the_schema_have_the_new_driver(grown: tupl
     made = re.findall(r"^scripts/dev (\w+) > (\S+)", block, re.M)
     assert len(made) == 2
     for program, path in made:
-        assert path.removeprefix("docs/") in output(tree, sys.executable, f"dev/{program}.py")
-        assert page.interface in output(tree, sys.executable, f"dev/{program}.py")
+        assert path.removeprefix("docs/") in output(tree, sys.executable, f"scripts/tools/{program}.py")
+        assert page.interface in output(tree, sys.executable, f"scripts/tools/{program}.py")
 
 
 @pytest.mark.real_time

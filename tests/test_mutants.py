@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dev import mutants as program
+from scripts.tools import mutants as program
 from tests.support.durations import Durations
 from tests.support.mutants import Mutant, drawn, files_for, mutants_of
 

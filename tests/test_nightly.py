@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from dev import nightly as program
+from scripts.tools import nightly as program
 from tests.support.durations import Durations
 from tests.support.nightly import moved
 

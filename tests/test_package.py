@@ -25,7 +25,7 @@ def _run(*command: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[
 @pytest.mark.parametrize("borrow", cases((True, False), (True,)), ids=["packages of here", "packages of the registry"])
 def test_the_wheel_works_in_an_empty_environment(borrow: bool) -> None:
     """That pyproject.toml names every package, each extra's too, is for a night and each release: it takes minutes."""
-    done = _run(sys.executable, ROOT / "dev" / "wheel.py", "--borrow" if borrow else "--extras")
+    done = _run(sys.executable, ROOT / "scripts" / "tools" / "wheel.py", "--borrow" if borrow else "--extras")
     if done.returncode == OFFLINE:
         pytest.skip(done.stderr.splitlines()[-1])
     assert done.returncode == 0, done.stdout + done.stderr
@@ -50,7 +50,7 @@ def test_the_extra_of_all_holds_every_other_but_that_of_developers() -> None:
 def test_nothing_that_a_command_wrote_is_at_the_top() -> None:
     """Runs, models and tables of a trial, other people's measurements among them, were once nearly kept."""
     tracked = _run("git", "ls-files", "-z").stdout.rstrip("\0").split("\0")
-    folders = {"daq", "analysis", "rigs", "tests", "systemd", "scripts", "docs", "dev", ".ci"}
+    folders = {"daq", "analysis", "rigs", "tests", "systemd", "scripts", "docs", ".ci"}
     files = {".gitignore", "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff"}
     files |= {"AGENTS.md", "llms.txt"}  # for programs that drive rig
     assert {name.partition("/")[0] for name in tracked} == folders | files
@@ -96,7 +96,7 @@ def _commit(checkout: Path) -> None:
 
 
 def _checklist(checkout: Path) -> tuple[int, list[str]]:
-    done = _run(sys.executable, ROOT / "dev" / "release.py", "--quick", cwd=checkout)
+    done = _run(sys.executable, ROOT / "scripts" / "tools" / "release.py", "--quick", cwd=checkout)
     return done.returncode, [line.strip() for line in done.stdout.splitlines() if "LACKS" in line]
 
 

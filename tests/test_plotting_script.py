@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 
-from dev.plotting_script import TEMPLATES, made
+from scripts.tools.plotting_script import TEMPLATES, made
 
 
 def test_the_script_and_its_licence_are_those_that_the_command_makes() -> None:

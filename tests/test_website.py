@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).parents[1]
-SITE: dict[str, Any] = runpy.run_path(str(ROOT / "dev" / "website.py"))
+SITE: dict[str, Any] = runpy.run_path(str(ROOT / "scripts" / "tools" / "website.py"))
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""The gate for text itself; that every command goes through it is tests/hostile."""
+"""The gate for text itself; that every command goes through it is tests/trials/hostile."""
 
 from __future__ import annotations
 

@@ -21,18 +21,19 @@ from analysis.runs.csv_tables import columns_of
 from analysis.runs.loading import Measured, measured_of
 from analysis.runs.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from daq.store import table_run
-from dev.trials.stranger.faults import Fault
-from dev.trials.stranger.gauges import Link
-from dev.trials.stranger.joints import Trace
-from dev.trials.stranger.measure import measure, trace_of
-from dev.trials.stranger.motion import Motion, approaches, visits
-from dev.trials.stranger.real.arm import healthy_arm
-from dev.trials.stranger.real.programs import circle
-from dev.trials.stranger.sight import Sight, sight_of
 from rigs.load import load, parse
 from rigs.rig import Rig
-from tests.support import driven_on, independent_arm
+from tests.support import driven_on
 from tests.support.five_arms import ARMS, OPW, PeerArm
+from tests.worlds.arms import independent_arm
+from tests.worlds.stranger.faults import Fault
+from tests.worlds.stranger.gauges import Link
+from tests.worlds.stranger.joints import Trace
+from tests.worlds.stranger.measure import measure, trace_of
+from tests.worlds.stranger.motion import Motion, approaches, visits
+from tests.worlds.stranger.real.arm import healthy_arm
+from tests.worlds.stranger.real.programs import circle
+from tests.worlds.stranger.sight import Sight, sight_of
 
 Array = NDArray[np.float64]
 ROBOTS = ("paper-fanuc", "ur10e")

@@ -24,7 +24,7 @@ from analysis.runs.tables import PathTable, PoseTable
 from rigs.arms import load_arm
 from tests.support.command_line import ran
 from tests.support.foreign_tables import Poses, rows, text
-from tests.support.independent_arm import Constants, flange, healthy, none
+from tests.worlds.arms.independent_arm import Constants, flange, healthy, none
 
 Array = NDArray[np.float64]
 Outcome = Literal["without a word", "with a word", "question", "question, likeliest answer wrong", "refused"]

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from tests.support import soft_arm
+from tests.worlds.arms import soft_arm
 
 Array = NDArray[np.float64]
 STORE = get_typestore(Stores.ROS2_HUMBLE)

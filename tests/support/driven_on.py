@@ -2,7 +2,7 @@
 turn a lap stands turns apart between the ways; two laps on end; joints that begin a turn elsewhere. And poses of a tool
 with several reflectors.
 
-Written from docs/method.md and a rig file, over the arm of `tests.support.independent_arm`; nothing here is of the
+Written from docs/method.md and a rig file, over the arm of `tests.worlds.arms.independent_arm`; nothing here is of the
 product.
 """
 
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from tests.support import independent_arm
-from tests.support.independent_arm import RIGS, Constants, Seen, Wrong, flange, none
+from tests.worlds.arms import independent_arm
+from tests.worlds.arms.independent_arm import RIGS, Constants, Seen, Wrong, flange, none
 
 Array = NDArray[np.float64]
 ROBOTS = ("paper-fanuc", "ur10e")

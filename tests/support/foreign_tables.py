@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from analysis import load_run
 from analysis.runs.tables import PoseTable, Table
 from tests.support.command_line import ran
-from tests.support.independent_arm import constants_of, flange, healthy, none, postures
+from tests.worlds.arms.independent_arm import constants_of, flange, healthy, none, postures
 
 Array = NDArray[np.float64]
 DATA = Path(__file__).parents[3] / "shared" / "data"

@@ -14,7 +14,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 HOW_TO = ROOT / "docs" / "how-to"
-FOLDERS = ("rigs", "daq", "analysis", "dev", "docs", "tests")
+FOLDERS = ("rigs", "daq", "analysis", "scripts", "docs", "tests")
 FILES = ("pyproject.toml", "README.md", "CONTRIBUTING.md")
 BIN = Path(sys.executable).parent
 PATIENCE_S = 550.0

@@ -26,7 +26,7 @@ from typing import ParamSpec, TypeVar
 
 ROOT = Path(__file__).parents[2]
 KEPT = ROOT / ".pytest_cache" / "made_once"
-SOURCES = ("analysis", "daq", "rigs", "dev", "tests/support")
+SOURCES = ("analysis", "daq", "rigs", "tests/support", "tests/worlds", "tests/trials")
 UNUSED_S = 7 * 24 * 3600.0
 """How long a set is kept that no run of the tests has used."""
 P = ParamSpec("P")

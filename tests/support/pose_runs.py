@@ -9,7 +9,7 @@ from analysis.runs.loading import Measured, measured_of, rig_of
 from analysis.runs.tables import PoseTable
 from daq.store import table_run
 from rigs.load import load
-from tests.support.independent_arm import Array
+from tests.worlds.arms.independent_arm import Array
 
 
 def pose_run(rig_name: str, q: Array, xyz_mm: Array, name: str = "poses", placement: str = "door") -> Measured:

@@ -12,7 +12,7 @@ from analysis.apps.makers.correct_rig import correct_rig
 from analysis.report.diagnosis_report import write_model
 from analysis.robot.model.predict import model_of
 from rigs.load import load
-from tests.support.independent_arm import Array, Wrong, bad_zeros, cell, flange, postures
+from tests.worlds.arms.independent_arm import Array, Wrong, bad_zeros, cell, flange, postures
 
 HEAD = ",".join(f"q{k}_deg" for k in range(1, 7))
 

@@ -28,7 +28,7 @@ from rigs.effects import Compliance, Effect, Found, JointOffset, LinkGeometry, T
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
-from tests.support.independent_arm import Wrong, constants_of, flange
+from tests.worlds.arms.independent_arm import Wrong, constants_of, flange
 
 Array = NDArray[np.float64]
 JOINTS = tuple(f"q{k}_deg" for k in range(1, 7))

@@ -18,7 +18,7 @@ from rigs.effects import BaseSags, BaseYields, Effect
 from rigs.load import parse
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
-from tests.support.seven_axes import (
+from tests.worlds.arms.seven_axes import (
     Array,
     Fault,
     Truth,
@@ -28,7 +28,7 @@ from tests.support.seven_axes import (
     run_of,
     touch_table,
 )
-from tests.support.yielding_base import OnStand, Stand
+from tests.worlds.arms.yielding_base import OnStand, Stand
 
 BALL_MM = np.array([10.0, -5.0, 120.0])
 CELL = f"name: cell\n{load_arm('ur10e').text}  payload_kg: 3\n"

@@ -13,8 +13,8 @@ from analysis.robot.model.predict import SetUp, model_of, path_of, predict
 from analysis.runs.tables import PoseTable
 from rigs.load import load
 from rigs.schema.effect import name_of
-from tests.support import independent_arm, soft_arm
 from tests.support.diagnosis_cells import found_in, measured
+from tests.worlds.arms import independent_arm, soft_arm
 
 Array = NDArray[np.float64]
 RIG = load("ur10")[0].model_copy(update={"effects": ()})

@@ -29,8 +29,8 @@ from rigs.problems import RigFileError
 from rigs.rig import Rig
 from rigs.schema.effect import name_of, size_field
 from tests.support.command_line import ran
-from tests.support.railed_arm import RailTruth, draw_rail, railed_places, railed_poses, railed_touches
-from tests.support.seven_axes import Fault, Truth, draw_postures, draw_truth, run_of
+from tests.worlds.arms.railed_arm import RailTruth, draw_rail, railed_places, railed_poses, railed_touches
+from tests.worlds.arms.seven_axes import Fault, Truth, draw_postures, draw_truth, run_of
 
 BALL_MM = np.array([10.0, -5.0, 120.0])
 ZERO = Fault("zero", 3, -0.25)

@@ -15,7 +15,7 @@ from analysis.runs.tables import PoseTable
 from rigs.load import load
 from tests.support.conventions import run_of
 from tests.support.driven_on import remounted
-from tests.support.independent_arm import Cell, Seen, bad_zeros, cell, healthy, postures
+from tests.worlds.arms.independent_arm import Cell, Seen, bad_zeros, cell, healthy, postures
 
 RIG = load("ur10e")[0]
 TARGETS = np.array([[40.0, 0.0, 120.0], [-40.0, 30.0, 120.0], [0.0, -50.0, 150.0]])

@@ -12,7 +12,7 @@ from rigs.effects import Compliance
 from rigs.load import parse
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
-from tests.support.seven_axes import Fault, draw_truth, pose_table, run_of
+from tests.worlds.arms.seven_axes import Fault, draw_truth, pose_table, run_of
 
 BALL_MM = np.array([10.0, -5.0, 120.0])
 

@@ -19,7 +19,7 @@ from rigs.arms import load_arm
 from rigs.load import parse
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
-from tests.support.seven_axes import Fault, draw_truth, run_of, touch_table
+from tests.worlds.arms.seven_axes import Fault, draw_truth, run_of, touch_table
 
 BALL_MM = np.array([10.0, -5.0, 120.0])
 PLAY = Fault("play", 4, 0.12)

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from analysis.intake.cube_stops import poses_of_stops
 from analysis.robot.geometry.iso_cube import Cube
 from tests.support.command_line import ran
-from tests.support.independent_arm import Array
-from tests.support.iso_plain import cube_places
+from tests.worlds.arms.independent_arm import Array
+from tests.worlds.arms.iso_plain import cube_places
 
 CENTRE, SIDE = np.array([600.0, 50.0, 450.0]), 500.0
 RISING = np.array([1.0, 0.0, 1.0]) / np.sqrt(2)

@@ -9,8 +9,8 @@ from analysis.procedures.radial import evaluate as radial
 from analysis.procedures.repeatability import evaluate as repeatability
 from analysis.procedures.shared.quantity import Quantity
 from analysis.runs.tables import RepeatabilityTable
-from dev.trials.planted import targets
-from dev.trials.planted.targets import STOP_S, Stops
+from tests.worlds.planted import targets
+from tests.worlds.planted.targets import STOP_S, Stops
 
 COARSE = Stops(scatter_mm=(0.002, 0.002), white_mm=0.0003, step_mm=0.010)
 CELLS = 100

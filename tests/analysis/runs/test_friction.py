@@ -16,9 +16,9 @@ from daq.apps.emulate.instruments import instruments_of
 from daq.store import read_run
 from rigs.load import parse
 from rigs.schema.condition import CURRENTS
-from tests.support import soft_arm
 from tests.support.bench import rig_text
 from tests.support.simulated_bench import SimulatedBench
+from tests.worlds.arms import soft_arm
 
 COULOMB_A = np.array([0.61, 0.83, 0.55, 0.21, 0.17, 0.24])
 NM_A = np.array([11.0, 13.0, 9.0, 7.0, 7.5, 6.8])

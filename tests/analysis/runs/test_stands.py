@@ -12,8 +12,8 @@ import pytest
 from analysis.procedures.pose import evaluate as pose
 from analysis.runs.stands import one_row_a_stand, rows_a_stand, stands_of
 from analysis.runs.tables import PoseTable, RepeatabilityTable
-from dev.trials import planted
 from tests.analysis.procedures.checks.test_lost_poses import table
+from tests.worlds import planted
 
 
 def motion(stands: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,8 +11,8 @@ from analysis.apps.emulate.driving import Controller
 from analysis.apps.makers.emulated import COUNTS_PER_DEG, GEAR_RATIO
 from rigs.errors import FileError
 from rigs.schema.vocabulary import MakerName
-from tests.support.interpreters.arms import rig_of
 from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
+from tests.worlds.interpreters.arms import rig_of
 
 ARMS: dict[MakerName, str] = {
     "ur": "ur10e",

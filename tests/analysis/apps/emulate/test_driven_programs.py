@@ -27,9 +27,9 @@ from rigs.errors import FileError
 from rigs.load import load, parse
 from rigs.rig import Rig
 from rigs.schema.vocabulary import DrivenTest, MakerName
-from tests.support.faulty_arm import flange_at, frame
-from tests.support.independent_arm import Array, Wrong
-from tests.support.interpreters.arms import pose_of, rig_of
+from tests.worlds.arms.faulty_arm import flange_at, frame
+from tests.worlds.arms.independent_arm import Array, Wrong
+from tests.worlds.interpreters.arms import pose_of, rig_of
 
 CASES: list[tuple[MakerName, str]] = [
     ("ur", "ur10e"),

@@ -19,9 +19,9 @@ from rigs.arms import load_arm
 from rigs.errors import FileError
 from rigs.load import load, parse
 from rigs.rig import Rig
-from tests.support import soft_arm
 from tests.support.command_line import ran
-from tests.support.seven_axes import draw_truth, pose_table
+from tests.worlds.arms import soft_arm
+from tests.worlds.arms.seven_axes import draw_truth, pose_table
 
 pytest.importorskip("rosbags.rosbag2")
 from tests.support.driven_bag import (

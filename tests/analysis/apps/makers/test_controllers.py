@@ -24,9 +24,9 @@ from rigs.errors import UseError
 from rigs.load import load
 from rigs.schema.vocabulary import MAKERS, MakerName, maker_of
 from tests.support import command_line
-from tests.support.independent_arm import Wrong as WrongArm
-from tests.support.independent_arm import constants_of, flange
 from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
+from tests.worlds.arms.independent_arm import Wrong as WrongArm
+from tests.worlds.arms.independent_arm import constants_of, flange
 
 Array = NDArray[np.float64]
 MASTERED: tuple[MakerName, ...] = ("kuka", "fanuc", "abb", "yaskawa")

@@ -15,7 +15,7 @@ from analysis.correction.pose_uncertainty import pose_uncertainty
 from analysis.runs.tables import PoseTable
 from rigs.load import load
 from tests.support.handmade_calibration import calibrated_model
-from tests.support.seven_axes import run_of
+from tests.worlds.arms.seven_axes import run_of
 
 
 @pytest.mark.parametrize(("most_deg", "is_known"), [(29.0, True), (40.0, False)])

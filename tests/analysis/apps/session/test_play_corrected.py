@@ -15,10 +15,10 @@ from rigs.effects import Backlash, Effect, Found
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
-from tests.support.faulty_arm import flange_at, frame
-from tests.support.independent_arm import Array, Wrong
-from tests.support.interpreters.arms import pose_of
 from tests.support.session_cell import begun, cell_file
+from tests.worlds.arms.faulty_arm import flange_at, frame
+from tests.worlds.arms.independent_arm import Array, Wrong
+from tests.worlds.interpreters.arms import pose_of
 
 WIDTH_DEG = {1: 0.03, 5: 0.02}
 SOUND = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))

@@ -21,8 +21,8 @@ from rigs.arms import load_arm
 from rigs.load import load, parse
 from rigs.schema.effect import name_of
 from tests.support.diagnosis_cells import Array, found_in, measured
-from tests.support.independent_arm import bad_zeros, cell, postures
-from tests.support.seven_axes import draw_truth, pose_table, run_of
+from tests.worlds.arms.independent_arm import bad_zeros, cell, postures
+from tests.worlds.arms.seven_axes import draw_truth, pose_table, run_of
 
 RIG = load("ur10e")[0].model_copy(update={"effects": ()})
 RNG = np.random.default_rng(61)

@@ -20,13 +20,13 @@ from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import model_of, moved, path_of
 from analysis.runs.tables import PoseTable, TouchTable
-from dev.trials.stranger.screws import arm_from
 from rigs.arms import load_arm
 from rigs.effects import Effect
 from rigs.load import parse
 from rigs.rig import Rig
 from tests.support.made_once import made_once
-from tests.support.seven_axes import Truth, constants_of, draw_postures, draw_truth, run_of, touch_table
+from tests.worlds.arms.seven_axes import Truth, constants_of, draw_postures, draw_truth, run_of, touch_table
+from tests.worlds.stranger.screws import arm_from
 
 BALL_MM = np.array([10.0, -5.0, 120.0])
 SCALE, APART_MM, U_MM = 1e-3, 300.0, 0.02

@@ -20,8 +20,8 @@ from analysis.runs.loading import load_measured
 from daq.store import load_manifest
 from rigs.errors import FileError
 from rigs.load import load
-from tests.support.independent_arm import Array, Cell, Seen, bad_zeros, cell, healthy, postures
 from tests.support.nightly import cases
+from tests.worlds.arms.independent_arm import Array, Cell, Seen, bad_zeros, cell, healthy, postures
 
 RIG = load("ur10e")[0].model_copy(update={"effects": ()})
 

@@ -15,7 +15,7 @@ from analysis.runs.tables import PoseTable
 from rigs.effects import Effect, JointOffset, TransmissionError
 from rigs.load import load
 from tests.support.diagnosis_cells import found_in, measured
-from tests.support.independent_arm import Cell, Seen, cell, healthy, least_squares_fit, postures
+from tests.worlds.arms.independent_arm import Cell, Seen, cell, healthy, least_squares_fit, postures
 
 Array = NDArray[np.float64]
 ORDERS = np.arange(1, 61)

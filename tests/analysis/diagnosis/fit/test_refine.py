@@ -12,7 +12,6 @@ from analysis.diagnosis.fit.background import background_of
 from analysis.diagnosis.fit.candidates import Candidate, columns_for
 from analysis.diagnosis.fit.refine import no_effects, refine
 from analysis.diagnosis.fit.responses import Linearisation, linearise
-from dev.trials.stranger.play import lagging
 from rigs.effects import (
     Backlash,
     Compliance,
@@ -30,6 +29,7 @@ from rigs.effects import (
 )
 from rigs.schema.effect import name_of, scaled
 from tests.support.diagnosis_cells import Array, healthy, holding, no_background, shown_by, white
+from tests.worlds.stranger.play import lagging
 
 CASES: dict[str, tuple[Effect, Effect]] = {
     "a wide play": (Backlash(axis=1, width_deg=0.05, transit=0.4), Backlash(axis=1, width_deg=0.02)),

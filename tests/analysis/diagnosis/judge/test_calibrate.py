@@ -15,7 +15,9 @@ from analysis.robot.kinematics.arm import Array, arm_of, forward
 from analysis.runs.loading import Measured
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError, size_field
 from rigs.load import load
-from tests.support.independent_arm import (
+from tests.support.nightly import cases
+from tests.support.pose_runs import pose_run
+from tests.worlds.arms.independent_arm import (
     Cell,
     Seen,
     bad_arm,
@@ -27,8 +29,6 @@ from tests.support.independent_arm import (
     least_squares_fit,
     postures,
 )
-from tests.support.nightly import cases
-from tests.support.pose_runs import pose_run
 
 LOADED, TEXT = load("paper-fanuc")
 RIG = LOADED.model_copy(update={"effects": ()})

@@ -19,8 +19,8 @@ from rigs.errors import FileError
 from rigs.load import load
 from tests.support.command_line import ran
 from tests.support.foreign_tables import rows, text
-from tests.support.independent_arm import constants_of, flange, healthy
 from tests.support.nightly import cases
+from tests.worlds.arms.independent_arm import constants_of, flange, healthy
 
 RIG = load("ur10e")[0]
 ARM = arm_of(RIG.robot)

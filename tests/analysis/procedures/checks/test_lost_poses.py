@@ -12,7 +12,7 @@ from analysis.procedures.pose import evaluate as pose
 from analysis.procedures.repeatability import evaluate as repeatability
 from analysis.robot.kinematics.arm import Array, forward
 from analysis.runs.tables import PoseTable, RepeatabilityTable
-from dev.trials import planted
+from tests.worlds import planted
 
 SPREAD_MM = 0.08
 

@@ -16,7 +16,7 @@ from analysis.robot.kinematics.arm import arm_of, forward, without_setup
 from analysis.runs.tables import PoseTable
 from rigs.load import load, parse
 from tests.support.command_line import ran
-from tests.support.independent_arm import Cell, Wrong, constants_of, flange, healthy, none, postures
+from tests.worlds.arms.independent_arm import Cell, Wrong, constants_of, flange, healthy, none, postures
 
 RIG = load("ur10e")[0]
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from rigs.load import load
 from tests.support import driven_on
 from tests.support.conventions import driven_on_from, run_of
 from tests.support.driven_on import Drive, drive
-from tests.support.independent_arm import none
+from tests.worlds.arms.independent_arm import none
 
 
 @pytest.mark.parametrize("name", driven_on.ROBOTS)

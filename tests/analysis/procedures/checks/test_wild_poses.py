@@ -16,8 +16,8 @@ from analysis.runs.loading import Measured
 from analysis.runs.tables import PoseTable
 from rigs.load import load
 from tests.support.conventions import run_of
-from tests.support.independent_arm import Seen, cell, healthy, postures
 from tests.support.made_once import made_once
+from tests.worlds.arms.independent_arm import Seen, cell, healthy, postures
 
 RIG = load("ur10e")[0]
 

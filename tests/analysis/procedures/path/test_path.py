@@ -14,8 +14,8 @@ from analysis.robot.geometry.iso_cube import Cube
 from analysis.runs.tables import PathTable
 from rigs.errors import FileError
 from rigs.schema.declared_tests import Instrument
-from tests.support.independent_arm import Array
-from tests.support.iso_plain import Recorder, cube_places, repeatability
+from tests.worlds.arms.independent_arm import Array
+from tests.worlds.arms.iso_plain import Recorder, cube_places, repeatability
 
 SIDE, CENTRE = 500.0, np.array([600.0, 50.0, 450.0])
 LEVEL, RISING = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 1.0]) / np.sqrt(2)

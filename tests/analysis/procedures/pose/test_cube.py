@@ -17,9 +17,9 @@ from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Instrument, Iso9283
 from tests.analysis.procedures.pose.test_pose import measured as series
-from tests.support.faulty_arm import flange_at, hidden
-from tests.support.independent_arm import Array
-from tests.support.iso_plain import accuracy, cube_places, distance, repeatability
+from tests.worlds.arms.faulty_arm import flange_at, hidden
+from tests.worlds.arms.independent_arm import Array
+from tests.worlds.arms.iso_plain import accuracy, cube_places, distance, repeatability
 
 INSTRUMENT = Instrument(xyz_mm=(2100.0, -700.0, 900.0), rpy_deg=(3.0, -2.0, 140.0), u_mm=0.03)
 CYCLE = (5, 4, 3, 2, 1)

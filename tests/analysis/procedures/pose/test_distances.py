@@ -9,9 +9,9 @@ from analysis.procedures.radial import evaluate as radial
 from analysis.procedures.repeatability import evaluate as repeatability
 from analysis.procedures.shared.evaluate import evaluate
 from analysis.procedures.simulate import simulate
-from dev.trials import planted
 from rigs.errors import FileError
 from rigs.load import load
+from tests.worlds import planted
 
 TABLE = planted.hemisphere()
 

@@ -16,11 +16,11 @@ from analysis.robot.kinematics.arm import arm_of, forward
 from analysis.runs.csv_tables import columns_of
 from analysis.runs.tables import PoseTable
 from analysis.runs.written_files import write_csv
-from dev.trials import planted
 from rigs.errors import FileError
 from rigs.load import SHIPPED, load
 from tests.support.command_line import ran
 from tests.support.written_runs import import_table
+from tests.worlds import planted
 
 UR10 = Path(__file__).parents[5] / "shared" / "data" / "ipa-ur10"
 

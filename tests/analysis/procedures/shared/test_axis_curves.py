@@ -19,8 +19,8 @@ from rigs.effects import Backlash
 from rigs.load import parse
 from tests.support.command_line import ran
 from tests.support.nightly import cases
-from tests.support.one_axis import ARMS, driven, true_curve
-from tests.support.seven_axes import run_of
+from tests.worlds.arms.one_axis import ARMS, driven, true_curve
+from tests.worlds.arms.seven_axes import run_of
 
 
 @pytest.mark.parametrize("name", cases(ARMS, ("abb-irb-1600",)))

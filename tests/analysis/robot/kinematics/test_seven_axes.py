@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from analysis.robot.kinematics.arm import Array, arm_of, forward_and_jacobian
-from dev.trials.stranger.screws import arm_from, pose
 from rigs.arms import arm_names, load_arm
 from rigs.errors import FileError
 from rigs.load import parse
 from rigs.schema.robot import Pose, Robot, identity
-from tests.support.seven_axes import constants_of
+from tests.worlds.arms.seven_axes import constants_of
+from tests.worlds.stranger.screws import arm_from, pose
 
 SEVEN = [name for name in arm_names() if len(load_arm(name).robot.axes) == 7]
 

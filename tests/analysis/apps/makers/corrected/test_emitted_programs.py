@@ -22,10 +22,10 @@ from analysis.apps.makers.writing import programs_of, write_programs
 from analysis.correction.support import supports
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MAKERS, MakerName
-from tests.support.faulty_arm import flange_at, frame, hidden, joints_of, known
-from tests.support.independent_arm import Array
-from tests.support.interpreters.arms import pose_of, rig_of
-from tests.support.interpreters.driven import run
+from tests.worlds.arms.faulty_arm import flange_at, frame, hidden, joints_of, known
+from tests.worlds.arms.independent_arm import Array
+from tests.worlds.interpreters.arms import pose_of, rig_of
+from tests.worlds.interpreters.driven import run
 
 CASES: list[tuple[MakerName, str]] = [
     ("ur", "ur10e"),

@@ -17,7 +17,7 @@ from rigs.edit import extended
 from rigs.effects import Backlash, Compliance, Effect, JointOffset
 from rigs.load import load
 from tests.support.command_line import ran
-from tests.support.faulty_arm import EFFECTS, found, known
+from tests.worlds.arms.faulty_arm import EFFECTS, found, known
 
 RIG = known(load("ur10e")[0])
 MANY = 10_000

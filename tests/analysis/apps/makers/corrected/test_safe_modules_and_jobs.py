@@ -26,7 +26,7 @@ from tests.analysis.apps.makers.corrected.test_user_programs import (
     robtarget_of,
     yaskawa_pose,
 )
-from tests.support.interpreters.arms import rig_of
+from tests.worlds.interpreters.arms import rig_of
 
 
 def _abb(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:

@@ -26,8 +26,8 @@ from tests.analysis.apps.makers.corrected.test_user_programs import (
     kuka_pose,
     ur_pose,
 )
-from tests.support.faulty_arm import flange_at, known
-from tests.support.interpreters.arms import rig_of
+from tests.worlds.arms.faulty_arm import flange_at, known
+from tests.worlds.interpreters.arms import rig_of
 
 Left = list[tuple[int, str]]
 

@@ -23,9 +23,9 @@ from analysis.correction.support import supports
 from analysis.robot.kinematics.arm import arm_of
 from rigs.effects import JointOffset
 from rigs.rig import Rig
-from tests.support.faulty_arm import flange_at, found, frame, hidden, joints_of, known
-from tests.support.independent_arm import Array
-from tests.support.interpreters.arms import rig_of
+from tests.worlds.arms.faulty_arm import flange_at, found, frame, hidden, joints_of, known
+from tests.worlds.arms.independent_arm import Array
+from tests.worlds.interpreters.arms import rig_of
 
 ReadBack = Callable[[str], Array]
 """The flange (4, 4) that the controller is given by a line of a program."""

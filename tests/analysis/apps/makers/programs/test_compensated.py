@@ -36,8 +36,8 @@ from rigs.errors import FileError
 from rigs.load import load
 from rigs.schema.vocabulary import MAKERS, DrivenTest, MakerName
 from tests.support.command_line import ended
-from tests.support.independent_arm import Array, Wrong, constants_of, flange
-from tests.support.interpreters.driven import paths, run
+from tests.worlds.arms.independent_arm import Array, Wrong, constants_of, flange
+from tests.worlds.interpreters.driven import paths, run
 
 Tables = Callable[[DrivenTest], Path]
 

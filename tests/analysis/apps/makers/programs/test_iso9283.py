@@ -17,9 +17,9 @@ from analysis.robot.geometry.iso_cube import cube_of
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Iso9283
 from rigs.schema.vocabulary import MAKERS, MakerName
-from tests.support.interpreters.arms import pose_of, rig_of
-from tests.support.interpreters.driven import ROUNDING, run
-from tests.support.iso_plain import cube_places
+from tests.worlds.arms.iso_plain import cube_places
+from tests.worlds.interpreters.arms import pose_of, rig_of
+from tests.worlds.interpreters.driven import ROUNDING, run
 
 ARMS = ("ur10e", "paper-fanuc")
 PLACE_MM = {"yaskawa": 5e-3}

@@ -27,9 +27,9 @@ from analysis.robot.geometry.driven_programs import (
     repeatability_stops,
 )
 from rigs.schema.vocabulary import MAKERS, DrivenTest, MakerName
-from tests.support.interpreters.arms import ARMS, LIBRARY, pose_of, reached, rig_of
-from tests.support.interpreters.driven import ROUNDING, along, paths, run, stops
-from tests.support.interpreters.joints import postures
+from tests.worlds.interpreters.arms import ARMS, LIBRARY, pose_of, reached, rig_of
+from tests.worlds.interpreters.driven import ROUNDING, along, paths, run, stops
+from tests.worlds.interpreters.joints import postures
 
 DWELL_S = 4.0
 PLACE_MM = {"yaskawa": 5e-3}

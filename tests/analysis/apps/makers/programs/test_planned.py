@@ -22,7 +22,7 @@ from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.rig import Rig
 from rigs.schema.vocabulary import MakerName
-from tests.support.interpreters.driven import run
+from tests.worlds.interpreters.driven import run
 
 RULES = [
     {"when": {"signal": 1}, "test": "yaw", "direction": "cw"},

@@ -13,8 +13,8 @@ from analysis.apps.makers.programs.motion_plan import demand_of
 from analysis.apps.makers.programs.planned import plans_of
 from analysis.apps.makers.writing import programs_of
 from rigs.schema.vocabulary import MAKERS, MakerName
-from tests.support.interpreters.arms import rig_of
-from tests.support.interpreters.driven import run
+from tests.worlds.interpreters.arms import rig_of
+from tests.worlds.interpreters.driven import run
 
 MARKS = {
     "ur": [r"\(", r"\)", r",", r"\[", r"\]", r":\n", r"=", r"\nend\n", r"movec", r"def ", r"\n[a-z]\w+\(\)\n"],

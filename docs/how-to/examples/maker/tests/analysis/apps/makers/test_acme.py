@@ -14,7 +14,7 @@ from analysis.apps.makers.writing import encoded_programs, programs_of
 from analysis.apps.makers.programs.motion_plan import demand_of
 from analysis.apps.makers.programs.planned import plans_of
 from rigs.load import load
-from tests.support.faulty_arm import known
+from tests.worlds.arms.faulty_arm import known
 
 RIG = known(load("ur10e")[0])
 (PLAN,) = plans_of(RIG, "repeatability", 3.0)

@@ -1,1 +1,0 @@
-"""What runs and scores the blind trial (docs/trials.md); its generator is `dev.trials.stranger`."""

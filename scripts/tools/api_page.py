@@ -1,0 +1,127 @@
+"""The page docs/api.md from the docstrings of the public API: `scripts/dev api_page > docs/api.md`.
+
+The public API is `analysis.__all__`. Functions come in the order of their source, then classes with their public
+fields, properties and methods, then errors.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import sys
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+HEAD = """\
+# The Python API
+
+What `rig` does, in scripts and notebooks. Start with the [notebook](notebook/first-steps.ipynb), which
+`pip install . jupyterlab` and `jupyter lab docs/notebook/first-steps.ipynb` open in an environment of your own, or with
+five lines:
+
+```python
+from analysis import evaluate, load_run
+
+result = evaluate(load_run("runs/monday-acw"))
+print(result.figures["band_deg"])  # value ± standard uncertainty
+result.curve.to_table()  # error over the circle angle, a pyarrow Table
+```
+
+Angles are in degrees and lengths in mm where the name says so; arrays without a unit in their name are in radians and
+mm. `to_table()` returns a pyarrow Table, since the store needs pyarrow anyway and polars, DuckDB and pandas read it;
+`to_frame()` returns a pandas DataFrame where pandas is installed, which rig does not require. `to_dict()` holds what
+`--json` prints. No function prints, and every expected failure is a `RigError` with `where`, `what` and `remedy`.
+
+This page is generated from the docstrings: `scripts/dev api_page > docs/api.md`.
+"""
+_LONGEST = 100
+_SECTIONS = ("Returns ", "Raises ", "Source: ")
+
+
+def page() -> str:
+    """The whole page as Markdown."""
+    import analysis  # noqa: PLC0415 - the script first puts the repository on the path
+
+    public = [getattr(analysis, name) for name in analysis.__all__]
+    functions = [one for one in public if inspect.isfunction(one)]
+    classes = [one for one in public if inspect.isclass(one)]
+    functions.sort(key=lambda one: inspect.getsourcelines(one)[1])
+    classes.sort(key=lambda one: (issubclass(one, Exception), one.__name__))
+    parts = [HEAD, "## Functions\n", *map(_function, functions), "## Results and errors\n", *map(_class, classes)]
+    return "\n".join(parts)
+
+
+def _function(function: Callable[..., Any]) -> str:
+    summary, *paragraphs = (inspect.getdoc(function) or "").split("\n\n")
+    return (
+        "\n\n".join([f"### {function.__name__}", _signature(function), _prose(summary), *map(_block, paragraphs)])
+        + "\n"
+    )
+
+
+def _signature(function: Callable[..., Any]) -> str:
+    """The signature as code, a parameter a line where it would be too long."""
+    signature = inspect.signature(function)
+    parts = [_parameter(one) for one in signature.parameters.values()]
+    named = [k for k, one in enumerate(signature.parameters.values()) if one.kind is one.KEYWORD_ONLY]
+    if named:
+        parts.insert(named[0], "*")
+    line = f"{function.__name__}({', '.join(parts)}) -> {signature.return_annotation}"
+    if len(line) > _LONGEST:
+        listed = "".join(f"    {part},\n" for part in parts)
+        line = f"{function.__name__}(\n{listed}) -> {signature.return_annotation}"
+    return f"```python\n{line}\n```"
+
+
+def _parameter(one: inspect.Parameter) -> str:
+    default = "" if one.default is one.empty else f" = {one.default!r}"
+    return f"{one.name}: {one.annotation}{default}"
+
+
+def _block(paragraph: str) -> str:
+    """A paragraph of prose, or the list of parameters, each `name: what`."""
+    lines = paragraph.splitlines()
+    if paragraph.startswith(_SECTIONS) or ": " not in lines[0]:
+        return _prose(paragraph)
+    entries: list[str] = []
+    for line in lines:
+        name, colon, what = line.partition(": ")
+        if colon and name.isidentifier():
+            entries.append(f"- `{name}`: {what}")
+        else:
+            entries[-1] += f" {line}"
+    return "\n".join(entries)
+
+
+def _prose(paragraph: str) -> str:
+    return " ".join(paragraph.split())
+
+
+def _class(found: type) -> str:
+    described = [_prose(paragraph) for paragraph in (inspect.getdoc(found) or "").split("\n\n")]
+    members = [f"- `{name}`: {_prose(what)}" for name, what in _members(found)]
+    fields = dataclasses.fields(found) if dataclasses.is_dataclass(found) else ()
+    listed = [f"Fields: {', '.join(f'`{field.name}: {field.type}`' for field in fields)}."] if fields else []
+    return (
+        "\n\n".join([f"### {found.__name__}", *described, *listed, *(["\n".join(members)] if members else [])]) + "\n"
+    )
+
+
+def _members(found: type) -> list[tuple[str, str]]:
+    """Public properties and methods, those of a base class of ours included, by name and docstring."""
+    members: dict[str, str] = {}
+    for owner in reversed(found.__mro__):
+        if not owner.__module__.startswith(("analysis", "rigs")):
+            continue
+        for name, value in vars(owner).items():
+            shown = inspect.isfunction(value) or isinstance(value, property | cached_property)
+            if shown and not name.startswith("_"):
+                members[f"{name}()" if inspect.isfunction(value) else name] = inspect.getdoc(value) or ""
+    return list(members.items())
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[2]))
+    sys.stdout.write(page())

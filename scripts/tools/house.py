@@ -1,0 +1,229 @@
+"""What the product costs to carry on, in numbers: lines, helpers used once, empty names, circles, makers named.
+
+Each number may fall freely; tests/test_house.py holds the largest that each may have. Core and apps are those of the
+contract "the core knows no app" in pyproject.toml.
+"""
+
+from __future__ import annotations
+
+import ast
+import collections
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("rigs", "daq", "analysis")
+EMPTY = frozenset(
+    {"one", "found", "own", "told", "left", "known", "held", "there", "here", "some", "given", "wanted", "worth"}
+    | {"what", "said", "more", "rest", "them", "same", "other", "like", "alone", "beside"}
+)
+"""Names that say nothing of what they stand for."""
+MAKERS = {
+    "ur": r"\bur\b|\bur_|_ur\b|\bURs?\b|URScript|URRTDE|Universal Robots",
+    "fanuc": r"(?i:(?<!paper-)fanuc)",
+    "kuka": r"(?i:kuka)|\bKRL\b",
+    "abb": r"\bABB|\babb\b|\babb_|\bRAPID\b",
+    "yaskawa": r"(?i:yaskawa|motoman)|\bINFORM\b",
+}
+"""How each maker is named. The name of a rig, paper-fanuc, is none; nor is that of an arm, as ur10e."""
+
+TESTS = ("yaw", "roll", "radial", "repeatability", "pose", "touch", "path")
+OTHER_WORDS = {
+    "yaw": ("arms/driver_kinematics", "arms/ur_driver", "files/column_groups"),  # turns
+    "roll": ("arms/driver_kinematics", "arms/ur_driver", "files/column_groups"),
+    "repeatability": ("reporting/listings",),  # of an arm, by its data sheet
+    # A word of URScript, of foreign headers, of the cube's stops, along an axis, and of a program's name.
+    "pose": (
+        *("makers/ur/driver", "files/column_groups", "files/cube_stops"),
+        *("reporting/run_pictures", "reporting/run_charts", "robot_programs/planned"),
+    ),
+    # Of a file, of a page; the column of a curve.
+    "path": ("reporting/correction_report", "reporting/listings", "window/guard", "measures/result_curves"),
+}
+"""Files of `analysis` in which the name of a test is another word, none of its kind."""
+
+
+@cache
+def sources() -> dict[str, ast.Module]:
+    """Return the syntax tree of each file of the product, by its path below the root."""
+    files = [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py"))]
+    return {str(file.relative_to(ROOT)): ast.parse(file.read_text(encoding="utf-8")) for file in files}
+
+
+@cache
+def nodes_of(tree: ast.Module) -> tuple[ast.AST, ...]:
+    """Return every node of a file. A walk through all files costs more than what is looked for in it."""
+    return tuple(ast.walk(tree))
+
+
+def counts() -> dict[str, int]:
+    """Return every number of the house by its name."""
+    texts = [(ROOT / name).read_text(encoding="utf-8") for name in sources()]
+    functions, once = _functions()
+    return {
+        "product lines": sum(text.count("\n") for text in texts),
+        "product files": len(texts),
+        "private functions used once, per mille": round(1000 * once / len(functions)),
+        "isinstance of a table": sum(len(re.findall(r"isinstance\([^)]*Table", text)) for text in texts),
+        "names that say nothing": sum(name in EMPTY for name in _bindings()),
+        "circles of modules": len(circles()),
+        "files that name one test kind": max(len(files_that_name_kind(test)) for test in TESTS),
+        "files that name one maker": max(len(files_that_name(maker)) for maker in MAKERS),
+        "suppressions": sum(text.count("# noqa") + text.count("# type: ignore") for text in texts),
+        "lines of the longest file": max(text.count("\n") for text in texts),
+    }
+
+
+def _functions() -> tuple[list[int], int]:
+    """The length in lines of each function, and how many private ones one place of their file uses."""
+    lengths, once = [], 0
+    for tree in sources().values():
+        uses = collections.Counter(
+            node.id if isinstance(node, ast.Name) else node.attr
+            for node in nodes_of(tree)
+            if isinstance(node, ast.Name | ast.Attribute)
+        )
+        for node in nodes_of(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lengths.append((node.end_lineno or node.lineno) - node.lineno + 1)
+                once += node.name.startswith("_") and not node.name.startswith("__") and uses[node.name] == 1
+    return lengths, once
+
+
+def _bindings() -> Iterator[str]:
+    for tree in sources().values():
+        for node in nodes_of(tree):
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                yield node.id
+            elif isinstance(node, ast.arg):
+                yield node.arg
+
+
+def circles() -> list[list[str]]:
+    """Return each group of modules that import each other in a circle, be it inside of functions; an import for types
+    alone closes none."""
+    modules = {_module(name) for name in sources()}
+    graph = {_module(name): _imports(tree, modules) for name, tree in sources().items()}
+    reach: dict[str, set[str]] = {}
+    for module in graph:
+        seen: set[str] = set()
+        todo = [module]
+        while todo:
+            for imported in graph.get(todo.pop(), ()):
+                if imported not in seen:
+                    seen.add(imported)
+                    todo.append(imported)
+        reach[module] = seen
+    groups = {tuple(sorted(other for other in reach[m] if m in reach.get(other, ()))) for m in graph if m in reach[m]}
+    return sorted(map(list, groups))
+
+
+def _module(name: str) -> str:
+    return name.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+
+
+def _imports(tree: ast.Module, modules: set[str]) -> set[str]:
+    """Those of some modules that a file imports to run; of one that it takes from its package, it alone."""
+    imported: set[str] = set()
+    for node in _that_run(tree):
+        if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            names = {f"{node.module}.{alias.name}" for alias in node.names}
+            imported |= (names & modules) or {node.module}
+        elif isinstance(node, ast.Import):
+            imported |= {alias.name for alias in node.names}
+    return imported & modules
+
+
+def files_that_name(maker: str) -> list[str]:
+    """Return the files outside a maker's own that name it in what runs: not in a docstring, which gives a source. Its
+    own are its folder, and files that are named after it, as the driver of its interface."""
+    name = re.compile(MAKERS[maker])
+    return [
+        file
+        for file, words in _words().items()
+        if f"/{maker}/" not in file
+        and not Path(file).name.startswith(f"{maker}_")
+        and any(name.search(word) for word in words)
+    ]
+
+
+def files_that_name_kind(test: str) -> list[str]:
+    """Return the files outside a test kind's own that name it, as a word or by its table. Its own are those whose name
+    has its word: its module, and as lost_poses."""
+    name, own = re.compile(rf"[\"']{test}[\"']|{test.capitalize()}Table"), re.compile(rf"(^|_){test}(s|es)?(_|$)")
+    words = {f"analysis/{file}.py" for file in OTHER_WORDS.get(test, ())}
+    others = (file for file in sources() if file not in words and not own.search(Path(file).stem))
+    return [file for file in others if name.search((ROOT / file).read_text(encoding="utf-8"))]
+
+
+@cache
+def _words() -> dict[str, set[str]]:
+    """The names and the texts of each file that are no docstrings."""
+    return {file: set(_words_of(tree)) for file, tree in sources().items()}
+
+
+def _words_of(tree: ast.Module) -> Iterator[str]:
+    docstrings = {id(node.value) for node in nodes_of(tree) if isinstance(node, ast.Expr)}
+    for node in nodes_of(tree):
+        match node:
+            case ast.Constant(value=str(text)) if id(node) not in docstrings:
+                yield text
+            case ast.Name(id=text) | ast.Attribute(attr=text) | ast.alias(name=text) | ast.ImportFrom(module=str(text)):
+                yield text
+            case ast.ClassDef(name=text) | ast.FunctionDef(name=text):
+                yield text
+
+
+def _that_run(node: ast.AST) -> Iterator[ast.AST]:
+    """Each node of a tree but those that only a type checker reads."""
+    yield node
+    for below in ast.iter_child_nodes(node):
+        if not (isinstance(below, ast.If) and isinstance(below.test, ast.Name) and below.test.id == "TYPE_CHECKING"):
+            yield from _that_run(below)
+
+
+def sizes() -> dict[str, tuple[int, int]]:
+    """Return the lines and files of the core, of the apps, of tests, of trials and of documents."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
+    apps = next(
+        contract["forbidden_modules"] for contract in contracts if contract["name"].startswith("the core knows")
+    )
+    of_apps = [file for file in sources() if any(f"{_module(file)}.".startswith(f"{app}.") for app in apps)]
+    files = {
+        "core": sorted(sources().keys() - set(of_apps)),
+        "apps": of_apps,
+        "tests": sorted((ROOT / "tests").rglob("*.py")),
+        "trials": sorted((ROOT / "tests" / "trials").rglob("*.py")),
+        "documents": sorted((ROOT / "docs").rglob("*.md")),
+    }
+    return {
+        part: (sum((ROOT / file).read_text(encoding="utf-8").count("\n") for file in names), len(names))
+        for part, names in files.items()
+    }
+
+
+def main() -> int:
+    """Print each number, and the circles."""
+    for part, (lines, count) in sizes().items():
+        print(f"{lines:8d}  lines of {part}, in {count} files")
+    for name, number in counts().items():
+        print(f"{number:8d}  {name}")
+    lengths = _functions()[0]
+    print(f"{sum(lengths) / len(lengths):8.1f}  lines of a function, mean")
+    for maker in MAKERS:
+        print(f"  {maker} is named in: {', '.join(files_that_name(maker))}")
+    for test in TESTS:
+        print(f"  {test} is named in: {', '.join(files_that_name_kind(test))}")
+    for circle in circles():
+        print(f"  circle: {', '.join(circle)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,129 @@
+"""What a night has time for: the tests marked `nightly`, more cases of what a test of each commit shows."""
+
+from __future__ import annotations
+
+import argparse
+import datetime as dt
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from tests.support.durations import Durations, durations
+from tests.support.nightly import NIGHT_IS_OVER
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "evidence" / "nightly.md"
+BEGIN, END = "<!-- last night -->", "<!-- end -->"
+MOST_FILES = 15
+
+
+@dataclass(frozen=True)
+class Night:
+    """How many tests ended how (passed, failed, skipped, not begun), which failed, and how long it took."""
+
+    ended: Mapping[str, int]
+    failed: Sequence[str]
+    minutes: float
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every test was begun and none failed."""
+        return not self.failed and not self.ended.get("not begun") and self.ended.get("passed", 0) > 0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, epilog="Other arguments go to pytest, files among them.")
+    parser.add_argument("--numprocesses", "-n", default="2", help="how many processes (2)")
+    parser.add_argument("--hours", type=float, default=2.0, help="no test is begun after so long (2)")
+    parser.add_argument("--keep", action="store_true", help=f"write the result into {PAGE.relative_to(ROOT)}")
+    asked, others = parser.parse_known_args()
+    print(expected(durations()), flush=True)
+    began_s = time.time()
+    with tempfile.TemporaryDirectory(prefix="night-") as scratch:
+        report = Path(scratch) / "report.xml"
+        code = ran(asked.numprocesses, began_s + 3600 * asked.hours, report, others)
+        if not report.exists():
+            return code
+        night = read(report, (time.time() - began_s) / 60)
+    print(summary(night))
+    if asked.keep:
+        text = PAGE.read_text(encoding="utf-8")
+        PAGE.write_text(page_with(text, result(night, commit(), others, durations())), encoding="utf-8")
+    return code or int(not night.is_whole)
+
+
+def expected(took: Durations) -> str:
+    """What the tests of a night take by what is kept of them."""
+    seconds = [time for name, time in took.tests.items() if name in took.nightly]
+    return f"{len(seconds)} tests of a night have run here before: {sum(seconds) / 60:.0f} minutes of processor time"
+
+
+def ran(processes: str, ends_s: float, report: Path, others: Sequence[str]) -> int:
+    """Run the tests of a night, the last begun before a time of the clock; what pytest ends with."""
+    command = [sys.executable, "-m", "pytest", "-m", "nightly", "--dist", "worksteal", "--numprocesses", processes]
+    command += [f"--night-ends={ends_s:.0f}", f"--junitxml={report}", *others]
+    # Without it each process would compile and rewrite every module again.
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
+
+
+def read(report: Path, minutes: float) -> Night:
+    """The night that a report of pytest (JUnit) tells of."""
+    ended: Counter[str] = Counter()
+    failed = []
+    for case in ElementTree.parse(report).iter("testcase"):  # noqa: S314 - written by pytest above
+        skipped = case.find("skipped")
+        if case.find("failure") is not None or case.find("error") is not None:
+            ended["failed"] += 1
+            failed.append(f"{case.get('classname', '')}::{case.get('name', '')}")
+        elif skipped is not None:
+            ended["not begun" if NIGHT_IS_OVER in (skipped.get("message") or "") else "skipped"] += 1
+        else:
+            ended["passed"] += 1
+    return Night(ended, failed, minutes)
+
+
+def summary(night: Night) -> str:
+    """One line."""
+    counts = ", ".join(f"{night.ended.get(word, 0)} {word}" for word in ("passed", "failed", "skipped", "not begun"))
+    return f"{counts}, in {night.minutes:.0f} minutes"
+
+
+def result(night: Night, state: str, others: Sequence[str], took: Durations) -> str:
+    """The result in the words of the page, with the longest files."""
+    what = f"of `{' '.join(others)}` alone" if others else "whole"
+    day = dt.datetime.now(tz=dt.UTC).date().isoformat()
+    lines = [f"{day}, commit {state}, {what}: {summary(night)}.", ""]
+    lines += [f"Failed: `{name}`" for name in night.failed]
+    names = {name: seconds for name, seconds in took.tests.items() if name in took.nightly}
+    files = sorted(Durations(names).by_file().items(), key=lambda row: -row[1])
+    lines += ["", "| file | processor time, s |", "| --- | --- |"]
+    lines += [f"| `{name}` | {seconds:.0f} |" for name, seconds in files[:MOST_FILES]]
+    lines += [f"| all {len(files)} files | {sum(names.values()):.0f} |"]
+    return "\n".join(lines)
+
+
+def commit() -> str:
+    """The commit of this tree, and whether anything differs from it."""
+    said = ["git", "describe", "--always", "--dirty", "--exclude", "*"]
+    return subprocess.run(said, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
+
+
+def page_with(page: str, told: str) -> str:
+    """The page with another result between its marks."""
+    before, _, rest = page.partition(BEGIN)
+    _, mark, after = rest.partition(END)
+    if not mark:
+        raise ValueError(f"{PAGE.name} has no marks {BEGIN} and {END}")
+    return f"{before}{BEGIN}\n\n{told}\n\n{END}{after}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,70 @@
+"""`scripts/bench`: its lines and its page, without measuring."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.benchmarks import BEGIN, END, HEAD, Line, Peer, beside, page_with, table
+
+ROOT = Path(__file__).parents[3]
+PAGE = ROOT / "docs" / "benchmarks.md"
+
+
+def _bench(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, ROOT / "tests" / "trials" / "bench" / "__main__.py", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+
+
+def test_a_line_is_reached_up_to_its_goal_and_has_a_ratio_where_there_is_a_peer() -> None:
+    line = Line("forward", "an arm", "µs a pose", goal=0.4, figure=0.4, peer="another", peer_figure=0.8)
+    assert line.reached and line.cells()[-2:] == ("0.5", "reached")
+    alone = Line("circle", "effects", "µs a reading", goal=3.3, figure=3.4)
+    assert not alone.reached and alone.cells()[-3:] == ("-", "-", "missed")
+    rows = table([line, alone]).splitlines()
+    assert len(rows) == 4 and {row.count("|") for row in rows} == {len(HEAD) + 1}
+
+
+def test_both_are_called_in_turns_and_a_missing_peer_has_no_figure() -> None:
+    called: list[str] = []
+    ours, theirs = beside(lambda: called.append("rig"), Peer("it", lambda: called.append("peer")), count=10, turns=3)
+    assert 0 < ours < 1e3 and 0 < theirs < 1e3
+    runs = [name for name, before in zip(called, ["", *called], strict=False) if name != before]
+    assert runs == ["rig", "peer"] * 4
+    assert math.isnan(beside(lambda: None, Peer("it", missing="no wheel"), count=1, turns=1)[1])
+
+
+def test_what_is_measured_goes_between_the_marks_and_nothing_else_changes() -> None:
+    page = page_with(f"before\n{BEGIN}\nold\n{END}\nafter\n", "new")
+    assert page == f"before\n{BEGIN}\n\nnew\n\n{END}\nafter\n"
+    with pytest.raises(ValueError, match="no marks"):
+        page_with("a page without", "new")
+
+
+def test_the_page_has_every_row_of_the_program() -> None:
+    rows = re.search(r"some of ([a-z, \n]+) \(all\)", _bench("--help").stdout)
+    assert rows
+    names = {name.strip() for name in rows[1].split(",")}
+    page = PAGE.read_text(encoding="utf-8")
+    measured = page[page.index(BEGIN) : page.index(END)]
+    assert {line.split("|")[1].strip() for line in measured.splitlines() if line.startswith("| ")} - names == {
+        "row",
+        "---",
+    }
+    assert all(f"| {name} |" in measured for name in names)
+
+
+def test_an_unknown_row_is_refused_by_name() -> None:
+    done = _bench("nothing")
+    assert done.returncode == 2 and "there is no row 'nothing'" in done.stderr

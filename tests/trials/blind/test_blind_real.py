@@ -1,0 +1,269 @@
+"""The real world: its noise has the levels it says, its arms are as said, its oracle sees what can be seen."""
+
+from __future__ import annotations
+
+import filecmp
+import json
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis.runs.laps import laps_of
+from analysis.runs.loading import load_measured
+from rigs.load import load
+from tests.support.nightly import cases
+from tests.trials.blind import trial
+from tests.worlds import stranger
+from tests.worlds.stranger.faults import SIGNED, Fault
+from tests.worlds.stranger.names import everything
+from tests.worlds.stranger.real import noise as noises
+from tests.worlds.stranger.real.arm import drawn_fault, healthy_arm, plant
+from tests.worlds.stranger.real.cases import LAPS
+from tests.worlds.stranger.real.oracle import Oracle, slow_covariance
+from tests.worlds.stranger.real.programs import GRID_S, at
+from tests.worlds.stranger.sight import REPEATS, sight_of
+
+
+def levels(rng: np.random.Generator, targets: tuple[int, ...] = (1, 2)) -> noises.Levels:
+    return noises.drawn_levels(rng, 8, 2, list(targets))
+
+
+def test_every_level_is_within_the_table() -> None:
+    apart = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        own, cell = levels(rng), noises.drawn_cell(rng, "one", 50.0)
+        assert np.all((own.white_mm >= 2e-4) & (own.white_mm <= 3e-3))
+        assert np.all((own.slow_mm >= 5e-4) & (own.slow_mm <= 2e-2))
+        assert own.white_mm.max() / own.white_mm.min() <= 4
+        apart.append(own.white_mm.max() / own.white_mm.min())
+        assert own.slow_s == 0 or 0.1 <= own.slow_s <= 5
+        assert 3e-4 <= own.joints_deg <= 5e-3 and 1e-3 <= own.ball_mm <= 2e-2
+        assert 10 * np.linalg.norm(own.drift_mm_min) <= 2e-2
+        assert all(0.003 <= stop <= 0.060 for stop in own.stops_mm.values())
+        assert cell.outliers <= 0.005 and cell.jitter_s <= 0.02
+    assert np.median(apart) > 1.3
+
+
+@pytest.mark.parametrize("tau_s", [0.0, 0.3, 2.0])
+def test_slow_noise_has_unit_variance_and_the_covariance_that_the_oracle_takes(tau_s: float) -> None:
+    made = noises.slow(60.0, tau_s, 400, np.random.default_rng(1))
+    for lag_s in (0.0, 0.2, 1.0):
+        k = round(lag_s / noises.SLOW_STEP_S)
+        found = float(np.mean(made[: len(made) // 2 : 50] * made[k : len(made) // 2 + k : 50]))
+        assert found == pytest.approx(float(slow_covariance(np.array([lag_s, 60.0]), tau_s)[0]), abs=0.08)
+
+
+def test_run_to_run_scatter_is_smooth_and_of_unit_size() -> None:
+    basis = noises.along_lap(np.linspace(0, 2 * np.pi, 50))
+    assert (basis**2).sum(axis=1) == pytest.approx(np.ones(50))
+
+
+def test_stops_scatter_by_their_targets_own_level_and_tails_are_heavy_where_they_are_asked_for() -> None:
+    rng = np.random.default_rng(3)
+    own, target = levels(rng), np.repeat([1, 2], 20_000)
+    off = np.linalg.norm(noises.stop_scatter(own, 0.0, target, rng), axis=1)
+    for number in (1, 2):
+        assert np.sqrt(np.mean(off[target == number] ** 2)) == pytest.approx(own.stops_mm[number], rel=0.03)
+    heavy = noises.stop_scatter(own, 2.2, target, rng)[target == 1, 0]
+    core = own.stops_mm[1] / np.sqrt(3)
+    assert np.mean(np.abs(heavy) > 5 * core) > 0.01
+
+
+@pytest.mark.parametrize("bursts", [False, True])
+def test_outliers_are_as_many_and_as_large_as_they_are_said_to_be(bursts: bool) -> None:
+    cell = noises.CellNoise(50.0, 1e-3, 0.0, 0.005, bursts, 0.1, 1e-3, 1e-4)
+    found = noises.wild(cell, np.array([1e-3, 2e-3]), 200_000, np.random.default_rng(4))
+    assert np.mean(found != 0) == pytest.approx(0.005, rel=0.15)
+    size = np.abs(found[found[:, 1] != 0, 1]) / 2e-3
+    # Two bursts may fall on one reading and cancel.
+    assert np.mean((size >= 10) & (size <= 100)) > 0.97
+
+
+def test_stamps_grow_at_their_worst_and_keep_the_rate() -> None:
+    for rate in (50.0, 500.0):
+        cell = noises.drawn_cell(np.random.default_rng(5), "dirty", rate)
+        steps = np.diff(noises.stamps(cell, 60.0, np.random.default_rng(6)))
+        assert steps.min() > 0 and steps.mean() == pytest.approx(1 / rate, rel=0.05)
+        assert np.std(steps) * rate > 0.2
+
+
+def test_a_program_is_read_between_its_instants() -> None:
+    grid = GRID_S * np.arange(500)
+    t = np.random.default_rng(7).uniform(0.0, 4.9, 300)
+    wave = np.stack([np.sin(12 * grid), grid**3], axis=1)
+    assert at(t, wave) == pytest.approx(np.stack([np.sin(12 * t), t**3], axis=1), abs=2e-5)
+
+
+def test_a_healthy_arm_has_everything_at_its_healthy_width() -> None:
+    names = {Fault(effect, keys, 0.0).name for effect, keys in everything()}
+    arms = [healthy_arm(1.0, np.random.default_rng(seed)) for seed in range(60)]
+    assert all({fault.name for fault in arm} == names for arm in arms)
+    squares: dict[str, float] = {}
+    for fault in (fault for arm in arms for fault in arm):
+        squares[fault.effect] = squares.get(fault.effect, 0.0) + (fault.size / fault.healthy) ** 2 / len(arms)
+        assert fault.size >= 0 or fault.effect in SIGNED
+    for effect, square in squares.items():
+        seats = sum(other == effect for other, _ in everything())
+        assert square / seats == pytest.approx(1.0, abs=0.6), effect
+
+
+def test_the_truth_is_planted_and_the_healthy_share() -> None:
+    healthy = healthy_arm(1.0, np.random.default_rng(8))
+    share = next(fault.size for fault in healthy if fault.name == "joint_offset 2")
+    whole, rest = plant(healthy, Fault("joint_offset", {"axis": 2}, 0.5))
+    assert whole.size == 0.5 + share
+    assert "joint_offset 2" not in {fault.name for fault in rest}
+    gear = Fault("transmission_error", {"axis": 2}, 0.1, {"order": 7.0, "phase_deg": 0.0})
+    assert plant(healthy, gear) == (gear, healthy)
+
+
+def test_a_planted_wave_and_a_healthy_one_of_the_same_order_are_one_wave() -> None:
+    planted, own, other = (
+        Fault("transmission_error", {"axis": 2}, size, {"order": order, "phase_deg": phase})
+        for size, order, phase in ((0.1, 16.0, 350.0), (0.005, 16.0, 100.0), (0.005, 7.0, 20.0))
+    )
+    whole, rest = plant([own, other], planted)
+    assert rest == [other] and whole.shape["order"] == 16.0
+
+    def at(angle: float, *waves: Fault) -> float:
+        return sum(one.size * np.sin(16 * angle + np.radians(one.shape["phase_deg"])) for one in waves)
+
+    for angle in np.linspace(0, 2, 9).tolist():
+        assert at(angle, whole) == pytest.approx(at(angle, planted, own), abs=1e-12)
+
+
+def test_faults_are_5_to_100_times_healthy_and_large_ones_8() -> None:
+    for kind, least in (("one", 5), ("one_large", 8), ("off_grid", 5)):
+        drawn = [drawn_fault(np.random.default_rng(seed), kind) for seed in range(100)]
+        times = [abs(fault.size / fault.healthy) for fault in drawn if fault]
+        assert len(times) > 80 and min(times) >= 0.999 * least and 80 < max(times) <= 100.1
+
+
+@cache
+def oracle_of(white: float) -> Oracle:
+    """UR10e in a cell whose levels are in the middle of the table, gauges `white` times as noisy."""
+    rng = np.random.default_rng(9)
+    sight = sight_of("ur10e")
+    numbers = tuple({int(k) for k in sight.targets["target"]})
+    own = noises.Levels(
+        np.full((8, 2), white * 1e-3), np.full(8, white * 3e-3), 0.5, 0.8, 1e-3, 4e-3, np.zeros(3),
+        dict.fromkeys(numbers, 0.015),
+    )  # fmt: skip
+    return Oracle(sight, noises.drawn_cell(rng, "one", 50.0), dict.fromkeys(("yaw", "roll", "radial"), own), 2, LAPS)
+
+
+def test_the_oracle_knows_what_cannot_be_seen_and_what_cannot_be_told_apart() -> None:
+    """diagnosis-recipe.md, "Twins and the unseen": on a UR10e."""
+    scale = Fault("gauge_scale", {"gauge": "g1"}, 0.02)
+    (seen,) = oracle_of(1.0).look([scale], 1.0)
+    assert "gauge_inclination g1" in seen.twins
+    (geometry,) = oracle_of(1.0).look([Fault("link_geometry", {"axis": 1, "field": "d"}, 20.0)], 1.0)
+    assert geometry.sigma < 1
+    (turned,) = oracle_of(1.0).look([Fault("joint_offset", {"axis": 1}, 2.0)], 1.0)
+    assert turned.sigma < 1
+    (play,) = oracle_of(1.0).look([Fault("backlash", {"axis": 2}, 0.2)], 1.0)
+    assert play.testable and not play.twins
+
+
+def test_the_oracle_sees_less_in_more_noise_and_in_more_background() -> None:
+    fault = Fault("servo_lag", {"axis": 3}, 0.01)
+    (quiet,), (noisy,) = oracle_of(1.0).look([fault], 1.0), oracle_of(6.0).look([fault], 1.0)
+    (crowded,) = oracle_of(1.0).look([fault], 3.0)
+    assert quiet.sigma > 1.2 * noisy.sigma and quiet.sigma > crowded.sigma
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], tuple[Path, dict[str, Any]]]:
+    """A case of a kind and seed, and its truth: each generated once."""
+
+    @cache
+    def case(kind: str, seed: int) -> tuple[Path, dict[str, Any]]:
+        root = tmp_path_factory.mktemp(kind)
+        path = stranger.generate_real(kind, seed, root, root / "truth")
+        return path, json.loads((root / "truth" / f"{path.name}.json").read_text(encoding="utf-8"))
+
+    return case
+
+
+@pytest.mark.parametrize(
+    "kind",
+    cases((kind for kind in stranger.REAL_KINDS if kind not in ("rate_500", "rate_4000")), ("two", "foreign_third")),
+)
+def test_cases_of_each_kind_are_what_they_say(
+    kind: str, made: Callable[[str, int], tuple[Path, dict[str, Any]]]
+) -> None:
+    case, truth = made(kind, 3)
+    count = {"healthy": 0, "foreign_large": 0, "two": 2, "three": 3}.get(kind, 1)
+    assert len(truth["hidden"]) == count
+    assert len(truth["outside"]) == kind.startswith("foreign")
+    for one in truth["hidden"]:
+        assert one["times"] >= (8 if kind == "one_large" else 5) - 1e-6
+        moved = one["worth_um"]
+        assert any(um >= 0.8 * max(3.0, truth["scatter_um"][test]) for test, um in moved.items())
+        assert one["name"] in one["class"]
+    lines = [line.split(",") for line in (case / "runs.csv").read_text(encoding="utf-8").split()[1:]]
+    uses = [(test, way, use) for _, test, way, use, _ in lines]
+    for test in ("yaw", "roll"):
+        assert all(uses.count((test, way, "train")) == REPEATS for way in ("acw", "cw"))
+    assert uses.count(("repeatability", "", "train")) == 1 and 1 <= uses.count(("radial", "", "train")) <= 2
+    assert sum(use == "held_out" for *_, use in uses) == sum(use == "unseen" for *_, use in uses) == 2
+
+
+def test_a_foreign_third_is_small_beside_the_fault_and_a_large_one_is_larger_than_all(
+    made: Callable[[str, int], tuple[Path, dict[str, Any]]],
+) -> None:
+    _, truth = made("foreign_third", 3)
+    fault = np.sqrt(np.mean(np.square(list(truth["hidden"][0]["worth_um"].values()))))
+    assert 0.05 < truth["outside"][0]["rms_um"] / fault < 0.4
+
+
+def test_a_case_is_fixed_by_kind_and_seed(
+    made: Callable[[str, int], tuple[Path, dict[str, Any]]], tmp_path: Path
+) -> None:
+    first, _ = made("one", 3)
+    second = stranger.generate_real("one", 3, tmp_path / "b", tmp_path / "t")
+    names = sorted(path.name for path in first.iterdir() if path.is_file())
+    assert filecmp.cmpfiles(first, second, names, shallow=False)[0] == names
+
+
+@pytest.mark.nightly
+def test_rates_differ_in_nothing_but_the_rate(made: Callable[[str, int], tuple[Path, dict[str, Any]]]) -> None:
+    (slow, a), (quick, b) = made("rate_50", 3), made("rate_500", 3)
+    assert [one["parameters"] for one in a["hidden"]] == [one["parameters"] for one in b["hidden"]]
+    assert a["background"] == b["background"] and a["levels"] == b["levels"] and a["setup"] == b["setup"]
+    name = next(path.name for path in sorted(slow.glob("*yaw-acw.csv")))
+    few, many = (np.loadtxt(case / name, delimiter=",", skiprows=1, usecols=(0, 8)) for case in (slow, quick))
+    assert len(many) == pytest.approx(10 * len(few), rel=0.02)
+    apart = np.interp(few[:, 0], many[:, 0], many[:, 1]) - few[:, 1]
+    # White noise and steps of both, nothing of the slow noise: an outlier aside.
+    white = np.array(a["levels"]["yaw"]["white_mm"]).max()
+    assert np.median(np.abs(apart)) < 2 * (white + a["noise"]["resolution_mm"])
+
+
+def test_a_case_is_imported_with_all_its_laps_and_the_truth_leaves_nothing_of_the_gap(
+    tmp_path: Path, made: Callable[[str, int], tuple[Path, dict[str, Any]]]
+) -> None:
+    """What rig's simulator makes of the true effects closes the gap at the unseen place; no effects leave all of it."""
+    job = trial.Job("one", 3, "limits", tmp_path, "real")
+    trial.make_case(job)
+    truth = json.loads(job.truth.read_text(encoding="utf-8"))
+    assert "one" not in job.name and truth["hidden"] == made("one", 3)[1]["hidden"]
+    rig = load(str(job.case / "rig.yaml"))[0]
+    for run in trial.runs_of(job.case)["train"]:
+        if run.name.endswith("cw"):
+            assert laps_of(load_measured(run).table, rig, str(run)).count == LAPS
+    said = [_said(one) for one in truth["hidden"]]
+    assert trial.left_by_real_truth(truth, job.case, {"effects": said})["unseen_place"] < 0.02
+    assert trial.left_by_real_truth(truth, job.case, {})["unseen_place"] == pytest.approx(1.0, abs=0.05)
+    # A name that is in the arm at its healthy size may be said as well, and costs nothing.
+    healthy = next(one for one in truth["background"] if one["effect"] == "joint_offset" and one["axis"] == 3)
+    assert trial.left_by_real_truth(truth, job.case, {"effects": [*said, _said(healthy)]})["unseen_place"] < 0.02
+
+
+def _said(one: dict[str, Any]) -> dict[str, Any]:
+    return one | {"parameters": {key: {"value": value, "sd": 0.0} for key, value in one["parameters"].items()}}

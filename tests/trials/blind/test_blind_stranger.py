@@ -1,0 +1,190 @@
+"""The generator: shares no code with the project, kinematics by closed forms, cases fixed by their seed and sound."""
+
+from __future__ import annotations
+
+import ast
+import csv
+import filecmp
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from py_opw_kinematics import KinematicModel, Robot
+
+from tests.support.nightly import cases
+from tests.worlds import stranger
+from tests.worlds.stranger.cell import ROBOTS, read_cell
+from tests.worlds.stranger.faults import Fault
+from tests.worlds.stranger.gauges import Link
+from tests.worlds.stranger.measure import measure
+from tests.worlds.stranger.motion import circle_frames, lap, track_of
+from tests.worlds.stranger.names import everything
+from tests.worlds.stranger.play import lagging, reversals
+from tests.worlds.stranger.screws import Arm, arm_from, pose, torque_nm
+
+HERE = Path(stranger.__file__).parent
+AROUND = {"importlib", "runpy", "subprocess", "multiprocessing", "ctypes"}
+ALLOWED = ({"numpy", "yaml"} | set(sys.stdlib_module_names)) - AROUND
+
+
+def test_the_stranger_imports_nothing_of_the_project() -> None:
+    files = sorted(HERE.rglob("*.py"))
+    assert len(files) > 10
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            others = {name for name in names if not f"{name}.".startswith("tests.worlds.stranger.")}
+            assert {name.split(".")[0] for name in others} <= ALLOWED, f"{file.name}: {names}"
+            assert not (isinstance(node, ast.Name) and node.id in ("__import__", "exec", "eval")), file.name
+
+
+def test_screws_agree_with_opw_kinematics() -> None:
+    """An arm in the notation of Brandstötter, Angerer and Hofbaur (2014): flange frames by another's code."""
+    a1, a2, b, c1, c2, c3, c4 = 254.5, -142.4, 12.0, 450.0, 695.0, 666.3, 95.0
+    constants = replace(
+        read_cell("paper-fanuc").constants,
+        a=np.array([0, a1, c2, -a2, 0, 0]),
+        alpha=np.radians([0.0, -90, 0, -90, -90, 90]),
+        d=np.array([c1, b, 0, c3, 0, c4]),
+        zero=np.radians([0.0, -90, -90, 180, 0, 0]),
+        coupling=np.eye(6),
+        tool=np.eye(4),
+    )
+    q = np.random.default_rng(1).uniform(-2, 2, (50, 6))
+    peer = Robot(KinematicModel(a1, a2, b, c1, c2, c3, c4, (0.0,) * 6, (False,) * 6))
+    theirs, mine = peer.batch_forward(np.degrees(q)).as_matrix(), pose(arm_from(constants), q)
+    assert np.abs(theirs[:, :3, 3] - mine.p).max() < 1e-9
+    assert np.abs(theirs[:, :3, :3] - mine.R).max() < 1e-12
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_tool_runs_on_the_circle(robot: str) -> None:
+    cell = read_cell(robot)
+    moving = lap(cell, track_of(cell, cell.circle), "yaw", -1, np.arange(0.0, 30.0, 0.05))
+    at, place = pose(cell.arm, moving.q), cell.circle
+    away = at.p - place.centre
+    assert np.abs(np.linalg.norm(away, axis=1) - place.radius).max() < 1e-6
+    assert np.abs(at.R[:, :, 2] + away / place.radius).max() < 1e-7
+    phi = np.unwrap(np.arctan2(away @ place.v, away @ place.u))
+    assert (np.diff(phi) < 1e-9).all()
+    assert np.ptp(phi) == pytest.approx(2 * np.pi + 2 * place.lead)
+    assert np.abs(circle_frames(place, phi)[0] - at.R).max() < 1e-7
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_torque_is_what_the_weights_lose_in_height(robot: str) -> None:
+    """Minus the derivative of the potential, by finite differences."""
+    arm = read_cell(robot).arm
+    q, step = np.radians([[10.0, 20.0, -15.0, 30.0, 40.0, 50.0]]), 1e-5
+
+    def potential(angles: np.ndarray) -> float:
+        at = pose(arm, angles)
+        frames = [_hung(arm, angles, k) for k in range(6)]
+        height = sum(m * z for m, z in zip(arm.mass, frames, strict=True)) + (arm.payload + 3.0) * at.end[0, 5, 2]
+        return float(height * 9.80665 / 1000)
+
+    slope = [(potential(q + step * e) - potential(q - step * e)) / (2 * step) for e in np.eye(6)]
+    assert torque_nm(arm, q, 3.0)[0] == pytest.approx(-np.array(slope), abs=1e-5)
+
+
+def _hung(arm: Arm, q: np.ndarray, k: int) -> float:
+    """Height mm of link k's centre of mass, carried along as if it were the link's end."""
+    end = arm.end.copy()
+    end[k] = arm.hung[k]
+    return float(pose(replace(arm, end=end), q).end[0, k, 2])
+
+
+@pytest.mark.parametrize("rounded", [0.0, 0.3, 1.0])
+def test_a_play_lags_by_half_its_width_however_round(rounded: float) -> None:
+    x = np.concatenate([np.linspace(0, 10, 500), np.linspace(10, 0, 500)])
+    lag = lagging(x, 0.5, rounded, begin=0.4)
+    assert lag[499] == pytest.approx(-0.5, abs=1e-6)
+    assert lag[-1] == pytest.approx(0.5, abs=1e-6)
+    assert (np.abs(lag) <= 0.5 + 1e-9).all()
+
+
+def test_reversals_are_found_with_their_direction() -> None:
+    t = np.linspace(0, 10, 2001)
+    found = reversals(t, np.radians(5 * np.sin(t) + 0.001 * np.sin(300 * t)))
+    assert [direction for _, direction in found] == [-1, 1, -1]
+    assert [when for when, _ in found] == pytest.approx([np.pi / 2, 3 * np.pi / 2, 5 * np.pi / 2], abs=0.05)
+
+
+def test_a_joint_that_stands_turns_back_as_it_leaves() -> None:
+    """Nothing can hang back against a way that is not gone yet: at a target nobody sees the turn that follows it."""
+    t, x = np.arange(9.0), np.array([0.0, 1, 2, 2, 2, 2, 1, 0, 0])
+    assert reversals(t, x) == [(5.0, -1.0)]
+
+
+def test_the_papers_eccentricity() -> None:
+    """measurement.md: e = 14.142 mm at R = 70 mm turns the disk by asin(e/R) = 11.65°."""
+    cell = read_cell("paper-fanuc")
+    moving = lap(cell, track_of(cell, cell.circle), "yaw", 1, np.arange(0.0, 30.0, 0.02))
+    ball = cell.circle.centre + 10.0 * (cell.circle.u + cell.circle.v)
+    g = measure(cell, moving, [], Link(ball, np.zeros(2), cell.gauge_at))
+    assert np.degrees(np.arctan((g[:, 1] - g[:, 0]) / 50)).max() == pytest.approx(11.655, abs=0.01)
+
+
+def test_every_effect_of_the_vocabulary_can_be_hidden() -> None:
+    assert len({Fault(effect, keys, 0.0).name for effect, keys in everything()}) == len(everything()) > 60
+    assert len({effect for effect, _ in everything()}) == 20
+
+
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path, Path]]:
+    """A case of a kind with seed 3, and the file of its truth: each generated once."""
+
+    @cache
+    def case(kind: str) -> tuple[Path, Path]:
+        root = tmp_path_factory.mktemp(kind)
+        return stranger.generate(kind, 3, root / "cases", root / "truth"), root / "truth" / "case-00003.json"
+
+    return case
+
+
+def test_a_case_is_fixed_by_kind_and_seed(generated: Callable[[str], tuple[Path, Path]], tmp_path: Path) -> None:
+    first, truth = generated("two")
+    second = stranger.generate("two", 3, tmp_path / "b", tmp_path / "tb")
+    names = sorted(path.name for path in first.iterdir())
+    assert filecmp.cmpfiles(first, second, names, shallow=False)[0] == names
+    assert truth.read_bytes() == (tmp_path / "tb" / "case-00003.json").read_bytes()
+
+
+@pytest.mark.parametrize("kind", cases(stranger.KINDS, ("two", "outside")))
+def test_cases_of_each_kind_hide_what_they_say(kind: str, generated: Callable[[str], tuple[Path, Path]]) -> None:
+    case, path = generated(kind)
+    truth = json.loads(path.read_text(encoding="utf-8"))
+    count = {"none": 0, "outside": 0, "two": 2, "three": 3}.get(kind, 1)
+    assert len(truth["hidden"]) == count
+    assert all(7 <= one["snr"] <= 60 and one["name"] in one["class"] for one in truth["hidden"])
+    assert (truth["outside"] is not None) == (kind == "outside")
+    assert kind != "outside" or truth["outside"]["snr_unexplained"] >= 20
+    assert {one["name"] for one in truth["hidden"]}.isdisjoint(fault["name"] for fault in truth["background"])
+    for name in ("rig", "unseen"):
+        assert yaml.safe_load((case / f"{name}.yaml").read_text(encoding="utf-8"))["effects"] == []
+    runs = list(csv.DictReader((case / "runs.csv").read_text(encoding="utf-8").splitlines()))
+    uses = [(run["test"], run["direction"], run["use"]) for run in runs]
+    assert len(uses) == 17
+    for test in ("yaw", "roll"):
+        assert all(uses.count((test, way, "train")) == 3 for way in ("acw", "cw"))
+    assert [uses.count(("yaw", "cw", use)) for use in ("held_out", "unseen")] == [1, 1]
+
+
+@pytest.mark.nightly
+def test_another_seed_is_another_case(generated: Callable[[str], tuple[Path, Path]], tmp_path: Path) -> None:
+    other = stranger.generate("two", 4, tmp_path / "b", tmp_path / "tb")
+    assert (other / "runs.csv").read_bytes() != (generated("two")[0] / "runs.csv").read_bytes()
+
+
+def test_hidden_effects_of_the_tolerance_scale_are_larger_than_a_healthy_arm_shows(tmp_path: Path) -> None:
+    stranger.generate("one", 1, tmp_path, tmp_path / "truth", scale="tolerance")
+    one = json.loads((tmp_path / "truth" / "case-00001.json").read_text(encoding="utf-8"))["hidden"][0]
+    assert 3 <= abs(one["parameters"][one["size"]]) / one["healthy"] <= 15
+    assert one["snr"] >= 7

@@ -1,0 +1,75 @@
+"""A small fixed sample of the blind trial (`scripts/dev blind` is the whole): of each kind a verdict and its names."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rigs.errors import FileError
+from tests.support.nightly import cases
+from tests.trials.blind import trial
+from tests.trials.blind.trial import Job, run_job
+
+CASES = [
+    ("healthy", 103, "uncalibrated"),
+    ("healthy", 99800, "uncalibrated"),  # a spike that fades in 0.9 s was a lag of the gauges, of 33 ms for 0.6
+    ("one", 200, "named"),
+    ("foreign_large", 201, "outside_library"),
+]
+"""Development seeds of the real world."""
+
+
+@pytest.mark.parametrize(("kind", "seed", "condition"), cases(CASES, ()))
+def test_a_blind_case_is_diagnosed_as_the_scorer_has_it(kind: str, seed: int, condition: str, blind_root: Path) -> None:
+    job = Job(kind, seed, "limits", blind_root, world="real")
+    answer = run_job(job)
+    assert "error" not in answer, answer
+    assert answer["condition"] == condition
+    hidden = json.loads(job.truth.read_text(encoding="utf-8"))["hidden"]
+    standing = [one for one in answer["effects"] if one["stands"]]
+    assert [one["name"] for one in standing] == [one["name"] for one in hidden]
+    for one, said in zip(hidden, standing, strict=True):
+        size = said["parameters"][one["size"]]
+        assert abs(size["value"] - one["parameters"][one["size"]]) < 5 * size["sd"]
+        assert said["held_out_gain"] > 0
+
+
+@pytest.mark.parametrize(
+    ("there", "again"),
+    [({"condition": "named"}, False), ({"condition": "named", "code": "old"}, True), ({"error": "x"}, True)],
+)
+def test_a_campaign_uses_an_answer_of_the_same_code_again(
+    there: dict[str, str], again: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = Job("one", 2, "limits", tmp_path)
+    job.case.mkdir(parents=True)
+    kept = {"code": trial.code()} | there
+    (job.case / "answer.json").write_text(json.dumps(kept))
+    monkeypatch.setattr(trial, "run_job", lambda _: {"condition": "anew"})
+    assert trial.answered(job) == ({"condition": "anew"} if again else kept)
+
+
+def test_a_case_whose_tables_are_refused_is_an_answer_that_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(_: Job) -> None:
+        raise FileError("a.csv", "the gauges are exchanged", "exchange them")
+
+    job = Job("one", 3, "limits", tmp_path, "real")
+    job.case.mkdir(parents=True)
+    job.truth.parent.mkdir()
+    job.truth.write_text(json.dumps({"hidden": []}))
+    monkeypatch.setattr(trial, "make_case", refused)
+    assert "the gauges are exchanged" in run_job(job)["error"]
+    assert "exchanged" in json.loads((job.case / "answer.json").read_text())["error"]
+
+
+def test_ctrl_c_ends_the_trial_and_not_one_diagnosis_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("analysis.runs.loading.load_measured", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        trial.diagnose_case([Path("a")], [], [])

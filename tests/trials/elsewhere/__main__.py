@@ -1,0 +1,134 @@
+"""u where a model had no part, on arms that others measured: series from each other, few poses, placements left out.
+
+`scripts/dev elsewhere DATA` calibrates each arm by the public API (tasks of the proving ground), and by touches of all
+placements but one, which is given to nobody: its ball and sockets alone are fitted. Printed: the error, its ratio to
+the stated u (rms) and the share within 2 u, where the runs say that u is known (`covered`), and what the ratio would be
+where they do not. Nothing is tuned to any of these sets.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from analysis import calibrate
+from analysis.correction.pose_uncertainty import CalibratedUncertainty, covered, frame_u_mm
+from analysis.diagnosis.diagnose import diagnose
+from analysis.diagnosis.evidence.observation import residual_of
+from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.evidence.setups import fit_run_setups, with_effects
+from analysis.robot.kinematics.arm import Array, Mask
+from analysis.runs.noise.readings import rms
+from rigs.arms import load_arm
+from rigs.calibration import CalibratedModel, verdict_of
+from rigs.load import parse
+from rigs.rig import Rig
+from tests.trials.any_arm.__main__ import ARMS, touches
+from tests.trials.blind.scoring import wilson
+from tests.trials.ground import rig_entry as _ground_rig
+from tests.trials.ground.tasks import WHOLE, Split, measured_splits
+from tests.worlds.arms.seven_axes import run_of
+
+GEN3LITE = """\
+robot:
+  name: gen3lite
+  build: light
+  axes: # the maker's gen3_lite.urdf; masses are rounded from it
+    - {name: joint 1, d_mm: 243.25, limits_deg: [-175, 175], speed_deg_s: 60, mass_kg: 1.1}
+    - {name: joint 2, alpha_deg: 90, offset_deg: 90, limits_deg: [-175, 175], speed_deg_s: 60, mass_kg: 1.0}
+    - {name: joint 3, a_mm: 280, alpha_deg: 180, d_mm: -10, offset_deg: 90, limits_deg: [-175, 175],
+       speed_deg_s: 60, mass_kg: 0.9}
+    - {name: joint 4, alpha_deg: 90, d_mm: 245, offset_deg: 90, limits_deg: [-175, 175], speed_deg_s: 60, mass_kg: 0.6}
+    - {name: joint 5, alpha_deg: 90, d_mm: 57, limits_deg: [-175, 175], speed_deg_s: 60, mass_kg: 0.5}
+    - {name: joint 6, alpha_deg: -90, d_mm: 105, offset_deg: -90, limits_deg: [-175, 175], speed_deg_s: 60,
+       mass_kg: 0.6}
+"""
+HEAD = """\
+| judged | error, µm | u is known | error over u | within 2 u | where u is not known |
+| --- | --- | --- | --- | --- | --- |"""
+
+
+def main() -> None:
+    """Print a line for each."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path, help="directory with ipa-ur10, jacobi and mukca")
+    parser.add_argument("--only", default="", help="what begins so, as 'ur10-b ' or 'panda_2 high' (all)")
+    given = parser.parse_args()
+    print(HEAD, flush=True)
+    for split in measured_splits(given.data, 0, WHOLE)[0]:
+        if f"{split.task.name} ".startswith(given.only):
+            print(of_series(split), flush=True)
+    for arm in (*ARMS, "dinova_2"):
+        for placement in sorted(touches(arm, given.data / "mukca")):
+            if f"{arm} {placement}".startswith(given.only):
+                print(of_placement(arm, placement, given.data / "mukca"), flush=True)
+
+
+def of_series(split: Split) -> str:
+    """A task of poses: calibrated by those given, judged by those asked."""
+    begin, parts = time.process_time(), []
+    with tempfile.TemporaryDirectory() as work:
+        rig_file = _ground_rig.write_rig(_ground_rig.rig_of(split.arm), Path(work))
+        placements = np.unique(split.given.placement)
+        runs = [_ground_rig.run_of(split.given, str(one), rig_file, Path(work)) for one in placements]
+        found = calibrate(runs)
+    assert found.calibrated is not None
+    for placement in np.unique(split.asked.placement):
+        asked = split.asked.of(split.asked.placement == placement)
+        taught = split.given.q[split.given.placement == placement]
+        places, _ = _ground_rig.predicted(found, runs[0].rig, str(placement), asked.q, taught)
+        error = np.linalg.norm(places - asked.xyz_mm, axis=1)
+        stated = _stated(runs[0].rig, found.calibrated, asked.q, taught, found.train.noise_floor_um)
+        parts.append((error, *stated))
+    return _row(split.task.row, parts, found.calibrated, begin)
+
+
+def of_placement(arm: str, placement: str, folder: Path) -> str:
+    """Touches of one placement by the model of all others."""
+    begin, tables = time.process_time(), touches(arm, folder)
+    text = GEN3LITE if arm == "dinova_2" else load_arm(ARMS[arm]).text
+    rig = parse(f'name: {arm.replace("_", "-")}\n{text}tests: {{touch: {{sockets: ["0", "1"]}}}}\n', "cell.yaml")
+    runs = {name: run_of(rig, table, name, name) for name, table in sorted(tables.items())}
+    found = diagnose(rig, [run for name, run in runs.items() if name != placement], [], [], lambda _: None)
+    assert found.calibrated is not None
+    (judges, _), _ = prepare_runs(rig, [runs[placement]], [])
+    judges = with_effects(judges, [*(one.effect for one in found.written), *found.calibrated.effects])
+    placed, _ = fit_run_setups(judges)
+    left = np.concatenate([residual_of(judge, placed) for judge in judges])
+    q = np.concatenate([judge.table.q[judge.rows] for judge in judges])
+    stated = _stated(rig, found.calibrated, q, q, found.train.noise_floor_um)
+    return _row(f"{arm}, without {placement}", [(np.linalg.norm(left, axis=1), *stated)], found.calibrated, begin)
+
+
+def _stated(rig: Rig, calibrated: CalibratedModel, q: Array, taught: Array, noise_um: float) -> tuple[Array, Mask]:
+    """The model's u (n,) mm of the distance, with frame and tool taught, and where the runs say that it is known."""
+    uncertainty = CalibratedUncertainty(rig, calibrated)
+    inside = covered(uncertainty, q)
+    assert inside is not None
+    return np.hypot(frame_u_mm(rig, uncertainty, q, taught), noise_um / 1e3), inside
+
+
+def _row(what: str, parts: list[tuple[Array, Array, Mask]], calibrated: CalibratedModel, begin: float) -> str:
+    error, u, inside = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    within = int((error[inside] <= 2 * u[inside]).sum())
+    low, high = wilson(within, int(inside.sum())) if inside.any() else (0.0, 1.0)
+    shown = f"{rms(error[inside] / u[inside]):.2f}" if inside.any() else "–"
+    share = f"{within / inside.sum():.0%} ({low:.0%} to {high:.0%})" if inside.any() else "–"
+    beyond = f"{rms(error[~inside] / u[~inside]):.2f}" if not inside.all() else "–"
+    if verdict_of(calibrated) == "nothing":
+        beyond += ", correct nothing"
+    print(
+        f"{what}: {time.process_time() - begin:.0f} s of CPU, reach {calibrated.reach_mm} mm",
+        file=sys.stderr,
+        flush=True,
+    )
+    return f"| {what} | {1e3 * rms(error):.0f} | {inside.sum()} of {len(error)} | {shown} | {share} | {beyond} |"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,187 @@
+"""rig in the proving ground: each task is read as docs/proving-ground.md describes it and answered by the public API.
+
+Poses are answered by the calibrated model, with the set-up that `calibrate` fitted; u is that of the model with frame
+and target taught at the poses given, and the noise of the readings. Faults are those by which `diagnose` stands.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from analysis import Diagnosis, Measured, RigError, calibrate, diagnose, read_table
+from analysis.correction.pose_uncertainty import CalibratedUncertainty, frame_u_mm, where_known
+from analysis.robot.model.predict import SetUp, model_of, path_of, predict
+from analysis.runs.tables import PoseTable
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.effect import size_field
+from tests.trials.ground.plain_arm import Array, PlainArm, Poses, joints, read_arm, read_columns, read_poses, write_rows
+from tests.trials.ground.tasks import Task, read_tasks
+
+TEMPLATE = "ur10"
+"""A shipped rig file, of which everything but the arm stays: it has no part in poses."""
+SPEED_DEG_S = 120
+BALL_MM = [0, 0, 120]
+"""Where the page says that the ball is on the flange."""
+
+
+def answered(tasks: Path, answers: Path) -> None:
+    """Answer every task that rig can enter and has not answered, and say how long each took and which it cannot."""
+    for task in read_tasks(tasks):
+        if (answers / f"{task.name}.csv").exists():
+            continue
+        begin = time.process_time()
+        try:
+            with tempfile.TemporaryDirectory(prefix="ground-") as work:
+                answer(task, tasks / task.name, answers / f"{task.name}.csv", Path(work))
+        except RigError as error:
+            print(f"rig: {task.name}: {error}", flush=True)
+            continue
+        print(f"rig: {task.name}, {time.process_time() - begin:.1f} s", flush=True)
+
+
+def answer(task: Task, here: Path, path: Path, work: Path) -> None:
+    """Answer one task."""
+    if task.kind != "poses":
+        runs = {"fault": cell_runs, "fault_in_poses": pose_runs, "fault_in_touches": touch_runs}[task.kind](here, work)
+        write_rows(path, ("part", "axis", "size", "u"), faults(runs))
+        return
+    arm, given, asked = read_arm(here / "arm.csv"), *(read_poses(here / f"{one}.csv") for one in ("train", "test"))
+    places, u = placed(arm, given, asked, work)
+    rows = [
+        [str(k), *(f"{value:.5f}" for value in (*place, own))]
+        for k, (place, own) in enumerate(zip(places, u, strict=True), start=1)
+    ]
+    write_rows(path, ("pose", "x_mm", "y_mm", "z_mm", "u_mm"), rows)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Poses
+
+
+def placed(arm: PlainArm, given: Poses, asked: Poses, work: Path) -> tuple[Array, Array]:
+    """Return the places (m, 3) mm of the poses asked, and u (m,) mm of each distance."""
+    rig_file = write_rig(rig_of(arm), work)
+    runs = [run_of(given, str(placement), rig_file, work) for placement in np.unique(given.placement)]
+    found = calibrate(runs)
+    places, u = np.zeros((len(asked.q), 3)), np.zeros(len(asked.q))
+    for placement in np.unique(asked.placement):
+        there = asked.placement == placement
+        taught = given.q[given.placement == placement]
+        places[there], u[there] = predicted(found, runs[0].rig, str(placement), asked.q[there], taught)
+    return places, u
+
+
+def rig_of(arm: PlainArm) -> dict[str, Any]:
+    """Return a rig file with the arm of a task."""
+    path = Path(load.__code__.co_filename).parent / f"{TEMPLATE}.yaml"
+    data: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    for own in ("gauges", "feedback", "tests"):  # of an arm with six axes
+        data.pop(own, None)
+    angles = np.degrees([arm.alpha, arm.offset])
+    data["robot"] |= {
+        "axes": [
+            {
+                "name": f"axis {k + 1}",
+                "a_mm": float(arm.a[k]),
+                "alpha_deg": float(angles[0, k]),
+                "d_mm": float(arm.d[k]),
+                "offset_deg": float(angles[1, k]),
+                "mass_kg": float(arm.mass[k]),
+                "centre_mm": arm.centre[k].tolist(),
+                "limits_deg": [-720, 720],
+                "speed_deg_s": SPEED_DEG_S,
+            }
+            for k in range(arm.axes)
+        ],
+        "tool": {"xyz_mm": [0, 0, 0]},
+    }
+    return data
+
+
+def write_rig(data: dict[str, Any], work: Path) -> Path:
+    """Write a rig file and return where it is."""
+    path = work / "cell.yaml"
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return path
+
+
+def run_of(given: Poses, placement: str, rig_file: Path, work: Path) -> Measured:
+    """Return the poses of one placement as a run."""
+    of = given.of(given.placement == placement)
+    table = work / f"{placement}.csv"
+    rows = np.column_stack([np.degrees(of.q), of.xyz_mm])
+    names = (*joints(of.q.shape[1]), "x_mm", "y_mm", "z_mm")
+    write_rows(table, names, [[f"{value:.6f}" for value in row] for row in rows])
+    return read_table(table, rig_file, "pose", placement=placement)
+
+
+def predicted(found: Diagnosis, rig: Rig, placement: str, q: Array, taught: Array) -> tuple[Array, Array]:
+    """Return where the instrument of a placement sees its target (m, 3) mm at joint angles q (m, 6) rad by what was
+    found, and u (m,) mm, NaN where it is not known; taught (k, 6) rad: the poses by which its frame is known."""
+    assert found.calibrated is not None
+    model = model_of(rig, [*rig.effects, *(one.effect for one in found.standing), *found.calibrated.effects])
+    placed_at = next(one for name, one in found.calibrated.setups.items() if name.endswith(f"at {placement}"))
+    instrument, target = (np.array(T) for T in (placed_at.T_instrument_world, placed_at.T_tool_target))
+    setup = SetUp(np.zeros(3), np.zeros(1), instrument, target)
+    table = PoseTable(q, np.zeros((len(q), 3)), None)
+    places = predict(model, table, path_of(model, table), setup).reshape(-1, 4, 4)[:, :3, 3]
+    known = CalibratedUncertainty(rig, found.calibrated)
+    noise = 1e-3 * found.train.noise_floor_um
+    return places, where_known(known, q, np.hypot(frame_u_mm(rig, known, q, taught), noise))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Faults
+
+
+def cell_runs(here: Path, _: Path) -> list[Measured]:
+    """Read the runs of a cell."""
+    runs = []
+    with (here / "runs.csv").open(encoding="utf-8", newline="") as file:
+        for line in csv.DictReader(file):
+            direction: Any = line["direction"] or None
+            runs.append(read_table(here / line["file"], here / "cell.yaml", line["test"], direction))  # type: ignore[arg-type]
+    return runs
+
+
+def pose_runs(here: Path, work: Path) -> list[Measured]:
+    """Read poses of an arm, in the order in which they were driven."""
+    rig_file = write_rig(bare(rig_of(read_arm(here / "arm.csv"))), work)
+    given = read_poses(here / "train.csv")
+    return [run_of(given, str(placement), rig_file, work) for placement in np.unique(given.placement)]
+
+
+def touch_runs(here: Path, work: Path) -> list[Measured]:
+    """Read touches of sockets."""
+    sockets = sorted({str(one) for one in read_columns(here / "touches.csv")["socket"]})
+    data = bare(rig_of(read_arm(here / "arm.csv"))) | {"tests": {"touch": {"sockets": sockets, "ball_mm": BALL_MM}}}
+    return [read_table(here / "touches.csv", write_rig(data, work), "touch")]
+
+
+def bare(data: dict[str, Any]) -> dict[str, Any]:
+    """Return a rig file with nothing that hangs at the flange."""
+    return data | {"robot": data["robot"] | {"payload_kg": 0}}
+
+
+def faults(runs: list[Measured]) -> list[list[str]]:
+    """Return a row for each fault by which the diagnosis of runs stands, the surest first."""
+    rows = []
+    for named in diagnose(runs).standing:
+        field = size_field(named.effect)
+        size, u = getattr(named.effect, field), named.sd.get(field, math.nan)
+        rows.append([named.effect.effect, named.effect.seat, f"{size:.9g}", f"{u:.9g}"])
+    return rows
+
+
+if __name__ == "__main__":
+    answered(Path(sys.argv[1]), Path(sys.argv[2]))

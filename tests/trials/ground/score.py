@@ -1,0 +1,237 @@
+"""Scoring answers: CSV files beside truths, each figure with a 95 % interval.
+
+Shares of cells have Wilson's interval; figures of poses that of a bootstrap that draws whole neighbourhoods, because
+errors of neighbours go together. What is not answered counts as what the nominal arm says, or as nothing named.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.trials.blind.answers import Answer, Named
+from tests.trials.blind.real_scoring import RealCase
+from tests.trials.blind.scoring import wilson
+from tests.trials.ground.plain_arm import Array, read_columns
+from tests.trials.ground.tasks import Task, read_tasks
+
+DRAWS = 1000
+"""Of the bootstrap: an interval's ends are then known to a twentieth of its width."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A value with its interval from low to high, nan where there is none, of so many cases or poses."""
+
+    value: float
+    low: float
+    high: float
+    of: int
+
+    def to_dict(self) -> dict[str, float | int | None]:
+        """In plain types, None for what is not known."""
+        values = {"value": self.value, "low": self.low, "high": self.high}
+        return {key: one if math.isfinite(one) else None for key, one in values.items()} | {"of": self.of}
+
+
+Scores = dict[str, dict[str, Figure]]
+"""By row of the table and by name of the figure."""
+
+
+def scored(directory: Path, answers: Path) -> Scores:
+    """Return the figures of a directory of answers, beside the truth of a directory of tasks.
+
+    The figures of a row of poses: `error_um` rms of the distance, `nominal_um` that of the nominal arm, `removed` the
+    share of it that is gone, `answered` the share of poses that were, and `error_over_u` rms, `within_2u` share, `u_um`
+    median where u was told. Those of faults are the `share` of cells, names or sizes, and `answered` that of cells.
+    """
+    truth = directory / "truth"
+    tasks = read_tasks(truth)
+    rows = list(dict.fromkeys(task.row for task in tasks if task.kind == "poses"))
+    found: Scores = {
+        row: pose_figures([judged(task, truth, answers) for task in tasks if task.row == row]) for row in rows
+    }
+    for kind, figures in (("fault", fault_figures), ("fault_in_poses", arm_figures), ("fault_in_touches", arm_figures)):
+        if own := [task for task in tasks if task.kind == kind]:
+            found |= figures([case_of(task, truth, answers) for task in own], own[0].row)
+    return found
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Poses
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Distances (n,) mm of the answered and of the nominal places, u (n,) mm or nan, whether answered (n,), and the
+    neighbourhood of each (n,)."""
+
+    error: Array
+    nominal: Array
+    u: Array
+    answered: Array
+    group: Array
+
+
+def judged(task: Task, truth: Path, answers: Path) -> Judged:
+    """Hold the answer of a task against its truth; a pose that is missing or no number counts as the nominal arm's."""
+    true = read_columns(truth / f"{task.name}.csv")
+    places = np.column_stack([true[name] for name in ("x_mm", "y_mm", "z_mm")])
+    nominal = np.column_stack([true[f"nominal_{axis}_mm"] for axis in "xyz"])
+    said, u = nominal.copy(), np.full(len(places), np.nan)
+    answered = np.zeros(len(places))
+    where = {int(pose): k for k, pose in enumerate(true["pose"])}
+    for row in rows_of(answers / f"{task.name}.csv"):
+        k = where.get(int(number(row.get("pose"))) if math.isfinite(number(row.get("pose"))) else 0)
+        place = [number(row.get(name)) for name in ("x_mm", "y_mm", "z_mm")]
+        if k is not None and np.isfinite(place).all():
+            said[k], u[k], answered[k] = place, number(row.get("u_mm")), 1.0
+    distance = np.linalg.norm(said - places, axis=1)
+    return Judged(distance, np.linalg.norm(nominal - places, axis=1), np.where(u > 0, u, np.nan), answered,
+                  np.array([f"{task.name} {group}" for group in true["group"]]))  # fmt: skip
+
+
+def pose_figures(parts: Sequence[Judged]) -> dict[str, Figure]:
+    """Return the figures of all poses of a row."""
+    error, nominal, u, answered = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("error", "nominal", "u", "answered")
+    )
+    groups = np.unique(np.concatenate([part.group for part in parts]), return_inverse=True)[1]
+
+    def of(figure: Callable[[Array], float], chosen: Array) -> Figure:
+        own = np.flatnonzero(chosen)
+        if not len(own):
+            return Figure(math.nan, math.nan, math.nan, 0)
+        members = [own[groups[own] == group] for group in np.unique(groups[own])]
+        rng = np.random.default_rng(0)
+        drawn = [
+            figure(np.concatenate([members[k] for k in rng.integers(len(members), size=len(members))]))
+            for _ in range(DRAWS)
+        ]
+        low, high = np.percentile(drawn, [2.5, 97.5])
+        return Figure(figure(own), float(low), float(high), len(own))
+
+    def rms(values: Array) -> float:
+        return float(np.sqrt(np.mean(values**2)))
+
+    every, told = np.ones(len(error), dtype=bool), np.isfinite(u) & (answered > 0)
+    return {
+        "error_um": of(lambda at: 1e3 * rms(error[at]), every),
+        "nominal_um": of(lambda at: 1e3 * rms(nominal[at]), every),
+        "removed": of(lambda at: 1 - rms(error[at]) / rms(nominal[at]), every),
+        "answered": of(lambda at: float(answered[at].mean()), every),
+        "error_over_u": of(lambda at: rms(error[at] / u[at]), told),
+        "within_2u": of(lambda at: float(np.mean(error[at] <= 2 * u[at])), told),
+        "u_um": of(lambda at: 1e3 * float(np.median(u[at])), told),
+    }
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Faults
+
+
+def case_of(task: Task, truth: Path, answers: Path) -> RealCase:
+    """Return a cell beside what was named in it. A missing file names nothing, and does not call an arm sound."""
+    true: dict[str, Any] = json.loads((truth / f"{task.name}.json").read_text(encoding="utf-8"))
+    path = answers / f"{task.name}.csv"
+    sizes = {one["name"]: one["size"] for one in true["hidden"]}
+    named = [
+        Named(name, (), {sizes.get(name, "size"): (number(row.get("size")), number(row.get("u")))})
+        for row in rows_of(path)
+        if (name := f"{row.get('part', '').strip()} {row.get('axis', '').strip()}".strip())
+    ]
+    said = "none" if not path.is_file() else "named" if named else "nothing_unusual"
+    return RealCase(true, Answer(said, tuple(named), {}, math.nan, tuple(named)))
+
+
+def sound(case: RealCase) -> bool:
+    """Return whether a sound arm was called so: nothing is named of which it has no five usual sizes."""
+    return case.answer.condition == "nothing_unusual" or (case.answer.condition == "named" and not case.wrong)
+
+
+def fault_figures(cases: Sequence[RealCase], _: str = "") -> Scores:
+    """Return the rows of cells: what is asked of healthy arms, of one fault and of several, and of sizes."""
+    whole = [case for case in cases if not case.truth["two_runs"]]
+    short = [case for case in cases if case.truth["two_runs"]]
+
+    def of(*kinds: str, among: Sequence[RealCase] = whole) -> list[RealCase]:
+        return [case for case in among if case.kind in kinds]
+
+    def seen(*kinds: str) -> list[RealCase]:
+        return [case for case in of(*kinds) if case.testable]
+
+    rows = {
+        "sound arms: no part named": [sound(case) for case in of("healthy")],
+        "one fault that shows: named first": [case.first for case in seen("one", "one_large")],
+        "two or three that show: all named": [case.all_named for case in seen("two", "three")],
+        "names that are right": [name not in case.wrong for case in whole for name in case.standing],
+        "sizes within 2 u": sizes_within(whole),
+        "one circle each way, sound: no part named": [sound(case) for case in of("healthy", among=short)],
+        "one circle each way, one fault: named first": [case.first for case in of("one_large", among=short)],
+        "one circle each way: names that are right": [n not in case.wrong for case in short for n in case.standing],
+    }
+    return shares(rows, cases)
+
+
+def arm_figures(cases: Sequence[RealCase], what: str) -> Scores:
+    """Return the rows of arms with faults in poses or touches, each fault that shows by itself."""
+    rows = {
+        f"{what}, sound: no part named": [sound(case) for case in cases if not case.truth["hidden"]],
+        f"{what}, one or two faults: those that show are named": [
+            bool({named.name for named in case.standing} & set(one["class"]))
+            for case in cases
+            for one in case.truth["hidden"]
+            if one["testable"]
+        ],
+        f"{what}: names that are right": [name not in case.wrong for case in cases for name in case.standing],
+        f"{what}: sizes within 2 u": sizes_within(cases),
+    }
+    return shares(rows, cases)
+
+
+def shares(rows: dict[str, list[bool]], cases: Sequence[RealCase]) -> Scores:
+    """Return each row as a share, with that of the cases that were answered."""
+    entered = share([case.answer.condition != "none" for case in cases])
+    return {row: {"share": share(hits), "answered": entered} for row, hits in rows.items()}
+
+
+def sizes_within(cases: Sequence[RealCase]) -> list[bool]:
+    """Return whether each size that was told of a hidden fault, by its very name, lies within 2 u of the truth."""
+    found = []
+    for case in cases:
+        for named in case.standing:
+            one = case.fault_of(named.name)
+            if one is not None and one["name"] == named.name:
+                value, u = named.parameters[one["size"]]
+                found.append(math.isfinite(value) and abs(value - one["parameters"][one["size"]]) <= 2 * u)
+    return found
+
+
+def share(hits: Sequence[bool]) -> Figure:
+    """Return a share with Wilson's interval."""
+    if not hits:
+        return Figure(math.nan, math.nan, math.nan, 0)
+    return Figure(sum(hits) / len(hits), *wilson(sum(hits), len(hits)), len(hits))
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """Return the rows of an answer; none where the file is missing or empty."""
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", errors="replace", newline="") as file:
+        return [{key: value or "" for key, value in row.items() if key} for row in csv.DictReader(file)]
+
+
+def number(text: str | None) -> float:
+    """Return a number, nan where it is none."""
+    try:
+        return float(text or "")
+    except ValueError:
+        return math.nan

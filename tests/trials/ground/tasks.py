@@ -1,0 +1,372 @@
+"""Making the tasks of the proving ground: files for entrants in one directory, the truth in another.
+
+Worlds are those of other trials: cells of the blind trial, arms with joint curves behind a tracker, arms with faults in
+poses and touches, and measured series of others where their directory is given. Splits of measured series are fixed;
+everything else is drawn by the seed.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from tests.trials.ground.arms import Seen, write_arm_fault
+from tests.trials.ground.plain_arm import Array, PlainArm, Poses, framed, write_arm, write_poses, write_rows
+from tests.worlds.arms import soft_arm
+from tests.worlds.stranger import generate_real
+from tests.worlds.stranger.faults import SIZE, healthy_of, name_of
+from tests.worlds.stranger.names import ON_AXES, everything
+
+FAULTS = {"healthy": 4, "one": 4, "one_large": 4, "two": 3, "three": 3}
+"""Cells of each kind of the real world, with all their runs."""
+CIRCLES = {"healthy": 2, "one_large": 4}
+"""Cells of which two runs are given alone, one circle each way."""
+IN_POSES = IN_TOUCHES = {"sound": 8, "one": 8, "two": 8}
+"""Arms of each kind of which poses are given to find faults in, and of which touches are."""
+POSES, TOUCHES = 200, 40
+"""Poses and touches of such an arm."""
+ARMS = 3
+"""Arms with joint curves."""
+MANY, FEW, ASKED = 400, 30, 200
+"""Poses of a whole calibration and of a short one, and those asked of an arm with joint curves."""
+GROUPS = 20
+"""Neighbourhoods of poses, which the scorer draws whole."""
+Kind = Literal["fault", "fault_in_poses", "fault_in_touches", "poses"]
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is made: cells by kind with all runs and with two, arms, and poses given, few and asked of each; arms by
+    kind with faults in poses and in touches, and how many of these are given."""
+
+    faults: dict[str, int]
+    circles: dict[str, int]
+    arms: int = ARMS
+    many: int = MANY
+    few: int = FEW
+    asked: int = ASKED
+    in_poses: Mapping[str, int] = field(default_factory=dict)
+    in_touches: Mapping[str, int] = field(default_factory=dict)
+    poses: int = POSES
+    touches: int = TOUCHES
+
+
+WHOLE = Size(FAULTS, CIRCLES, in_poses=IN_POSES, in_touches=IN_TOUCHES)
+TINY = Size({}, {}, arms=1, many=40, few=12, asked=20)
+
+
+@dataclass(frozen=True)
+class Task:
+    """name: of its directory; row: of the table, which may pool several; split: how what is asked was chosen."""
+
+    name: str
+    kind: Kind
+    row: str
+    split: str = ""
+
+
+@dataclass(frozen=True)
+class Split:
+    """Poses that are given and poses that are asked."""
+
+    task: Task
+    arm: PlainArm
+    given: Poses
+    asked: Poses
+
+
+def make(directory: Path, seed: int, size: Size, data: Path | None) -> list[str]:
+    """Write `tasks` and `truth` in a directory, which is made; return what was left out, in words."""
+    tasks, truth = directory / "tasks", directory / "truth"
+    for place in (tasks, truth):
+        place.mkdir(parents=True)
+    made = [write_split(one, tasks, truth) for one in simulated_splits(seed, size)]
+    measured, left_out = measured_splits(data, seed, size)
+    made += [write_split(one, tasks, truth) for one in measured]
+    made += list(fault_tasks(seed, size, tasks, truth))
+    made += list(arm_tasks(seed, size, "poses", tasks, truth))
+    made += list(arm_tasks(seed, size, "touches", tasks, truth))
+    names = [asdict(one) for one in made]
+    write_rows(tasks / "tasks.csv", list(names[0]), [list(one.values()) for one in names])
+    write_rows(tasks / "parts.csv", ("part", "axis", "unit", "usual"), [list(one) for one in parts()])
+    shutil.copy(tasks / "tasks.csv", truth / "tasks.csv")
+    (truth / "made.json").write_text(json.dumps({"seed": seed, "left_out": left_out}) + "\n", encoding="utf-8")
+    (tasks / "README.txt").write_text(README, encoding="utf-8")
+    return left_out
+
+
+README = """The tasks of a proving ground for programs that find and correct the errors of robot arms.
+
+tasks.csv   every task: name (its directory), kind, row (of the table), split
+parts.csv   what can be wrong: part, axis, unit of its size, and the size that a sound arm shows anyway
+NAME/       the files of one task
+
+Lengths are in mm and angles in degrees. Arms are modified Denavit-Hartenberg,
+  T(i-1,i) = RotX(alpha) TransX(a) RotZ(q + offset) TransZ(d),
+an axis a row in arm.csv, with mass and centre of mass of each link in its frame (0 where the maker does not tell).
+
+kind poses   arm.csv, train.csv (pose, placement, q1_deg ..., x_mm, y_mm, z_mm: where an instrument saw its target),
+             test.csv (pose, placement, q1_deg ...). Poses of one placement share the instrument's frame and the
+             target on the flange, which no file tells. Answer NAME.csv: pose, x_mm, y_mm, z_mm, u_mm; u_mm is the
+             standard uncertainty of the distance between your place and the instrument's, of three coordinates
+             together.
+kind fault   cell.yaml (arm, and where circle and hemisphere lie), runs.csv (file, test, direction), a table a run.
+             Answer NAME.csv: part, axis, size, u; a row for each part that is wrong, the surest first, none for a sound
+             arm. Parts and units are those of parts.csv.
+kind fault_in_poses    arm.csv, and train.csv in the order in which the poses were driven. Answered as kind fault.
+kind fault_in_touches  arm.csv, touches.csv (touch, socket, q1_deg ..., q1_from_deg ...: where the joints stood when a
+             ball on the flange sat in its socket, and where each came from). A socket is always at the same place,
+             which no file tells; each coordinate of the ball is within 20 mm of
+             (0, 0, 120) of the last frame. Answered as kind fault.
+"""
+
+
+def parts() -> Iterator[tuple[str, str, str, str]]:
+    """Yield each part that can be wrong: part, axis, unit of its size, usual size."""
+    seventh = [(effect, {"axis": 7}) for effect in (*ON_AXES, "transmission_error")]
+    seventh += [("link_geometry", {"axis": 7, "field": own}) for own in ("a", "alpha", "d")]
+    for effect, keys in [*everything(), *seventh]:
+        part, _, axis = name_of(effect, keys).partition(" ")
+        unit = SIZE[effect].rpartition("_")[2] if "_" in SIZE[effect] else SIZE[effect]
+        if effect == "link_geometry":
+            unit = "mm" if keys["field"] in ("a", "d") else "deg"
+        unit = {"deg_per_Nm": "deg/Nm", "mm_per_Nm": "mm/Nm", "mm_per_min": "mm/min"}.get(SIZE[effect], unit)
+        yield part, axis, unit, f"{healthy_of(effect, keys):g}"
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Poses
+
+
+def write_split(split: Split, tasks: Path, truth: Path) -> Task:
+    """Write the files of a pose task, and its truth: the places, those of the nominal arm, and their neighbourhood."""
+    here, asked = tasks / split.task.name, split.asked
+    write_arm(here / "arm.csv", split.arm)
+    write_poses(here / "train.csv", split.given, asked=False)
+    write_poses(here / "test.csv", asked, asked=True)
+    nominal = np.zeros_like(asked.xyz_mm)
+    for placement in np.unique(asked.placement):
+        frame = framed(split.arm, split.given.of(split.given.placement == placement))
+        there = asked.placement == placement
+        nominal[there] = frame.places(split.arm, asked.q[there])
+    names = ["pose", "x_mm", "y_mm", "z_mm", "nominal_x_mm", "nominal_y_mm", "nominal_z_mm", "group"]
+    rows = [
+        [str(k), *(f"{value:.5f}" for value in (*xyz, *own)), str(group)]
+        for k, (xyz, own, group) in enumerate(zip(asked.xyz_mm, nominal, groups_of(asked.q), strict=True), start=1)
+    ]
+    write_rows(truth / f"{split.task.name}.csv", names, rows)
+    return split.task
+
+
+def groups_of(q: Array) -> NDArray[np.int64]:
+    """Return the neighbourhood of each posture (m,) at joint angles q (m, n) rad; few postures stand for themselves."""
+    from scipy.cluster.vq import kmeans2  # noqa: PLC0415 - slow to import
+
+    if len(q) < 3 * GROUPS:
+        return np.arange(len(q))
+    _, group = kmeans2(q, GROUPS, minit="++", rng=np.random.default_rng(0))
+    return np.asarray(group, dtype=np.int64)
+
+
+def simulated_splits(seed: int, size: Size) -> Iterator[Split]:
+    """Yield the tasks of arms with joint curves, long and short calibrations of one arm and the same poses asked."""
+    for number in range(1, size.arms + 1):
+        rng = np.random.default_rng([seed, number])
+        nominal = soft_arm.nominal("ur10")
+        q, xyz = soft_arm.seen(soft_arm.wrong(nominal, rng), rng, size.many + size.asked, 0)
+        poses = Poses(q, xyz, np.full(len(q), "tracker"))
+        arm = PlainArm(nominal.a, nominal.alpha, nominal.d, nominal.offset, nominal.mass[:6], nominal.centre[:6])
+        at = np.arange(len(q))
+        for what, count in (("", size.many), ("-few", size.few)):
+            task = Task(f"curves{what}-{number}", "poses", f"arms with joint curves, {count} poses", "drawn")
+            yield Split(task, arm, poses.of(at < count), poses.of(at >= size.many))
+
+
+def measured_splits(data: Path | None, seed: int, size: Size) -> tuple[list[Split], list[str]]:
+    """Return the tasks of measured series, and what was left out because its files are not there."""
+    found: list[Split] = []
+    left_out = []
+    for what, files, splits in (
+        ("the UR10 of Fraunhofer IPA", ("ipa-ur10/series_b.csv", "ipa-ur10/series_d.csv"), ur10_splits),
+        ("the UR5 of Jacobi", ("jacobi/ur5_grid.csv", "jacobi/ur5_random.csv"), ur5_splits),
+        ("the Barrett WAM of Jacobi", ("jacobi/wam_grid.csv", "jacobi/wam_random.csv"), wam_splits),
+    ):
+        if data is not None and all((data / file).is_file() for file in files):
+            found += splits(*(data / file for file in files))
+        else:
+            left_out.append(f"{what}: {' and '.join(files)} not found; give their directory with --data")
+    return found, left_out
+
+
+def some(poses: Poses, count: int) -> Poses:
+    """Return so many of the poses, always the same."""
+    chosen = np.random.default_rng(0).permutation(len(poses.q))[:count]
+    return poses.of(np.isin(np.arange(len(poses.q)), chosen))
+
+
+def ur10_splits(b: Path, d: Path) -> list[Split]:
+    """Return the tasks of the UR10: a fifth of the neighbourhoods of each series left out, with all the others given
+    and with 30 poses; and one series from the other, of which 30 poses tell the placement."""
+    from analysis.diagnosis.evidence.setups import folds_of  # noqa: PLC0415 - the split of docs/trials.md
+
+    arm = arm_of_rig("ur10")
+    series = {"B": ur10_poses(b, "B"), "D": ur10_poses(d, "D")}
+    found = []
+    for name, poses in series.items():
+        out = folds_of(poses.q, 5) == 0
+        given, asked, low = poses.of(~out), poses.of(out), name.lower()
+        whole = Task(f"ur10-{low}", "poses", f"UR10 {name}, {len(given.q)} poses", "neighbourhoods left out")
+        few = Task(f"ur10-{low}-few", "poses", f"UR10 {name}, {FEW} poses", "neighbourhoods left out")
+        found += [Split(whole, arm, given, asked), Split(few, arm, some(given, FEW), asked)]
+    for name, other in (("B", "D"), ("D", "B")):
+        placed = some(series[other], FEW)
+        left = np.isin(series[other].q[:, 0], placed.q[:, 0])
+        given = joined(series[name], placed)
+        task = Task(f"ur10-{name.lower()}-to-{other.lower()}", "poses", f"UR10 {other} from {name}", "another series")
+        found.append(Split(task, arm, given, series[other].of(~left)))
+    return found
+
+
+def joined(one: Poses, other: Poses) -> Poses:
+    """Return the poses of both."""
+    parts_of = (np.concatenate([getattr(one, name), getattr(other, name)]) for name in ("q", "xyz_mm", "placement"))
+    return Poses(*parts_of)
+
+
+def arm_of_rig(name: str) -> PlainArm:
+    """Return the nominal arm of a shipped rig file."""
+    text = (Path(__file__).parents[3] / "rigs" / f"{name}.yaml").read_text(encoding="utf-8")
+    axes = yaml.safe_load(text)["robot"]["axes"]
+
+    def of(key: str) -> Array:
+        return np.array([axis.get(key, 0.0) for axis in axes], dtype=float)
+
+    centre = np.array([axis.get("centre_mm", (0, 0, 0)) for axis in axes], dtype=float)
+    return PlainArm(
+        of("a_mm"), np.radians(of("alpha_deg")), of("d_mm"), np.radians(of("offset_deg")), of("mass_kg"), centre
+    )
+
+
+def ur10_poses(path: Path, name: str) -> Poses:
+    """Read a series of the UR10."""
+    with path.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file, delimiter=";"))
+
+    def of(*columns: str) -> Array:
+        return np.array([[float(row[one].replace(",", ".")) for one in columns] for row in rows])
+
+    links = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+    q = of(*(f"{link}_joint" for link in links))
+    return Poses(q, of("measurement_x", "measurement_y", "measurement_z"), np.full(len(q), name))
+
+
+def jacobi_poses(path: Path, axes: int) -> Poses:
+    """Read a table of P. Jacobi: joints in degrees, target less residual is where the reflector was seen."""
+    with path.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+
+    def of(*columns: str) -> Array:
+        return np.array([[float(row[one]) for one in columns] for row in rows])
+
+    q = np.radians(of(*(f"joint_{k}" for k in range(1, axes + 1))))
+    return Poses(q, of("x_t", "y_t", "z_t") - of("x_dif", "y_dif", "z_dif"), np.full(len(q), "tracker"))
+
+
+def ur5_splits(grid: Path, random: Path) -> list[Split]:
+    """Return the tasks of the UR5: 20 random poses, from the whole grid and from 30 poses of it."""
+    given, asked = jacobi_poses(grid, 6), jacobi_poses(random, 6)
+    arm = PlainArm(
+        np.array([0, 0, -425, -392.25, 0, 0]),
+        np.radians([0, 90, 0, 0, 90, -90]),
+        np.array([89.159, 0, 0, 109.15, 94.65, 82.3]),
+        np.zeros(6),
+        # Universal Robots, DH parameters for calculations of kinematics and dynamics (support article)
+        np.array([3.7, 8.393, 2.33, 1.219, 1.219, 0.1879]),
+        np.array([
+            [0, -1.93, -25.61], [-212.5, 0, 113.36], [-242.25, 0, 26.5], [0, -16.34, -1.8], [0, 16.34, -1.8],
+            [0, 0, -1.159],
+        ]),
+    )  # fmt: skip
+    whole = Task("ur5", "poses", f"UR5, {len(given.q)} poses", "random poses from a grid")
+    few = Task("ur5-few", "poses", f"UR5, {FEW} poses", "random poses from a grid")
+    return [Split(whole, arm, given, asked), Split(few, arm, some(given, FEW), asked)]
+
+
+def wam_splits(grid: Path, random: Path) -> list[Split]:
+    """Return the task of the WAM, seven axes driven by cables."""
+    given, asked = jacobi_poses(grid, 7), jacobi_poses(random, 7)
+    arm = PlainArm(
+        np.array([0.0, 0, 0, 45, -45, 0, 0]),
+        np.radians([0, -90, 90, -90, 90, -90, 90]),
+        np.array([0.0, 0, 550, 0, 300, 0, 60]),
+        np.zeros(7),
+        np.zeros(7),
+        np.zeros((7, 3)),
+    )
+    task = Task("wam", "poses", f"WAM (seven axes), {len(given.q)} poses", "random poses from a grid")
+    return [Split(task, arm, given, asked)]
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Faults
+
+
+def fault_tasks(seed: int, size: Size, tasks: Path, truth: Path) -> Iterator[Task]:
+    """Write the cells of the blind trial in an order that tells nothing, and yield their tasks."""
+    rng = np.random.default_rng([seed, 0])
+    wanted = [(kind, k, "fault") for kind, count in size.faults.items() for k in range(count)]
+    wanted += [(kind, k, "circle") for kind, count in size.circles.items() for k in range(100, 100 + count)]
+    order = rng.permutation(len(wanted))
+    for number, place in enumerate(order, start=1):
+        kind, k, what = wanted[place]
+        name = f"{what}-{number:02d}"
+        yield write_fault(kind, seed + k, name, tasks, truth, two_runs=what == "circle")
+
+
+def write_fault(kind: str, seed: int, name: str, tasks: Path, truth: Path, *, two_runs: bool) -> Task:
+    """Write a cell as a task; two_runs: with one circle each way alone."""
+    here = generate_real(kind, seed, tasks, truth, name=name)
+    with (here / "runs.csv").open(encoding="utf-8", newline="") as file:
+        runs = list(csv.DictReader(file))
+    kept = [run for run in runs if run["use"] == "train"]
+    if two_runs:
+        kept = [next(run for run in kept if (run["test"], run["direction"]) == ("yaw", way)) for way in ("acw", "cw")]
+    for run in runs:
+        if run not in kept:
+            (here / run["file"]).unlink()
+    write_rows(here / "runs.csv", ("file", "test", "direction"), [
+        [run["file"], run["test"], run["direction"]] for run in kept
+    ])  # fmt: skip
+    (here / "rig.yaml").rename(here / "cell.yaml")
+    (here / "unseen.yaml").unlink()
+    sealed = truth / f"{name}.json"
+    content: dict[str, Any] = json.loads(sealed.read_text(encoding="utf-8"))
+    sealed.write_text(json.dumps(content | {"two_runs": two_runs}) + "\n", encoding="utf-8")
+    return Task(name, "fault", "one circle each way" if two_runs else "all runs of a cell")
+
+
+def arm_tasks(seed: int, size: Size, seen: Seen, tasks: Path, truth: Path) -> Iterator[Task]:
+    """Write the arms with faults in poses or touches in an order that tells nothing, and yield their tasks."""
+    wanted, count = (size.in_poses, size.poses) if seen == "poses" else (size.in_touches, size.touches)
+    kinds = [kind for kind, arms in wanted.items() for _ in range(arms)]
+    world = 1 if seen == "poses" else 2
+    for number, place in enumerate(np.random.default_rng([seed, 0, world]).permutation(len(kinds)), start=1):
+        name = f"fault-in-{seen}-{number:02d}"
+        rng = np.random.default_rng([seed, 0, world, number])
+        write_arm_fault(kinds[place], seen, count, rng, tasks / name, truth / f"{name}.json")
+        yield Task(name, "fault_in_poses" if seen == "poses" else "fault_in_touches", seen)
+
+
+def read_tasks(directory: Path) -> Sequence[Task]:
+    """Read tasks.csv of a directory of tasks or of truths."""
+    with (directory / "tasks.csv").open(encoding="utf-8", newline="") as file:
+        return [Task(row["name"], row["kind"], row["row"], row["split"]) for row in csv.DictReader(file)]  # type: ignore[arg-type]

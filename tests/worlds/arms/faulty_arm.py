@@ -1,0 +1,79 @@
+"""An arm that is wrong in hidden ways, multiplied out apart from the product, and where a controller brings its tool.
+
+Wrong are the zeros of axes 3 and 5, the length a2, and a gear of axis 1 that errs twice a turn. The controller knows
+the nominal arm: it solves a pose with the nominal constants, in the posture in which the arm was.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from analysis.robot.kinematics.arm import arm_of
+from analysis.robot.kinematics.newton import newton
+from rigs.effects import Effect, Found, JointOffset, LinkGeometry, TransmissionError
+from rigs.rig import Rig
+from tests.worlds.arms.independent_arm import Array, Constants, Wrong, flange
+
+_ZERO_3_DEG, _ZERO_5_DEG, _A2_MM, _GEAR_DEG = 0.05, -0.03, 0.4, 0.02
+
+
+def found(**sd: float) -> Found:
+    return Found(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
+
+
+EFFECTS: tuple[Effect, ...] = (
+    JointOffset(axis=3, offset_deg=_ZERO_3_DEG, found=found(offset_deg=0.002)),
+    JointOffset(axis=5, offset_deg=_ZERO_5_DEG, found=found(offset_deg=0.002)),
+    LinkGeometry(axis=3, field="a", delta=_A2_MM, found=found(delta=0.03)),
+    TransmissionError(axis=1, order=2, amplitude_deg=_GEAR_DEG, phase_deg=0, found=found(amplitude_deg=0.001)),
+)
+
+
+def known(rig: Rig) -> Rig:
+    """The rig whose file has what is wrong."""
+    return rig.model_copy(update={"effects": EFFECTS})
+
+
+def hidden() -> Wrong:
+    """What is wrong, in the words of the independent arm."""
+    wrong = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
+    wrong.offset[[2, 4]] = np.radians([_ZERO_3_DEG, _ZERO_5_DEG])
+    wrong.a[2] = _A2_MM
+    wrong.sine[0, 1] = np.radians(_GEAR_DEG)
+    return wrong
+
+
+def flange_at(rig: Rig, q: Array, wrong: Wrong | None = None) -> Array:
+    """Frame (4, 4) in mm of the flange in the robot's base at joint angles q (6,) rad, of the nominal arm or a wrong
+    one."""
+    axes = rig.robot.axes
+    constants = Constants(
+        np.array([axis.a_mm for axis in axes]),
+        np.radians([axis.alpha_deg for axis in axes]),
+        np.array([axis.d_mm for axis in axes]),
+        np.radians([axis.offset_deg for axis in axes]),
+        np.array(rig.robot.coupling),
+    )
+    right = Wrong(*(np.zeros(6) for _ in range(4)), np.zeros((6, 2)), np.zeros((6, 2)))
+    R, p = flange(constants, wrong or right, q[None])
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R[0], p[0]
+    return T
+
+
+def joints_of(rig: Rig, T: Array, near: Array) -> Array:
+    """Joint angles (6,) rad to which the controller goes for a flange (4, 4) in the base, in the posture of `near`."""
+    arm = arm_of(rig.robot)
+    q, good = newton(arm, (arm.T_world_base @ T @ arm.T_flange_tool)[None], near[None])
+    assert good.all()
+    return q[0]
+
+
+def frame(place: Array | tuple[float, ...], turn: Rotation) -> Array:
+    """A frame (4, 4) in mm."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = turn.as_matrix(), place
+    return T

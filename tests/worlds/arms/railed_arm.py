@@ -1,0 +1,77 @@
+"""An arm of six axes on a rail as a stranger makes it: the arm of `seven_axes`, carried by a rail with errors.
+
+It shares no line with the model of rig. The rail's screw or rack is too long by a share, its line is tilted, and it is
+straight to some hundredths of a millimetre only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.runs.tables import PoseTable, TouchTable
+from rigs.schema.robot import Robot
+from tests.worlds.arms.seven_axes import CAME_RAD, Array, Truth, corrected, draw_postures, seated
+
+
+@dataclass(frozen=True)
+class RailTruth:
+    """Errors in mm for each metre of travel: along the rail, sideways, and in height; waves: for each of the three the
+    number of waves over a metre, amplitude (mm) and phase of each."""
+
+    along: float
+    sideways: float
+    height: float
+    waves: tuple[tuple[int, float, float, float], ...]
+
+    def base_mm(self, e1_mm: Array) -> Array:
+        """Where the base stands (n, 3) mm, of a rail that goes along x."""
+        there = np.outer(e1_mm / 1000.0, [1000.0 + self.along, self.sideways, self.height])
+        for way, per_m, amplitude, phase in self.waves:
+            there[:, way] += amplitude * np.sin(2 * np.pi * per_m * e1_mm / 1000.0 + phase)
+        return there
+
+
+def draw_rail(rng: np.random.Generator, along: float, sideways: float, height: float) -> RailTruth:
+    """A rail that is straight within 0.01 to 0.03 mm of each of two waves a way."""
+    waves = tuple(
+        (way, rng.uniform(0.3, 1.5), rng.uniform(0.01, 0.03), rng.uniform(0, 2 * np.pi)) for way in (0, 1, 2, 0, 1, 2)
+    )
+    return RailTruth(along, sideways, height, waves)
+
+
+def railed_places(arm: Truth, rail: RailTruth, q: Array, came: Array, e1_mm: Array, ball_mm: Array) -> Array:
+    """Places (n, 3) mm of a ball at ball_mm on the tool."""
+    return np.asarray(arm.places(q, came, ball_mm) + rail.base_mm(e1_mm))
+
+
+def railed_poses(
+    robot: Robot, arm: Truth, rail: RailTruth, rng: np.random.Generator, ball_mm: Array, poses: int
+) -> PoseTable:
+    """Places of a ball as a tracker saw them, in a frame of its own, while the rail stood anywhere on its way."""
+    assert robot.rail is not None
+    q, e1_mm = draw_postures(robot, rng, poses), rng.uniform(*robot.rail.limits_mm, poses)
+    seen = railed_places(arm, rail, q, np.vstack([q[:1], q[:-1]]), e1_mm, ball_mm)
+    seen += rng.normal(0, arm.scatter_mm, (poses, 3))
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    places = seen @ (turn * np.linalg.det(turn)).T + rng.normal(0, 1000, 3)
+    return PoseTable(np.column_stack([q, e1_mm / 1000.0]), places, None, rail=True)
+
+
+def railed_touches(
+    robot: Robot, arm: Truth, rail: RailTruth, rng: np.random.Generator, ball_mm: Array, places: Array, touches: int
+) -> TouchTable:
+    """Touches of sockets A, B … at places (s, 3) mm, each from where the rail lets the arm reach it: up to 400 mm to
+    either side of the socket."""
+    q, names, came = [], [], []
+    for number, socket in enumerate(places):
+        for _ in range(touches // len(places)):
+            e1_mm = rng.uniform(socket[0] - 400, socket[0] + 400)
+            nominal = seated(robot, rng, socket - [e1_mm, 0, 0], ball_mm, 1)
+            before = nominal + rng.choice([-1, 1], nominal.shape) * rng.uniform(CAME_RAD, 3 * CAME_RAD, nominal.shape)
+            seat = socket + rng.normal(0, arm.scatter_mm, 3) - rail.base_mm(np.array([e1_mm]))[0]
+            q.append([*corrected(robot, arm, nominal, before, seat, ball_mm)[0], e1_mm / 1000.0])
+            came.append([*before[0], e1_mm / 1000.0])
+            names.append("ABCD"[number])
+    return TouchTable(np.array(names), np.array(q), np.array(came), rail=True)

@@ -1,0 +1,128 @@
+"""An arm on a stand that gives way, as a stranger makes it: its own forward kinematics, weights, columns and anchors.
+
+It shares no line with the model of rig. A column is a cantilever whose foot stands on anchors: under the moment M that
+the arm's weight has about its top, its end turns by M L / EI and moves by M L² / 2 EI (Timoshenko, Strength of
+Materials), and anchors turn it about its foot. A guide that stands beside the arm lets it sag as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rigs.schema.robot import Robot
+from tests.worlds.arms.seven_axes import Array, Truth
+
+G_M_S2 = 9.81
+
+
+@dataclass(frozen=True)
+class Stand:
+    """A column of a height (mm) that bends by so many rad/Nm about its soft and its stiff axis, of which the soft one
+    stands at an angle (rad) to the x of the base; anchors: rad/Nm, about the foot; sag: mm/Nm of the moment about the
+    soft axis; firmer: the share by which it has become stiffer at 200 Nm."""
+
+    height_mm: float = 600.0
+    soft: float = 0.0
+    stiff: float = 0.0
+    turned: float = 0.0
+    anchors: float = 0.0
+    sag: float = 0.0
+    firmer: float = 0.0
+
+    def moved(self, places: Array, moment: Array) -> Array:
+        """Places (n, 3) mm where the top of the stand is under moments (n, 2) Nm about x and y."""
+        c, s = np.cos(self.turned), np.sin(self.turned)
+        axes = np.array([[c, s, 0.0], [-s, c, 0.0]])
+        about = moment @ axes[:, :2].T
+        about = about / (1 + self.firmer * np.linalg.norm(about, axis=1, keepdims=True) / 200)
+        bent = (about * [self.soft, self.stiff]) @ axes
+        tipped = self.anchors * about @ axes
+        up = np.array([0.0, 0.0, 1.0])
+        top = np.cross(bent, up) * self.height_mm / 2 + np.cross(tipped, up) * self.height_mm
+        turned = np.array([turn(v, p) for v, p in zip(bent + tipped, places, strict=True)])
+        return np.asarray(turned + top + np.outer(self.sag * about[:, 0], up))
+
+
+def turn(v: Array, p: Array) -> Array:
+    """A place p (3,) turned about the origin by a rotation vector v (3,), after Rodrigues."""
+    angle = float(np.linalg.norm(v))
+    if angle == 0:
+        return p
+    k = v / angle
+    return np.asarray(
+        p * np.cos(angle) + np.cross(k, p) * np.sin(angle) + k * (k @ p) * (1 - np.cos(angle)), dtype=float
+    )
+
+
+def _base(robot: Robot) -> Array:
+    """Where the arm stands (4, 4): turned about the fixed x, y and z, one after the other."""
+    T = np.eye(4)
+    for k, angle in enumerate(np.radians(robot.base.rpy_deg)):
+        T[:3, :3] = np.array([turn(angle * np.eye(3)[k], column) for column in T[:3, :3].T]).T
+    return T
+
+
+def frames(truth: Truth, robot: Robot, theta: Array) -> Array:
+    """Frames (axes, n, 4, 4) of the links of an arm that is off by `truth.off`, about the origin of its base."""
+    T = np.broadcast_to(_base(robot), (len(theta), 4, 4))
+    every = []
+    for k, axis in enumerate(robot.axes):
+        a, d = axis.a_mm + truth.off.a[k], axis.d_mm + truth.off.d[k]
+        alpha = np.radians(axis.alpha_deg) + truth.off.alpha[k]
+        angle = theta[:, k] + np.radians(axis.offset_deg) + truth.off.zero[k]
+        ca, sa, c, s = np.cos(alpha), np.sin(alpha), np.cos(angle), np.sin(angle)
+        o, e = np.zeros_like(c), np.ones_like(c)
+        rows = [[c, -s, o, a * e], [s * ca, c * ca, -sa * e, -d * sa * e], [s * sa, c * sa, ca * e, d * ca * e]]
+        step = np.array([*rows, [o, o, o, e]]).transpose(2, 0, 1)
+        T = T @ step
+        every.append(T)
+    return np.array(every)
+
+
+def moment_nm(robot: Robot, links: Array) -> Array:
+    """The moment (n, 2) Nm about x and y that links and payload have about the origin of the base."""
+    total = np.zeros((links.shape[1], 2))
+    weights = [(axis.mass_kg, np.append(axis.centre_mm, 1.0), k) for k, axis in enumerate(robot.axes)]
+    for mass, centre, k in [*weights, (robot.payload_kg, np.array([0.0, 0.0, 0.0, 1.0]), len(robot.axes) - 1)]:
+        at = links[k] @ centre / 1000
+        total += mass * G_M_S2 * np.stack([-at[:, 1], at[:, 0]], axis=1)
+    return total
+
+
+@dataclass(frozen=True)
+class OnStand:
+    """An arm of a stranger on a stand: its balls are seen from the floor."""
+
+    robot: Robot
+    arm: Truth
+    stand: Stand
+
+    @property
+    def scatter_mm(self) -> float:
+        """That of the arm."""
+        return self.arm.scatter_mm
+
+    def reported(self, q: Array) -> Array:
+        """Those of the arm (n, axes) rad."""
+        return self.arm.reported(q)
+
+    def places(self, q: Array, came_from: Array, ball_mm: Array) -> Array:
+        """Places (n, 3) mm of a ball at ball_mm on the tool."""
+        theta = self.arm.link_q(q, came_from) @ np.array(self.robot.coupling).T
+        links = frames(self.arm, self.robot, theta)
+        bare = (links[-1] @ np.append(ball_mm, 1.0))[:, :3]
+        return self.stand.moved(bare, moment_nm(self.robot, links))
+
+    def tensor_deg(self) -> dict[str, float]:
+        """What rig calls the tilt of this stand, in deg/Nm at 200 Nm: alike in all directions, and about the two lines
+        beside its soft axis, which make up what is more about that axis."""
+        firm = 1 / (1 + self.stand.firmer)
+        more = float(np.degrees(self.stand.soft - self.stand.stiff)) * firm
+        around = np.degrees(self.stand.turned) % 180
+        low, twice = int(around // 45), 2 * np.radians(around % 45)
+        names = ("x", "xy", "y", "yx")
+        parts = {names[low]: more * np.cos(twice), names[(low + 1) % 4]: more * np.sin(twice)}
+        evenly = float(np.degrees(self.stand.stiff + self.stand.anchors)) * firm + (more - sum(parts.values())) / 2
+        return {"evenly": evenly} | parts

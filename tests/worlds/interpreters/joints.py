@@ -1,0 +1,54 @@
+"""The joint angles of an arm while it drives what a program says, by Newton steps of its own: none of the product's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from analysis.apps.makers.emulated import Array, Event, Pose, Posture, Round, Stood, Straight
+from rigs.rig import Rig
+from tests.worlds.interpreters.arms import flange_of, pose_of
+
+_SAMPLES = np.linspace(0, 1, 13)[1:]
+"""Along a move of 90° at most, so that the joints change by less than 10° between two."""
+_STEP_RAD = 1e-6
+_ARM_MM = 500.0
+"""Weighs places against angles."""
+
+
+def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, Posture]]:
+    """Joint angles (6,) rad at the end of each move, with what its position says of them; q (6,) at the first."""
+    found = []
+    flange, tool = flange_of(rig), pose_of(rig.robot.tool)
+
+    def missing(q: Array, pose: Pose) -> Array:
+        """How far the tool is from a pose (6,): in lengths of an arm, and rad."""
+        matrix, place = flange(q)
+        turn = Rotation.from_matrix(matrix)
+        away = place + turn.apply(tool.place) - pose.place
+        return np.concatenate([away / _ARM_MM, (turn * tool.turn * pose.turn.inv()).as_rotvec()])
+
+    for event in events:
+        if isinstance(event, Straight | Round):
+            for place, turn in zip(*event.at(_SAMPLES), strict=True):
+                q = _reached(missing, q, Pose(place, turn))
+            end = event.end
+        elif isinstance(event, Stood):
+            q = q if event.q is None else event.q
+            end = event.pose
+        else:
+            continue
+        if end.posture:
+            found.append((q, end.posture))
+    return found
+
+
+def _reached(missing: Callable[[Array, Pose], Array], q: Array, pose: Pose) -> Array:
+    for _ in range(3):
+        error = missing(q, pose)
+        columns = [(missing(q + step, pose) - error) / _STEP_RAD for step in _STEP_RAD * np.eye(6)]
+        q = q - np.linalg.solve(np.stack(columns, axis=1), error)
+    assert np.abs(missing(q, pose)).max() < 1e-5
+    return q

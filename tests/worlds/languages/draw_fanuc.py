@@ -1,0 +1,276 @@
+"""Drawn TP programs: as the pendant prints them, and with everything by which a tool, a frame or a point becomes
+another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tests.worlds.languages.arms import Array
+from tests.worlds.languages.drawing import WORDS, Draft, Pen, drawn
+from tests.worlds.languages.fanuc import config_letters
+
+
+@dataclass
+class _Scope:
+    """Which frame and tool the writer believes selected."""
+
+    uf: int = 1
+    ut: int = 1
+    depth: int = 0
+
+
+class _Text:
+    """One program: its lines and positions."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.lines: list[str] = []
+        self.positions: list[str] = []
+        self.count = 0
+        self.labels = 0
+
+
+class Writer:
+    """Writes one program, and those that it calls."""
+
+    def __init__(self, pen: Pen) -> None:
+        self.pen = pen
+        self.tools = {1: pen.tool(), 2: pen.tool()}
+        self.frames = {0: np.eye(4), 1: pen.user_frame(), 3: pen.user_frame()}
+        self.others: list[tuple[str, str]] = []
+        self.files: dict[str, bytes] = {}
+
+    def draft(self) -> Draft:
+        pen = self.pen
+        pen.taken("PICK_PART")
+        if pen.plain:
+            for name, on in (("GRIP_OPEN", "OFF"), ("GRIP_CLOSE", "ON")):
+                other = _Text(name)
+                other.lines = [f"  DO[1]={on}", "  WAIT    .30(sec)"]
+                self._write(other)
+                self.others.append((name, "still"))
+        for _ in range(0 if pen.plain else pen.whole(0, 3)):
+            self._routine()
+        text = _Text("PICK_PART")
+        scope = _Scope(pen.pick([0, 1]), 1)
+        begin = [f"  UFRAME_NUM={scope.uf}", f"  UTOOL_NUM={scope.ut}"]
+        text.lines += begin if pen.plain or pen.maybe(0.85) else begin[:1]
+        text.lines += self.joint(text, scope, pen.near())
+        for _ in range(pen.whole(4, 9)):
+            text.lines += self.line(text, scope)
+        self._write(text)
+        tools = {str(k): T for k, T in self.tools.items() if pen.plain or pen.maybe(0.9)}
+        frames = {str(k): T for k, T in self.frames.items() if k and (pen.plain or pen.maybe(0.9))}
+        return Draft("fanuc", self.files, "PICK_PART.LS", ("PICK_PART.LS",), tools, frames, pen.plain)
+
+    def _write(self, text: _Text) -> None:
+        pen = self.pen
+        rows, number = [], 0
+        for line in text.lines:
+            first, *rest = line.split("\n")
+            if first.startswith("\t"):  # a further row of SELECT
+                number += 1
+                rows.append(f"{number:4d}:  {first[1:]} ;")
+                continue
+            number += 1
+            rows.append(f"{number:4d}:{first}" + (" ;" if not rest else "    "))
+            rows += [f"    :{one} ;" for one in rest]
+        track = pen.pick(["", "", "/APPL\n\nAUTO_SINGULARITY_HEADER;\n  ENABLE_SINGULARITY_AVOIDANCE   : FALSE;\n"])
+        if not pen.plain and pen.maybe(0.08):
+            track = "/APPL\n  LINE_TRACK;\n    LINE_TRACK_SCHEDULE_NUMBER      : 1;\n    LINE_TRACK_BOUNDARY_NUMBER      : 1;\n    CONTINUE_TRACK_AT_PROG_END      : FALSE;\n"
+        head = (
+            f"/PROG  {text.name}\n/ATTR\nOWNER\t\t= MNEDITOR;\nCOMMENT\t\t= \"P[1] X = 1.0\";\nPROG_SIZE\t= 512;\n"
+            f"CREATE\t\t= DATE 23-05-04  TIME 10:11:12;\nMODIFIED\t= DATE 23-05-04  TIME 10:11:12;\nFILE_NAME\t= ;\n"
+            f"VERSION\t\t= 0;\nLINE_COUNT\t= {number};\nMEMORY_SIZE\t= 900;\nPROTECT\t\t= READ_WRITE;\n"
+            "TCD:  STACK_SIZE\t= 0,\n      TASK_PRIORITY\t= 50,\n      TIME_SLICE\t= 0,\n      BUSY_LAMP_OFF\t= 0,\n"
+            "      ABORT_REQUEST\t= 0,\n      PAUSE_REQUEST\t= 0;\nDEFAULT_GROUP\t= 1,*,*,*,*;\nCONTROL_CODE\t= 00000000 00000000;\n"
+        )  # fmt: skip
+        body = "\n".join([*rows, "/POS", *text.positions, "/END"]) + "\n"
+        self.files[f"{text.name}.LS"] = pen.coded(head + track + "/MN\n" + body, crlf=True)
+
+    def _routine(self) -> None:
+        pen = self.pen
+        name, what = pen.name(upper=True), pen.pick(["moves", "tool", "frame", "mixed", "offset", "select"])
+        other, scope = _Text(name), _Scope(1, 1, 1)
+        if what == "moves":
+            other.lines = ["  UFRAME_NUM=1", "  UTOOL_NUM=1", *self.joint(other, scope, pen.astray())]
+        elif what == "mixed":
+            other.lines = [
+                "  UFRAME_NUM=1",
+                "  UTOOL_NUM=1",
+                *(one for _ in range(3) for one in self.line(other, scope)),
+            ]
+        elif what == "offset":
+            other.lines = ["  OFFSET CONDITION PR[9]"]
+        elif what == "select":
+            other.lines = [f"  UTOOL_NUM={pen.pick([1, 2])}"]
+        else:
+            other.lines = self.setting(what)
+        self._write(other)
+        self.others.append((name, what))
+
+    def line(self, text: _Text, scope: _Scope) -> list[str]:
+        """Return one or more lines."""
+        plain = [
+            (3.0, lambda: self.move(text, scope)),
+            (1.0, lambda: self.joint(text, scope, self.pen.near())),
+            (0.4, lambda: self.again(text, scope)),
+            (0.4, lambda: self.arc(text, scope)),
+            (1.0, self.harmless),
+            (0.8, lambda: [*self.call(), *self.move(text, scope)]),
+            (0.5, lambda: self.block(text, scope)),
+        ]
+        wild = [
+            (0.8, lambda: self.offset(text, scope)),
+            (0.7, lambda: self.setting(self.pen.pick(["tool", "frame"]))),
+            (0.5, lambda: self.select(text, scope)),
+            (0.4, lambda: self.changed(text, scope)),
+            (0.3, self.unknown),
+            (0.3, lambda: self.jump(text, scope)),
+        ]
+        return drawn(self.pen, plain if self.pen.plain else plain + wild)
+
+    def position(self, text: _Text, scope: _Scope, q: Array, *, joints: bool = False) -> int:
+        """Teach a position, and return its number."""
+        pen = self.pen
+        text.count += 1
+        k = text.count
+        comment = pen.pick(["", f':"PUNKT{k}"'])
+        degrees = np.degrees(q)
+        extra = ""
+        if not pen.plain and pen.maybe(0.06):
+            extra = pen.pick([",\n\tE1=   150.000  mm", "\n   GP2:\n\tUF : 1, UT : 1,\n\tJ1=     12.500  mm"])
+        uf = "F" if not pen.plain and pen.maybe(0.05) else str(scope.uf)
+        if joints:
+            one = [f"J{axis}={angle:10.3f} deg" for axis, angle in enumerate(degrees, start=1)]
+            inside = f"\tUF : {uf}, UT : {scope.ut},\t\n\t" + ",\t".join(one[:3]) + ",\n\t" + ",\t".join(one[3:])
+        else:
+            X = np.linalg.inv(self.frames[scope.uf]) @ pen.flange(q) @ self.tools[scope.ut]
+            x, y, z = X[:3, 3]
+            w, p, r = Rotation.from_matrix(X[:3, :3]).as_euler("xyz", degrees=True)
+            config = config_letters(q)
+            inside = (
+                f"\tUF : {uf}, UT : {scope.ut},\t\tCONFIG : '{config}, 0, 0, 0',\n"
+                f"\tX ={x:10.3f}  mm,\tY ={y:10.3f}  mm,\tZ ={z:10.3f}  mm,\n"
+                f"\tW ={w:10.3f} deg,\tP ={p:10.3f} deg,\tR ={r:10.3f} deg"
+            )
+        text.positions.append(f"P[{k}{comment}]{{\n   GP1:\n{inside}{extra}\n}};")
+        return k
+
+    def move(self, text: _Text, scope: _Scope) -> list[str]:
+        pen = self.pen
+        k = self.position(text, scope, pen.near())
+        kind = pen.pick(
+            [
+                f"J P[{k}] 30% CNT50",
+                f"L P[{k}] 200mm/sec FINE",
+                f"L P[{k}:PUNKT] 50mm/sec CNT20 ACC80",
+                f"J P[{k}] 100% CNT100 TB    .10sec,DO[5]=ON",
+            ]
+        )
+        return [f"{kind}    "]
+
+    def again(self, text: _Text, scope: _Scope) -> list[str]:
+        if not text.count:
+            return self.move(text, scope)
+        return [f"L P[{self.pen.whole(1, text.count)}] 100mm/sec FINE    "]
+
+    def arc(self, text: _Text, scope: _Scope) -> list[str]:
+        a, b = (self.position(text, scope, self.pen.near()) for _ in range(2))
+        return [f"C P[{a}]    \n  P[{b}] 100mm/sec FINE    "]
+
+    def joint(self, text: _Text, scope: _Scope, q: Array) -> list[str]:
+        """Return a move to joint angles (6,) rad."""
+        return [f"J P[{self.position(text, scope, q, joints=True)}] 20% FINE    "]
+
+    def harmless(self) -> list[str]:
+        pen = self.pen
+        return [
+            pen.pick(["  DO[3]=ON", "  WAIT    .50(sec)", "  WAIT DI[2]=ON", f"  !{pen.pick(WORDS)[:30]}", "  R[1]=R[1]+1",
+                      "  OVERRIDE=50%", "  //L P[1] 200mm/sec FINE", "  PAYLOAD[1]", "  MESSAGE[P[4] X = 3.0 mm]", "  TIMER[1]=START", ""])
+        ]  # fmt: skip
+
+    def call(self) -> list[str]:
+        if not self.others:
+            return self.harmless()
+        name = self.pen.pick(self.others)[0]
+        return [self.pen.pick([f"  CALL {name}    ", f"  IF DI[4]=ON,CALL {name}"])]
+
+    def block(self, text: _Text, scope: _Scope) -> list[str]:
+        pen = self.pen
+        if scope.depth > 1:
+            return self.harmless()
+        inner = _Scope(scope.uf, scope.ut, scope.depth + 1)
+        body = [one for _ in range(pen.whole(1, 3)) for one in self.line(text, inner)]
+        text.labels += 1
+        label = f"LBL[{text.labels}]"
+        head, end = pen.pick(
+            [(["  IF (DI[1]=ON) THEN"], ["  ENDIF"]), (["  FOR R[2]=1 TO 3"], ["  ENDFOR"]), (["  IF (R[1]>2) THEN"], ["  ELSE", "  DO[1]=OFF", "  ENDIF"]),
+             ([f"  IF DI[1]=OFF,JMP {label}"], [f"  {label}"]), ([f"  {label}"], [f"  IF R[1]<5,JMP {label}"])]
+        )  # fmt: skip
+        return [*head, *body, *end]
+
+    def offset(self, text: _Text, scope: _Scope) -> list[str]:
+        pen = self.pen
+        k = self.position(text, scope, pen.near())
+        how = pen.pick(["Offset,PR[3]", "Tool_Offset,PR[4]", "Offset", "VOFFSET,VR[1]", "INC"])
+        before = ["  OFFSET CONDITION PR[3]"] if how == "Offset" and pen.maybe(0.5) else []
+        literal = ["  PR[3]=LPOS-LPOS", f"  PR[3,3]={pen.rng.uniform(2, 50):.1f}"] if pen.maybe(0.3) else []
+        again = [f"L P[{k}] 100mm/sec FINE    "] if pen.maybe(0.6) else []
+        return [*literal, *before, f"L P[{k}] 100mm/sec FINE {how}    ", *again]
+
+    def setting(self, what: str) -> list[str]:
+        """Return what changes a tool or a frame in the controller."""
+        pen = self.pen
+        name, numbers = ("UTOOL", [1, 2]) if what == "tool" else ("UFRAME", [1, 3])
+        k = pen.pick(numbers)
+        lines = pen.pick(
+            [[f"  {name}[{k}]=PR[5]"], [f"  PR[6]={name}[{k}]", f"  PR[6,3]={pen.rng.uniform(60, 150):.1f}", f"  {name}[{k}]=PR[6]"],
+             [f"  {name}_NUM={k}", f"  {name}[{k}]=PR[7:kamera]"]]
+        )  # fmt: skip
+        return ["  IF (DI[7]=ON) THEN", *lines, "  ENDIF"] if pen.maybe(0.3) else lines
+
+    def select(self, text: _Text, scope: _Scope) -> list[str]:
+        pen = self.pen
+        if pen.maybe(0.2):
+            return [pen.pick(["  UFRAME_NUM=R[5]", "  UTOOL_NUM=R[6]"]), *self.move(text, scope)]
+        scope.uf, scope.ut = pen.pick([0, 1, 3]), pen.pick([1, 2])
+        return [f"  UFRAME_NUM={scope.uf}", f"  UTOOL_NUM={scope.ut}", *self.move(text, scope)]
+
+    def changed(self, text: _Text, scope: _Scope) -> list[str]:
+        pen = self.pen
+        k = self.position(text, scope, pen.near())
+        lines = [pen.pick([f"  P[{k}]=PR[8]", f"  P[{k},3]=R[4]", f"  PR[8]=P[{k}]"])]
+        lines = lines if pen.maybe(0.6) else ["  IF (DI[8]=ON) THEN", *lines, "  ENDIF"]
+        return [
+            *lines,
+            f"L P[{k}] 100mm/sec FINE    ",
+            pen.pick(["L PR[8] 100mm/sec FINE    ", "L P[R[3]] 100mm/sec FINE    ", "  R[9]=1"]),
+        ]
+
+    def unknown(self) -> list[str]:
+        return [
+            self.pen.pick(
+                [
+                    f"  CALL {self.pen.name(upper=True)}    ",
+                    "  CALL VISION_FIND(1)",
+                    f"  RUN {self.pen.name(upper=True)}",
+                ]
+            )
+        ]
+
+    def jump(self, text: _Text, scope: _Scope) -> list[str]:
+        if scope.depth or not self.others:
+            return self.harmless()
+        text.labels += 2
+        a, b = text.labels - 1, text.labels
+        return [f"  SELECT R[1]=1,CALL {self.pen.pick(self.others)[0]}", f"\t       =2,JMP LBL[{a}]", f"\t       ELSE,JMP LBL[{b}]", f"  LBL[{a}]",
+                *self.setting("tool"), f"  LBL[{b}:weiter]", *self.move(text, scope)]  # fmt: skip
+
+
+def draw(seed: int, *, plain: bool) -> Draft:
+    """Return a drawn program."""
+    return Writer(Pen("fanuc", seed, plain=plain)).draft()

@@ -1,0 +1,321 @@
+"""Drawn modules of KRL: inline forms, expert code and what post-processors write, and with everything by which a tool,
+a base or a point becomes another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tests.worlds.languages.arms import Array
+from tests.worlds.languages.drawing import WORDS, Draft, Pen, drawn
+from tests.worlds.languages.krl import status_turn
+
+
+@dataclass
+class _Scope:
+    """What the writer believes where a line stands."""
+
+    tool: Array
+    base: Array
+    depth: int = 0
+    points: list[str] = field(default_factory=list)
+
+
+def aggregate(T: Array, digits: int = 3) -> str:
+    """Return X 1.0,Y 2.0,… of a frame (4, 4)."""
+    values = [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_euler("ZYX", degrees=True)]
+    return ",".join(f"{name} {value:.{digits}f}" for name, value in zip("XYZABC", values, strict=True))
+
+
+class Writer:
+    """Writes one module."""
+
+    def __init__(self, pen: Pen) -> None:
+        self.pen = pen
+        self.tools = {1: pen.tool(), 2: pen.tool()}
+        self.bases = {1: pen.user_frame(), 2: pen.user_frame()}
+        self.data: list[str] = []
+        self.texts: list[str] = []
+        self.routines: list[tuple[str, str]] = []
+        self.count = 0
+        self.extra = pen.pick(["", ",E1 0.0,E2 0.0,E3 0.0,E4 0.0,E5 0.0,E6 0.0"])
+        self.inline = pen.maybe(0.5)
+
+    def draft(self) -> Draft:
+        pen = self.pen
+        scope = _Scope(self.tools[1], self.bases[1])
+        pen.taken("pick")
+        if pen.plain:
+            for name, on in (("grip_open", "FALSE"), ("GripClose", "TRUE")):
+                self._put(name, [f"$OUT[3]={on}", "WAIT SEC 0.3"], "still")
+        for _ in range(0 if pen.plain else pen.whole(0, 3)):
+            self._routine(scope)
+        stop = ["  GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )", "  INTERRUPT ON 3 "]
+        body = [";FOLD INI;%{PE}", *(stop if pen.maybe(0.5) else []), "  BAS (#INITMOV,0 )", ";ENDFOLD (INI)"]
+        body += pen.pick(
+            [[], ["BAS (#VEL_PTP,50)", "BAS (#ACC_PTP,50)"], ["PTP $AXIS_ACT ; skip BCO quickly"], ["$H_POS=XHOME"]]
+        )
+        body += [*self.begin(scope), *self.joint(pen.near())]
+        for _ in range(pen.whole(4, 9)):
+            body += self.line(scope)
+        main = self._text("pick", body, "DEF")
+        elsewhere = [text for text in self.texts if not pen.plain and pen.maybe(0.2) and text.startswith("DEF ")]
+        inside = [text for text in self.texts if text not in elsewhere]
+        head = "&ACCESS RVP\n&REL 4\n" if pen.maybe(0.7) else ""
+        files = {"pick.src": pen.coded(head + "\n".join([main, *inside]) + "\n", crlf=True)}
+        if self.data or pen.maybe(0.5):
+            lines = ["DEFDAT  PICK", "EXT  BAS (BAS_COMMAND  :IN,REAL  :IN )", *self.data, "ENDDAT"]
+            files["pick.dat"] = pen.coded(head + "\n".join(lines) + "\n", crlf=True)
+        for text in elsewhere:
+            name = text.split()[1].split("(")[0]
+            files[f"{name}.src"] = pen.coded(head + text + "\n", crlf=True)
+        tools = {str(k): T for k, T in self.tools.items() if pen.plain or pen.maybe(0.85)}
+        bases = {str(k): T for k, T in self.bases.items() if pen.plain or pen.maybe(0.85)}
+        return Draft("kuka", files, "pick.src", ("pick.src",), tools, bases, pen.plain)
+
+    def _text(self, name: str, lines: list[str], kind: str, arguments: str = "") -> str:
+        end = "ENDFCT" if kind.startswith("DEFFCT") else "END"
+        return "\n".join([f"{kind} {name}({arguments})", *("  " + one for one in lines), end])
+
+    def _put(self, name: str, lines: list[str], what: str, kind: str = "DEF", arguments: str = "") -> None:
+        self.texts.append(self._text(name, lines, kind, arguments))
+        self.routines.append((name, what))
+
+    def _routine(self, scope: _Scope) -> None:
+        pen = self.pen
+        name, what = pen.name(), pen.pick(["moves", "tool", "base", "mixed", "value", "point"])
+        if what == "value":
+            self._put(name, [*self.literal(pen.astray()), "RETURN TRUE"], what, "DEFFCT BOOL")
+        elif what == "point":
+            self._put(name, ["LIN goal"], what, "DEF", "goal:IN")
+        elif what == "mixed":
+            inner = _Scope(scope.tool, scope.base, 1)
+            self._put(name, [one for _ in range(3) for one in self.line(inner)], what)
+        else:
+            lines = self.literal(pen.astray()) if what == "moves" else self.setting(what, scope)
+            self._put(name, lines, what)
+
+    def begin(self, scope: _Scope) -> list[str]:
+        """Return what sets tool and base before the first move."""
+        pen = self.pen
+        literal = [f"$TOOL={{{aggregate(scope.tool)}}}", f"$BASE={{{aggregate(scope.base)}}}"]
+        ways = [literal, ["$TOOL=TOOL_DATA[1]", "$BASE=BASE_DATA[1]"], ["BAS(#TOOL,1)", "BAS(#BASE,1)"],
+                [one.replace("={", "={FRAME: ") for one in literal]]  # fmt: skip
+        return list(pen.pick(ways)) if pen.plain or pen.maybe(0.8) else literal[:1] if pen.maybe(0.5) else []
+
+    def line(self, scope: _Scope) -> list[str]:
+        """Return one or more instructions."""
+        plain = [
+            (3.0, lambda: self.move(scope)),
+            (1.0, lambda: self.joint(self.pen.near())),
+            (0.5, lambda: self.arc(scope)),
+            (1.0, self.harmless),
+            (0.8, lambda: [*self.call(), *self.move(scope)]),
+            (0.5, lambda: self.block(scope)),
+        ]
+        wild = [
+            (0.9, lambda: self.setting(self.pen.pick(["tool", "base", "base"]), scope)),
+            (0.6, lambda: self.computed(scope)),
+            (0.5, lambda: self.changed(scope)),
+            (0.4, lambda: self.external(scope)),
+            (0.3, self.unknown),
+            (0.3, lambda: self.interrupt(scope)),
+            (0.2, lambda: self.jump(scope)),
+        ]
+        return drawn(self.pen, plain if self.pen.plain else plain + wild)
+
+    def target(self, scope: _Scope, q: Array | None = None) -> str:
+        """Return the components of a position near the middle of the work."""
+        pen = self.pen
+        q = pen.near() if q is None else q
+        X = np.linalg.inv(scope.base) @ pen.flange(q) @ scope.tool
+        s, t = status_turn(q)
+        # The pendant writes decimals; a person writes the bits.
+        flags = f",S {s},T {t}" if pen.plain or pen.maybe(0.8) else f",S 'B{s:03b}',T 'B{t:06b}'"
+        extra = self.extra
+        if not pen.plain and pen.maybe(0.06):
+            extra = ",E1 150.0,E2 0.0"
+        return aggregate(X, pen.pick([3, 6])) + flags + extra
+
+    def move(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        text = self.target(scope)
+        kind = pen.pick(["PTP", "LIN", "LIN", "SLIN", "SPTP"])
+        zone = {"PTP": "C_PTP", "LIN": "C_DIS"}.get(kind, "")
+        end = f" {zone}" if pen.maybe(0.3) and zone else ""
+        if self.inline and scope.depth == 0 and pen.maybe(0.7):
+            return self.form(scope, text)
+        if pen.maybe(0.4):
+            name = self.point(text, scope)
+            return [f"{kind} {name}{end}"]
+        typed = pen.pick(["", "", "E6POS: " if self.extra else "POS: "])
+        return [f"{kind} {{{typed}{text}}}{end}"]
+
+    def point(self, text: str, scope: _Scope) -> str:
+        """Return the name of a position in the data list."""
+        self.count += 1
+        name = f"XP{self.count}"
+        self.data.append(f"{self.pen.pick(['DECL E6POS', 'DECL GLOBAL E6POS', 'E6POS'])} {name}={{{text}}}")
+        scope.points.append(name)
+        return name
+
+    def form(self, scope: _Scope, text: str) -> list[str]:
+        """Return an inline form as the pendant writes it, with its tool and base by number."""
+        pen = self.pen
+        tool = base = 1
+        if not pen.plain and pen.maybe(0.3):
+            tool, base = pen.pick([1, 2]), pen.pick([1, 2])
+        text = self.target(_Scope(self.tools[tool], self.bases[base]))
+        name = self.point(text, scope)
+        k = name[2:]
+        frame_ = "#TCP" if not pen.plain and pen.maybe(0.08) else "#BASE"
+        self.data.append(
+            f'DECL FDAT FP{k}={{TOOL_NO {tool},BASE_NO {base},IPO_FRAME {frame_},POINT2[] " ",TQ_STATE FALSE}}'
+        )
+        self.data.append(f"DECL PDAT PPDAT{k}={{VEL 100.000,ACC 100.000,APO_DIST 100.000}}")
+        scope.tool, scope.base = self.tools[tool], self.bases[base]
+        if pen.maybe(0.6):
+            return [
+                f";FOLD PTP P{k} Vel=100 % PDAT{k} Tool[{tool}]:grip Base[{base}]:table;%{{PE}}%R 8.3.38",
+                "$BWDSTART=FALSE", f"PDAT_ACT=PPDAT{k}", f"FDAT_ACT=FP{k}", "BAS(#PTP_PARAMS,100)",
+                *["SET_CD_PARAMS (0)"] * (self.count % 2), f"PTP {name}", ";ENDFOLD",
+            ]  # fmt: skip
+        return [
+            f"SLIN {name} WITH $VEL=SVEL_CP(0.5, , LCPDAT{k}), $TOOL=STOOL2(FP{k}), $BASE=SBASE(FP{k}.BASE_NO), "
+            f"$IPO_MODE=SIPO_MODE(FP{k}.IPO_FRAME)"
+            + f", $LOAD=SLOAD(FP{k}.TOOL_NO), $COLLMON_TOL_PRO[1]=USE_CM_PRO_VALUES(0)"
+            * (self.count % 2)
+        ]
+
+    def arc(self, scope: _Scope) -> list[str]:
+        return [f"CIRC {{{self.target(scope)}}},{{{self.target(scope)}}}" + self.pen.pick(["", ", CA 90.0", " C_DIS"])]
+
+    def joint(self, q: Array) -> list[str]:
+        pen = self.pen
+        if pen.maybe(0.3):
+            self.count += 1
+            self.data.append(f"DECL E6AXIS XP{self.count}={{{self._axes(q)},E1 0.0,E2 0.0}}")
+            return [f"PTP XP{self.count}"]
+        return self.literal(q)
+
+    def _axes(self, q: Array) -> str:
+        return ",".join(f"A{k + 1} {value:.4f}" for k, value in enumerate(np.degrees(q)))
+
+    def literal(self, q: Array) -> list[str]:
+        """Return a move to joint angles (6,) rad."""
+        typed = self.pen.pick(["", "AXIS: "])
+        return [f"PTP {{{typed}{self._axes(q)}}}"]
+
+    def harmless(self) -> list[str]:
+        pen = self.pen
+        return [
+            pen.pick(
+                ["$OUT[1]=TRUE", "WAIT SEC 0.5", "WAIT FOR $IN[1]", f"; {pen.pick(WORDS)}", "$VEL.CP=0.5", "$ACC.CP=2.0",
+                 "$APO.CDIS=5", "$ADVANCE=3", "FOR I=1 TO 6\n  $VEL_AXIS[I]=50\nENDFOR", "count=count+1", "$ORI_TYPE=#VAR",
+                 "PULSE($OUT[2],TRUE,0.3)", "$OV_PRO=50", 'MsgNotify("PTP {A1 0}")']
+            )
+        ]  # fmt: skip
+
+    def call(self) -> list[str]:
+        pen = self.pen
+        if not self.routines:
+            return self.harmless()
+        name, what = pen.pick(self.routines)
+        if what == "value":
+            return pen.pick(
+                [[f"ok={name}()"], [f"IF {name}() THEN", "  WAIT SEC 0.1", "ENDIF"], [f"WAIT FOR {name}()"]]
+            )
+        if what == "point":
+            return [f"{name}({{{self.target(_Scope(self.tools[1], self.bases[1]))}}})"]
+        return [f"{name}()"]
+
+    def block(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        if scope.depth > 1:
+            return self.harmless()
+        inner = _Scope(scope.tool, scope.base, scope.depth + 1, list(scope.points))
+        body = ["  " + one for _ in range(pen.whole(1, 3)) for one in self.line(inner)]
+        head, end = pen.pick(
+            [("IF $IN[1] THEN", "ENDIF"), ("IF $IN[2]==TRUE THEN", "ELSE\n  $OUT[1]=FALSE\nENDIF"), ("FOR I=1 TO 3", "ENDFOR"),
+             ("WHILE count<3", "ENDWHILE"), ("SWITCH mode\nCASE 1", "DEFAULT\n  HALT\nENDSWITCH"), ("REPEAT", "UNTIL $IN[3]"),
+             ("LOOP", "  IF $IN[4] THEN\n    EXIT\n  ENDIF\nENDLOOP")]
+        )  # fmt: skip
+        return [*head.split("\n"), *body, *end.split("\n")]
+
+    def setting(self, what: str, scope: _Scope) -> list[str]:
+        """Return what changes the tool or the base, whole or in part."""
+        pen = self.pen
+        name, data = ("$TOOL", "TOOL_DATA") if what == "tool" else ("$BASE", "BASE_DATA")
+        k = pen.pick([1, 2])
+        made = pen.tool() if what == "tool" else pen.user_frame()
+        shift = pen.rng.uniform(-40, 40)
+        text = aggregate(made)
+        lines = pen.pick(
+            [[f"{name}={{{text}}}"], [f"{name}={{FRAME: {text}}}"], [f"{name}.Z={name}.Z+{shift:.1f}"], [f"{name}.A={shift:.1f}"],
+             [f"{data}[{k}]={{{text}}}"], [f"{data}[{k}].X={shift:.1f}", f"{name}={data}[{k}]"], [f"{name}={data}[{k}]"],
+             [f"{name}={data}[{k}]:{{X {shift:.1f},Y 0,Z 0,A 0,B 0,C 0}}"], [f"{name}=measured_frame"], [f"BAS({'#TOOL' if what == 'tool' else '#BASE'},{k})"],
+             [f"{name}=$NULLFRAME"] if what == "base" else [f"{name}={{{text}}}"]]
+        )  # fmt: skip
+        if len(lines) == 1 and lines[0].startswith(f"{name}={{"):
+            if what == "tool":
+                scope.tool = made
+            else:
+                scope.base = made
+        return ["IF $IN[7] THEN", *("  " + one for one in lines), "ENDIF"] if pen.maybe(0.3) else lines
+
+    def computed(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        name = pen.pick(scope.points) if scope.points else self.point(self.target(scope), scope)
+        x, y, z = pen.small()
+        move = pen.pick(
+            [f"LIN_REL {{Z {z:.1f}}}", f"PTP_REL {{A1 {z / 10:.1f}}}", f"LIN {name}:{{X {x:.1f},Y {y:.1f},Z {z:.1f},A 0,B 0,C 0}}",
+             f"LIN_REL {{X {x:.1f},Z {z:.1f}}} #TOOL", f"LIN {{Z {self.pen.rng.uniform(300, 500):.1f}}}", f"LIN {{FRAME: X {x:.1f}}}:{name}"]
+        )  # fmt: skip
+        return [move, *self.move(scope)]
+
+    def changed(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        name = pen.pick(scope.points) if scope.points else self.point(self.target(scope), scope)
+        line = pen.pick([f"{name}.Z={name}.Z+20.0", f"{name}.X=400.0", f"{name}={{{self.target(scope)}}}", f"{name}=$POS_ACT",
+                         f"{name}={{X 400.0}}"])  # fmt: skip
+        lines = [line] if pen.maybe(0.6) else ["IF $IN[8] THEN", "  " + line, "ENDIF"]
+        return [*lines, f"LIN {name}"]
+
+    def external(self, scope: _Scope) -> list[str]:
+        return [
+            "$IPO_MODE=#TCP",
+            *self.move(scope),
+            *(["$IPO_MODE=#BASE"] if self.pen.maybe(0.7) else []),
+            *self.move(scope),
+        ]
+
+    def unknown(self) -> list[str]:
+        name = self.pen.name()
+        return [self.pen.pick([f"{name}()", f"ok={name}(1)", f"{name} (1,TRUE)"])]
+
+    def interrupt(self, scope: _Scope) -> list[str]:
+        if not self.routines:
+            return self.harmless()
+        name = self.pen.pick(self.routines)[0]
+        return [f"INTERRUPT DECL 5 WHEN $IN[9]==TRUE DO {name}()", "INTERRUPT ON 5", *self.move(scope)]
+
+    def jump(self, scope: _Scope) -> list[str]:
+        self.count += 1
+        label = f"again{self.count}"
+        if scope.depth:
+            return self.harmless()
+        return [
+            f"{label}:",
+            *self.move(scope),
+            *self.setting("tool", scope),
+            "IF $IN[5] THEN",
+            f"  GOTO {label}",
+            "ENDIF",
+        ]
+
+
+def draw(seed: int, *, plain: bool) -> Draft:
+    """Return a drawn module."""
+    return Writer(Pen("kuka", seed, plain=plain)).draft()

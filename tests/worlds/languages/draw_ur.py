@@ -1,0 +1,309 @@
+"""Drawn programs of URScript: as PolyScope and people write them, and with everything by which a tool, a posture or a
+point becomes another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tests.worlds.languages.arms import Array
+from tests.worlds.languages.drawing import WORDS, Draft, Pen, drawn
+
+
+@dataclass
+class _Scope:
+    """What the writer believes where a line stands."""
+
+    tool: Array
+    points: list[str] = field(default_factory=list)
+    depth: int = 1
+
+
+def _numbers(values: Array, digits: int = 9) -> str:
+    return ", ".join(f"{value:.{digits}f}".rstrip("0").rstrip(".") for value in values)
+
+
+def pose(T: Array) -> str:
+    """Return p[…] of a frame (4, 4)."""
+    return f"p[{_numbers(np.array([*(T[:3, 3] / 1e3), *Rotation.from_matrix(T[:3, :3]).as_rotvec()]))}]"
+
+
+class Writer:
+    """Writes one program."""
+
+    def __init__(self, pen: Pen) -> None:
+        self.pen = pen
+        self.routines: list[tuple[str, str]] = []
+        self.texts: list[str] = []
+        self.count = 0
+
+    def draft(self) -> Draft:
+        pen = self.pen
+        tool = pen.tool()
+        scope = _Scope(tool)
+        body = self._opening(scope)
+        if pen.plain:
+            self._plain_routines()
+        else:
+            for _ in range(pen.whole(0, 3)):
+                self._routine(scope)
+        for _ in range(pen.whole(4, 9)):
+            body += self.line(scope)
+        stated = {}
+        if not body[0].startswith("set_tcp(p[") or (not pen.plain and pen.maybe(0.1)):
+            stated = {"tcp": tool}
+        name = pen.pick(["prog", "Program_1", "pick_and_place"])
+        lines = [f"def {name}():", *("  " + one for one in body), "end"]
+        if pen.maybe(0.5):
+            lines.insert(1, "\n".join("  " + one for text in self.texts for one in text.split("\n")))
+        else:
+            lines = [*self.texts, *lines]
+        if pen.maybe(0.5):
+            lines.append(f"{name}()")
+        text = "\n".join(line for line in lines if line) + "\n"
+        return Draft("ur", {"prog.script": pen.coded(text)}, "prog.script", ("prog.script",), stated, {}, pen.plain)
+
+    def _opening(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        begin = [f"set_tcp({pose(scope.tool)})"]
+        if not pen.plain and pen.maybe(0.3):
+            begin = pen.pick(
+                [
+                    [],
+                    [f"tcp_1 = {pose(scope.tool)}", "set_tcp(tcp_1)"],
+                    ["if get_standard_digital_in(1):", f"  set_tcp({pose(scope.tool)})", "end"],
+                    [f"movej([{_numbers(pen.near())}], a=1.4, v=1.05)", f"set_tcp({pose(scope.tool)})"],
+                ]
+            )
+        elif pen.plain and pen.maybe(0.3):
+            begin = []
+        return [*begin, "set_payload(1.5, [0, 0, 0.05])", f"movej([{_numbers(pen.near())}], a=1.4, v=1.05)"]
+
+    def _plain_routines(self) -> None:
+        for name in ("gripper_open", "gripper_close"):
+            on = str(name.endswith("close"))
+            self.routines.append((name, "still"))
+            self.texts.append(f"def {name}():\n  set_tool_digital_out(0, {on})\n  sleep(0.5)\nend")
+
+    def _routine(self, scope: _Scope) -> None:
+        pen = self.pen
+        name = pen.name()
+        kind = pen.pick(["still", "moves", "moves", "tool", "mixed", "value", "point"])
+        inner = _Scope(scope.tool, [], 2)
+        lines = {
+            "still": ["set_tool_digital_out(0, True)", "sleep(0.2)"],
+            "moves": [f"movej([{_numbers(pen.astray())}], a=1.4, v=1.05)"],
+            "tool": [f"set_tcp({pose(pen.tool())})"],
+            "mixed": [],
+            "value": [f"movej([{_numbers(pen.astray())}])", "return True"],
+            "point": [],
+        }[kind]
+        if kind == "mixed":
+            lines = [one for _ in range(3) for one in self.line(inner)]
+        arguments = ""
+        if kind == "point":
+            arguments, lines = "goal", ["movel(goal, a=1.2, v=0.25)"]
+        self.texts.append("\n".join([f"def {name}({arguments}):", *("  " + one for one in lines), "end"]))
+        self.routines.append((name, kind))
+
+    def line(self, scope: _Scope) -> list[str]:
+        """Return one or more statements."""
+        plain = [
+            (3.0, lambda: self.move(scope)),
+            (1.5, lambda: self.joints(scope)),
+            (1.0, lambda: self.named(scope)),
+            (0.4, lambda: self.arc(scope)),
+            (1.0, self.harmless),
+            (0.8, lambda: [*self.call(scope), *self.move(scope)]),
+            (0.5, lambda: self.block(scope)),
+        ]
+        wild = [
+            (0.7, lambda: self.new_tool(scope)),
+            (0.6, lambda: self.computed(scope)),
+            (0.5, lambda: self.changed(scope)),
+            (0.4, lambda: self.shifted(scope)),
+            (0.3, self.unknown),
+            (0.3, lambda: self.inverse(scope)),
+        ]
+        return drawn(self.pen, plain if self.pen.plain else plain + wild)
+
+    def _target(self, scope: _Scope) -> str:
+        return pose(self.pen.flange(self.pen.near()) @ scope.tool)
+
+    def move(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        how = pen.pick(
+            [
+                "movel({}, a=1.2, v=0.25)",
+                "movel({}, a=1.2, v=0.25, r=0.002)",
+                "movep({}, a=1.2, v=0.25)",
+                "movel({}, 1.2, 0.25, 0, 0)",
+            ]
+        )
+        if pen.maybe(0.15):
+            how = "movel({},\n    a=1.2, v=0.25)" if pen.maybe(0.5) else "movel(pose={}, a=1.2)"
+        if not pen.plain and pen.maybe(0.15):
+            how = "movej({}, a=1.4, v=1.05)"
+        return how.format(self._target(scope)).split("\n")
+
+    def joints(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        q = pen.near() if pen.plain or pen.maybe(0.8) else pen.astray()
+        if not pen.plain and pen.maybe(0.1):
+            return [f"movej([{', '.join(f'd2r({value:.3f})' for value in np.degrees(q))}])"]
+        return [f"movej([{_numbers(q)}], a=1.4, v=1.05)"]
+
+    def named(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        if scope.points and pen.maybe(0.4):
+            return [f"movel({pen.pick(scope.points)}, a=1.2, v=0.25)"]
+        self.count += 1
+        name = f"{pen.pick(['Waypoint', 'p', 'P', 'target', 'home_p'])}_{self.count}"
+        scope.points.append(name)
+        begin = "global " if pen.maybe(0.5) and scope.depth == 1 else ""
+        return [f"{begin}{name} = {self._target(scope)}", f"movel({name}, a=1.2, v=0.25)"]
+
+    def arc(self, scope: _Scope) -> list[str]:
+        return [f"movec({self._target(scope)}, {self._target(scope)}, a=1.2, v=0.25, mode=0)"]
+
+    def harmless(self) -> list[str]:
+        pen = self.pen
+        return [
+            pen.pick(
+                [
+                    "set_standard_digital_out(1, True)",
+                    "sleep(0.5)",
+                    f'textmsg("{pen.pick(WORDS)}")',
+                    f"# {pen.pick(WORDS)}",
+                    "set_tool_digital_out(0, False)",
+                    "sync()",
+                    "speed_ms = 0.25",
+                    "set_tool_voltage(24)",
+                    'modbus_add_signal("192.168.0.7", 255, 129, 3, "RX74", False)',
+                    "stopj(2.0)",
+                    "write_output_boolean_register(3, True)",
+                    'popup("weiter?", title="Frage", blocking=True)',
+                    '$ 3 "Waypoint_1 p[0, 0, 0, 0, 0, 0]" "breakAfter"',
+                ]
+            )
+        ]
+
+    def call(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        if not self.routines:
+            return self.harmless()
+        name, kind = pen.pick(self.routines)
+        if kind == "point":
+            return [f"{name}({self._target(scope)})"]
+        if kind == "value":
+            return pen.pick([[f"ok = {name}()"], [f"if {name}():", "  sleep(0.1)", "end"], [f"{name}()"]])
+        return [f"{name}()"]
+
+    def block(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        if scope.depth > 2:
+            return self.harmless()
+        inner = _Scope(scope.tool, list(scope.points), scope.depth + 1)
+        body = ["  " + one for _ in range(pen.whole(1, 3)) for one in self.line(inner)]
+        head = pen.pick(
+            [
+                "if get_standard_digital_in(0):",
+                "while i < 3:",
+                "if (read_input_integer_register(0) > 2):",
+                "while get_standard_digital_in(3) == False:",
+            ]
+        )
+        if head.startswith("while i"):
+            return ["i = 0", head, *body, "  i = i + 1", "end"]
+        if head.startswith("if") and pen.maybe(0.4):
+            other = _Scope(scope.tool, list(scope.points), scope.depth + 1)
+            body += ["else:", *("  " + one for one in self.line(other))]
+        return [head, *body, "end"]
+
+    def new_tool(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        tool = pen.tool()
+        how = pen.pick(["literal", "if", "computed", "variable", "else", "part"])
+        if how in ("literal", "variable", "part"):
+            scope.tool = tool
+        self.count += 1
+        name = f"tcp_{self.count}"
+        return {
+            "literal": [f"set_tcp({pose(tool)})"],
+            "variable": [f"{name} = {pose(tool)}", f"set_tcp({name})"],
+            "part": [f"{name} = {pose(tool)}", f"{name}[2] = {name}[2] + 0.03", f"set_tcp({name})"],
+            "if": ["if get_standard_digital_in(2):", f"  set_tcp({pose(tool)})", "end"],
+            "else": [
+                "if get_standard_digital_in(2):",
+                "  sleep(0.1)",
+                "else:",
+                f"  set_tcp({pose(tool)})",
+                "end",
+            ],
+            "computed": [f"set_tcp(pose_trans({pose(tool)}, p[0, 0, 0.02, 0, 0, 0]))"],
+        }[how]
+
+    def computed(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        point = pen.pick(scope.points) if scope.points and pen.maybe(0.6) else self._target(scope)
+        shift = _numbers(pen.small() / 1e3, 4)
+        return [
+            pen.pick(
+                [
+                    f"movel(pose_trans({point}, p[{shift}, 0, 0, 0]), a=1.2, v=0.25)",
+                    f"movel(pose_add({point}, p[{shift}, 0, 0, 0]), a=1.2, v=0.25)",
+                    f"movel(pose_trans(p[{shift}, 0, 0, 0.1], {point}), a=1.2, v=0.25)",
+                    f"movel(pose_add(get_actual_tcp_pose(), p[{shift}, 0, 0, 0]), a=1.2, v=0.25)",
+                    f"movel(pose_trans(get_actual_tcp_pose(), p[{shift}, 0, 0, 0]), a=1.2, v=0.25)",
+                ]
+            )
+        ]
+
+    def changed(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        if not scope.points:
+            return self.named(scope)
+        name = pen.pick(scope.points)
+        return [
+            *pen.pick(
+                [
+                    [f"{name}[2] = {name}[2] + 0.02"],
+                    [f"{name} = {self._target(scope)}"],
+                    [f"{name} = pose_add({name}, p[0, 0, 0.02, 0, 0, 0])"],
+                    ["if get_standard_digital_in(4):", f"  {name} = {self._target(scope)}", "end"],
+                    ["if get_standard_digital_in(4):", f"  {name}[0] = 0.02 + {name}[0]", "end"],
+                ]
+            ),
+            f"movel({name}, a=1.2, v=0.25)",
+        ]
+
+    def shifted(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        on, off = pen.pick(
+            [
+                ("track_conveyor_linear(p[1, 0, 0, 0, 0, 0], 500.0)", "stop_conveyor_tracking()"),
+                ("path_offset_enable()", "path_offset_disable()"),
+                ("path_offset_enable()\npath_offset_set(p[0.01, 0, 0, 0, 0, 0], 2)", "path_offset_disable()"),
+                ('force_mode(p[0, 0, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 5.0, 0, 0, 0], 2, [0.1, 0.1, 0.1, 0.1, 0.1, 0.1])', "end_force_mode()"),
+                ("freedrive_mode()\nsleep(5)", "end_freedrive_mode()"),
+            ]
+        )  # fmt: skip
+        return [*on.split("\n"), *self.move(scope), *([off] if pen.maybe(0.8) else []), *self.move(scope)]
+
+    def unknown(self) -> list[str]:
+        pen = self.pen
+        return [pen.pick([f"{pen.name()}()", f"ok = {pen.name()}(1)", f"rq_{pen.pick(['close', 'open'])}()"])]
+
+    def inverse(self, scope: _Scope) -> list[str]:
+        pen = self.pen
+        near = f"[{_numbers(pen.near(), 4)}]"
+        if pen.maybe(0.3):
+            return [f"movej(get_inverse_kin({self._target(scope)}), a=1.4, v=1.05)"]
+        return [f"movej(get_inverse_kin({self._target(scope)}, qnear={near}), a=1.4, v=1.05)"]
+
+
+def draw(seed: int, *, plain: bool) -> Draft:
+    """Return a drawn program."""
+    return Writer(Pen("ur", seed, plain=plain)).draft()

@@ -1,0 +1,249 @@
+"""Drawn INFORM jobs: in pulses and in numbers of frames, one or two in a file, and with everything by which a frame, a
+shift or a position becomes another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tests.worlds.languages.arms import Array
+from tests.worlds.languages.drawing import WORDS, Draft, Pen, drawn
+from tests.worlds.languages.inform import SCALE, rconf
+
+
+@dataclass
+class _Scope:
+    """How deep a line stands."""
+
+    depth: int = 0
+
+
+class _Job:
+    """One job: its headings, positions and lines."""
+
+    def __init__(self, name: str, kind: str, tool: int, user: int) -> None:
+        self.name, self.kind, self.tool, self.user = name, kind, tool, user
+        self.lines: list[str] = []
+        self.positions: list[tuple[str, Array]] = []
+        self.outer: list[float] = []
+        self.variables: list[str] = []
+        self.labels = 0
+
+
+class Writer:
+    """Writes a job, and those that it calls."""
+
+    def __init__(self, pen: Pen) -> None:
+        self.pen = pen
+        self.tools = {0: pen.tool(), 1: pen.tool()}
+        self.frames = {1: pen.user_frame(), 2: pen.user_frame()}
+        self.others: list[str] = []
+        self.texts: dict[str, str] = {}
+
+    def draft(self) -> Draft:
+        pen = self.pen
+        pen.taken("PICK")
+        if pen.plain:
+            for name, on in (("GRIP_OPEN", "OFF"), ("GRIP_CLOSE", "ON")):
+                job = self._job(name)
+                job.lines = [f"DOUT OT#(3) {on}", "TIMER T=0.30"]
+                self._finish(job)
+        for _ in range(0 if pen.plain else pen.whole(0, 3)):
+            self._routine()
+        job = self._job("PICK")
+        job.lines += self.move(job, pen.near(), "MOVJ")
+        for _ in range(pen.whole(4, 9)):
+            job.lines += self.line(job, _Scope())
+        main = self._text(job)
+        files, together = {}, []
+        for name, text in self.texts.items():
+            if pen.plain or pen.maybe(0.5):
+                files[f"{name}.JBI"] = pen.coded(text, crlf=True)
+            else:
+                together.append(text)
+        text = "".join([main, *together])
+        files = {"PICK.JBI": pen.coded(text, crlf=True), **files}
+        tools = {str(k): T for k, T in self.tools.items() if pen.plain or pen.maybe(0.9)}
+        frames = {str(k): T for k, T in self.frames.items() if pen.plain or pen.maybe(0.9)}
+        return Draft("yaskawa", files, "PICK.JBI", ("PICK.JBI",), tools, frames, pen.plain)
+
+    def _job(self, name: str) -> _Job:
+        pen = self.pen
+        kind = pen.pick(["PULSE", "BASE", "ROBOT", "USER"])
+        return _Job(name, kind, pen.pick([0, 1]), pen.pick([1, 2]))
+
+    def _finish(self, job: _Job) -> None:
+        self.texts[job.name] = self._text(job)
+        self.others.append(job.name)
+
+    def _numbers(self, job: _Job, q: Array) -> str:
+        if job.kind == "PULSE":
+            return ",".join(str(round(value)) for value in np.degrees(q) * np.array(SCALE))
+        U = self.frames[job.user] if job.kind == "USER" else np.eye(4)
+        X = np.linalg.inv(U) @ self.pen.flange(q) @ self.tools[job.tool]
+        turns = Rotation.from_matrix(X[:3, :3]).as_euler("xyz", degrees=True)
+        return ",".join([*(f"{value:.3f}" for value in X[:3, 3]), *(f"{value:.4f}" for value in turns)])
+
+    def _text(self, job: _Job) -> str:
+        count = len(job.positions)
+        head = ["/JOB", f"//NAME {job.name}", "//POS", f"///NPOS {count},{len(job.outer)},0,{len(job.variables)},0,0"]
+        if job.kind == "USER":
+            head += [f"///USER {job.user}"]
+        head += [f"///TOOL {job.tool}", f"///POSTYPE {job.kind}", "///PULSE" if job.kind == "PULSE" else "///RECTAN"]
+        last: tuple[int, ...] = ()
+        for name, q in job.positions:
+            if job.kind != "PULSE" and rconf(q) != last:
+                last = rconf(q)
+                head.append("///RCONF " + ",".join(map(str, last)) + ",0" * 18)
+            head.append(f"{name}={self._numbers(job, q)}")
+        if job.outer:
+            head += ["///POSTYPE PULSE", "///PULSE"]
+            head += [f"BC{k:05d}={value:.0f}" for k, value in enumerate(job.outer)]
+        if job.variables:
+            head += ["///POSTYPE BASE", "///RECTAN", "///RCONF 1,0,0,0,0,0" + ",0" * 18, *job.variables]
+        attr = "SC,RW" if job.kind == "PULSE" else "SC,RW,RJ"
+        middle = ["//INST", "///DATE 2023/05/04 10:11", f"///ATTR {attr}"]
+        if job.kind != "PULSE":
+            middle.append({"USER": f"///FRAME USER {job.user}"}.get(job.kind, f"///FRAME {job.kind}"))
+        middle += [f"///GROUP1 RB1{',BS1' if job.outer else ''}", "NOP"]
+        return "\n".join([*head, *middle, *job.lines, "END"]) + "\n"
+
+    def _routine(self) -> None:
+        pen = self.pen
+        job, what = self._job(pen.name(upper=True)), pen.pick(["moves", "shift", "frame", "mixed", "off"])
+        if what == "moves":
+            job.lines = self.move(job, pen.astray(), "MOVJ")
+        elif what == "mixed":
+            job.lines = [one for _ in range(3) for one in self.line(job, _Scope(1))]
+        elif what == "off":
+            job.lines = ["SFTOF"]
+        else:
+            job.lines = [f"SFTON {self._variable(job)}"] if what == "shift" else self.setting()
+        self._finish(job)
+
+    def line(self, job: _Job, scope: _Scope) -> list[str]:
+        """Return one or more instructions."""
+        plain = [
+            (3.0, lambda: self.move(job, self.pen.near())),
+            (0.4, lambda: self.arc(job)),
+            (1.0, self.harmless),
+            (0.8, lambda: [*self.call(), *self.move(job, self.pen.near())]),
+            (0.5, lambda: self.block(job, scope)),
+        ]
+        wild = [
+            (0.7, lambda: self.shift(job)),
+            (0.6, self.setting),
+            (0.5, lambda: self.variable(job)),
+            (0.4, lambda: self.again(job)),
+            (0.4, lambda: self.conveyor(job)),
+            (0.3, self.unknown),
+            (0.2, lambda: self.external(job)),
+        ]
+        return drawn(self.pen, plain if self.pen.plain else plain + wild)
+
+    def move(self, job: _Job, q: Array, word: str = "") -> list[str]:
+        """Return a move to a new position."""
+        pen = self.pen
+        name = f"C{len(job.positions):05d}"
+        job.positions.append((name, q))
+        word = word or pen.pick(["MOVJ", "MOVL", "MOVL"])
+        speed = "VJ=25.00" if word == "MOVJ" else pen.pick(["V=100.0", "V=250.0"])
+        return [f"{word} {name} {speed}{pen.pick(['', ' PL=0', ' PL=2'])}"]
+
+    def arc(self, job: _Job) -> list[str]:
+        return [self.move(job, self.pen.near(), "MOVC")[0] for _ in range(3)]
+
+    def again(self, job: _Job) -> list[str]:
+        if not job.positions:
+            return self.move(job, self.pen.near())
+        return [f"MOVL {self.pen.pick(job.positions)[0]} V=100.0"]
+
+    def harmless(self) -> list[str]:
+        pen = self.pen
+        return [
+            pen.pick(["DOUT OT#(1) ON", "TIMER T=0.50", "WAIT IN#(2)=ON", f"'{pen.pick(WORDS)[:30]}", "SET B000 1", "INC I001",
+                      "'MOVL C00000 V=100.0", "PULSE OT#(4) T=0.30", "SPEED V=100.0", "SET D000 100"])
+        ]  # fmt: skip
+
+    def call(self) -> list[str]:
+        if not self.others:
+            return self.harmless()
+        name = self.pen.pick(self.others)
+        return [self.pen.pick([f"CALL JOB:{name}", f"CALL JOB:{name} IF IN#(4)=ON"])]
+
+    def block(self, job: _Job, scope: _Scope) -> list[str]:
+        pen = self.pen
+        if scope.depth > 1:
+            return self.harmless()
+        inner = _Scope(scope.depth + 1)
+        body = [one for _ in range(pen.whole(1, 3)) for one in self.line(job, inner)]
+        job.labels += 1
+        label = f"*L{job.labels}"
+        head, end = pen.pick(
+            [(["IFTHENEXP IN#(1)=ON"], ["ENDIF"]), (["IFTHENEXP B000=1"], ["ELSE", "DOUT OT#(1) OFF", "ENDIF"]), (["WHILEEXP I000<3"], ["ENDWHILE"]),
+             ([f"JUMP {label} IF IN#(1)=OFF"], [label]), ([label], [f"JUMP {label} IF B001<>1"])]
+        )  # fmt: skip
+        return [*head, *body, *end]
+
+    def _variable(self, job: _Job) -> str:
+        k = len(job.variables) + 1
+        x, y, z = self.pen.small()
+        job.variables.append(f"P{k:05d}={x:.3f},{y:.3f},{z:.3f},0.0000,0.0000,{self.pen.rng.uniform(-9, 9):.4f}")
+        return f"P{k:03d}"
+
+    def shift(self, job: _Job) -> list[str]:
+        pen = self.pen
+        name = self._variable(job) if pen.maybe(0.6) else "P050"
+        where = pen.pick(["", " BF", " TF", " UF#(1)", " RF"])
+        on = [f"SFTON {name}{where}"]
+        off = ["SFTOF"] if pen.maybe(0.7) else []
+        if pen.maybe(0.2):
+            on = ["IFTHENEXP IN#(6)=ON", *on, "ENDIF"]
+        return [*on, *self.move(job, pen.near()), *off, *self.move(job, pen.near())]
+
+    def setting(self) -> list[str]:
+        """Return what changes a tool or a user frame in the controller."""
+        pen = self.pen
+        line = pen.pick(
+            [
+                "MFRAME UF#(1) C00000 C00001 C00002",
+                "SETTOOL TL#(1) P010",
+                "SETTOOL TL#(0) P010",
+                "MFRAME UF#(2) P001 P002 P003",
+            ]
+        )
+        return ["IFTHENEXP IN#(7)=ON", line, "ENDIF"] if pen.maybe(0.3) else [line]
+
+    def variable(self, job: _Job) -> list[str]:
+        pen = self.pen
+        name = self._variable(job)
+        return [*pen.pick([[], [f"SETE {name} (3) 20000"], [f"ADD {name} P051"], [f"GETS PX{name[1:]} $PX000"]]),
+                pen.pick([f"IMOV {name} V=100.0 BF", f"IMOV {name} V=100.0 TF", f"SFTON {name}", f"MOVL {name} V=100.0"]), *self.move(job, pen.near())]  # fmt: skip
+
+    def conveyor(self, job: _Job) -> list[str]:
+        first = self.move(job, self.pen.near(), "MOVL")[0]
+        return ["SYSTART CV#(1) STP=100.000", f"SY{first} CV#(1)", "SYEND CV#(1)", *self.move(job, self.pen.near())]
+
+    def external(self, job: _Job) -> list[str]:
+        first = self.move(job, self.pen.near(), "MOVL")[0]
+        name, rest = first.split()[1], first.split(" ", 2)[2]
+        job.outer.append(self.pen.pick([0.0, 12000.0]))
+        return [f"MOVL {name} BC{len(job.outer) - 1:05d} {rest}"]
+
+    def unknown(self) -> list[str]:
+        return [
+            self.pen.pick(
+                [
+                    f"CALL JOB:{self.pen.name(upper=True)}",
+                    "MACRO1 MJ#(5)",
+                    f"CALL JOB:{self.pen.name(upper=True)} IF B002=1",
+                ]
+            )
+        ]
+
+
+def draw(seed: int, *, plain: bool) -> Draft:
+    """Return a drawn job."""
+    return Writer(Pen("yaskawa", seed, plain=plain)).draft()

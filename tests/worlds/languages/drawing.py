@@ -1,0 +1,126 @@
+"""What the grammars of the five dialects share: a draft of files, drawn targets and names, line ends and encodings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tests.worlds.languages.arms import Array, branches, cell, chain, frame
+
+_Any = TypeVar("_Any")
+_HALF_DEG = (18, 12, 12, 18, 12, 25)
+PREFIXES = (
+    "get", "set", "read", "is", "write", "request", "str", "pose", "socket", "to", "wait", "move", "set_tcp", "path",
+    "conf", "pdisp", "clear", "stop", "bas", "open", "text", "popup", "force", "rtde", "modbus", "step", "sync", "tp",
+    "t", "home", "abs", "call", "rel",
+)  # fmt: skip
+NOUNS = ("part", "down", "home", "tray", "tool", "box", "up", "go", "side", "off", "on", "safe", "back", "station")
+WORDS = ("movel(p[0.1, 0.2, 0.3, 0, 0, 0])", "MoveL p10,v100,fine,tool0;", "LIN {X 1.0, Y 2.0, Z 3.0}",
+         "J P[1] 100% FINE", "set_tcp(p[0,0,0,0,0,0])", "$TOOL = {X 1}",
+         "Greifer auf, dann weiter", "end", "ENDPROC")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A drawn program: its files, which is begun, which are corrected, and what the person states of the controller."""
+
+    dialect: str
+    files: dict[str, bytes]
+    main: str
+    given: tuple[str, ...]
+    tools: dict[str, Array] = field(default_factory=dict)
+    frames: dict[str, Array] = field(default_factory=dict)
+    plain: bool = False
+
+
+class Pen:
+    """Draws the numbers, names and texts of one program."""
+
+    def __init__(self, dialect: str, seed: int, *, plain: bool) -> None:
+        self.dialect, self.plain = dialect, plain
+        self.rng = np.random.default_rng([seed, sum(map(ord, dialect)), int(plain)])
+        self.here = cell(dialect)
+        self._names: set[str] = set()
+
+    def maybe(self, share: float) -> bool:
+        """Return True in this share of cases."""
+        return bool(self.rng.random() < share)
+
+    def pick(self, items: Sequence[_Any]) -> _Any:
+        """Return one of the items."""
+        return items[int(self.rng.integers(len(items)))]
+
+    def whole(self, low: int, high: int) -> int:
+        """Return a whole number from low to high, both included."""
+        return int(self.rng.integers(low, high + 1))
+
+    def near(self) -> Array:
+        """Return joint angles (6,) rad in the middle of the work."""
+        return self.here.centre + np.radians(self.rng.uniform(-1, 1, 6) * _HALF_DEG)
+
+    def astray(self) -> Array:
+        """Return joint angles (6,) rad in another posture."""
+        ways = branches(self.dialect)
+        q = ways[self.whole(1, len(ways) - 1)] + np.radians(self.rng.uniform(-5, 5, 6))
+        return np.clip(q, self.here.limits[:, 0] + 0.02, self.here.limits[:, 1] - 0.02)
+
+    def flange(self, q: Array) -> Array:
+        """Return the nominal flange (4, 4)."""
+        return chain(self.here, q)[0]
+
+    def tool(self) -> Array:
+        """Return a gripper (4, 4)."""
+        place = self.rng.uniform((-60, -60, 40), (60, 60, 220)).round(1)
+        return frame(place, Rotation.from_euler("xyz", self.rng.uniform(-40, 40, 3).round(1), degrees=True))
+
+    def user_frame(self) -> Array:
+        """Return a work frame (4, 4)."""
+        place = self.rng.uniform((-300, -300, -100), (300, 300, 150)).round(1)
+        return frame(
+            place, Rotation.from_euler("xyz", [0, 0, round(float(self.rng.uniform(-60, 60)), 1)], degrees=True)
+        )
+
+    def small(self) -> Array:
+        """Return a shift (3,) mm between stations."""
+        return self.rng.uniform(-40, 40, 3).round(1)
+
+    def name(self, join: str = "_", *, upper: bool = False, title: bool = False) -> str:
+        """Return a new name of a routine that begins like a built-in."""
+        while True:
+            words = [self.pick(PREFIXES), self.pick(NOUNS)]
+            text = join.join(words)
+            if title:
+                text = "".join(word.title() for word in words).replace("_", "")
+            text = text.upper() if upper else text
+            if text.lower() not in self._names:
+                self._names.add(text.lower())
+                return text
+
+    def taken(self, *names: str) -> None:
+        """Reserve names."""
+        self._names.update(name.lower() for name in names)
+
+    def coded(self, text: str, *, crlf: bool = False) -> bytes:
+        """Return bytes: with the line ends of the plain dialect, or any."""
+        end = "\r\n" if crlf else "\n"
+        if not self.plain:
+            end = self.pick([end, end, end, "\r\n", "\n", "\r"])
+        coding = "latin-1" if self.plain or self.maybe(0.6) else "utf-8"
+        data = text.replace("\n", end).encode(coding, "replace")
+        return b"\xef\xbb\xbf" + data if coding == "utf-8" and self.maybe(0.1) else data
+
+
+def drawn(pen: Pen, kinds: Sequence[tuple[float, Callable[[], list[str]]]]) -> list[str]:
+    """Return the lines of one of several kinds, by weight."""
+    weights = np.array([weight for weight, _ in kinds])
+    return kinds[int(pen.rng.choice(len(kinds), p=weights / weights.sum()))][1]()
+
+
+def stated(T: Array) -> str:
+    """Return a frame (4, 4) as `--tool` and `--frame` take it."""
+    angles = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
+    return ",".join(f"{value:.6f}" for value in (*T[:3, 3], *angles))

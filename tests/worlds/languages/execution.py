@@ -1,0 +1,386 @@
+"""What the five interpreters share: ways through a program, what a program cannot know, and where the arm came.
+
+A program is a flat list of steps. A fork is a condition that nobody can compute from the text: each way is driven, a
+loop at most twice. What comes from outside (registers, sensors, a tool that a person teaches, a routine without text)
+has a value in each world, the same before and after the correction.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tests.worlds.languages.arms import Array, Cell, branches, chain, frame, placed, solved, turn_of
+
+Place = tuple[str, int]
+"""A file and a line."""
+_STEPS, _DEPTH, _AGAIN, _MOST_KEPT = 600, 8, 2, 20_000
+
+_NEAR_RAD, _PARTS = 0.9, 40
+"""Joint angles that differ by less belong to one posture; parts of a line on which a posture is followed."""
+
+
+class Ended(Exception):
+    """The controller stops: the program ended, or it is refused from here on."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step: `act` does something; then to the next, or to one of `to`, and `loop` at a fork back into a loop."""
+
+    place: Place
+    act: Callable[[Any], Any] | None = None
+    to: tuple[int, ...] = ()
+    ends: bool = False
+
+
+@dataclass
+class Ways:
+    """The choices of one way, first those given, then the first of each fork."""
+
+    given: Sequence[int] = ()
+    rng: np.random.Generator | None = None
+    taken: list[int] = field(default_factory=list)
+    counts: list[int] = field(default_factory=list)
+
+    def choose(self, count: int) -> int:
+        """Return one of so many."""
+        k = len(self.taken)
+        if k < len(self.given):
+            one = min(self.given[k], count - 1)
+        else:
+            one = int(self.rng.integers(count)) if self.rng is not None else 0
+        self.taken.append(one)
+        self.counts.append(count)
+        return one
+
+
+def every_way(most: int, seed: int) -> Iterator[Ways]:
+    """Yield ways until all were taken: the caller drives each before the next. After half of `most` in order, the
+    others are drawn."""
+    given: list[int] = []
+    for _ in range(most // 2):
+        ways = Ways(given)
+        yield ways
+        taken, counts = ways.taken, ways.counts
+        while taken and taken[-1] + 1 >= counts[len(taken) - 1]:
+            taken = taken[:-1]
+        if not taken:
+            return
+        given = [*taken[:-1], taken[-1] + 1]
+    rng = np.random.default_rng(seed)
+    for _ in range(most - most // 2):
+        yield Ways((), rng)
+
+
+def _rng(seed: int, name: str) -> np.random.Generator:
+    digest = hashlib.blake2b(f"{seed}:{name}".encode(), digest_size=8).digest()
+    return np.random.default_rng(int.from_bytes(digest))
+
+
+@lru_cache(maxsize=_MOST_KEPT)
+def _number(seed: int, name: str, low: float, high: float) -> float:
+    return float(_rng(seed, name).uniform(low, high))
+
+
+@lru_cache(maxsize=_MOST_KEPT)
+def _shift(seed: int, name: str) -> Array:
+    rng = _rng(seed, name)
+    T = frame(rng.uniform(-60, 60, 3), Rotation.from_rotvec(rng.uniform(-0.2, 0.2, 3)))
+    T.setflags(write=False)
+    return T
+
+
+def copied(value: Any) -> Any:
+    """Return a value of a program whose lists and records are not those of another variable."""
+    if isinstance(value, list | tuple):
+        return type(value)(map(copied, value))
+    return {key: copied(item) for key, item in value.items()} if isinstance(value, dict) else value
+
+
+@dataclass(frozen=True)
+class World:
+    """What programs cannot know: the same value for the same name in one world. `stated` are tools and frames that
+    the person states, by kind and name."""
+
+    seed: int
+    stated: Mapping[tuple[str, str], Array] = field(default_factory=dict)
+
+    def rng(self, name: str) -> np.random.Generator:
+        """Return random numbers that belong to a name."""
+        return _rng(self.seed, name)
+
+    def number(self, name: str, low: float = -40.0, high: float = 40.0) -> float:
+        """Return a number."""
+        return _number(self.seed, name, low, high)
+
+    def shift(self, name: str) -> Array:
+        """Return a frame (4, 4) near the identity: some centimetres and degrees."""
+        return _shift(self.seed, name)
+
+
+@dataclass(frozen=True)
+class Reached:
+    """Where a move ended: the place of the move, those of the numbers that it used, the flange (4, 4) that the text
+    asks for, the point (3,) of the flange that matters, and the joint angles (6,) rad that the controller chose."""
+
+    place: Place
+    sources: frozenset[Place]
+    F: Array
+    point: Array
+    q: Array
+
+
+class Robot:
+    """An arm as its controller drives it, and what it reached."""
+
+    _cache: ClassVar[dict[Any, Any]] = {}
+
+    def __init__(self, dialect: str, here: Cell, world: World, ways: Ways) -> None:
+        self.dialect, self.here, self.world, self.ways = dialect, here, world, ways
+        self.q = here.centre.copy()
+        self.reached: list[Reached] = []
+        self.steps = 0
+
+    def joints(self, q: Array, tool: Array, place: Place, sources: frozenset[Place]) -> None:
+        """Drive to joint angles q (6,) rad."""
+        if not np.isfinite(q).all() or np.abs(q).max() > 7:
+            raise Ended
+        self.q = np.array(q, dtype=float)
+        F = self.flange(self.q)
+        self.reached.append(Reached(place, sources, F, tool[:3, 3], self.q))
+
+    def pose(
+        self,
+        F: Array,
+        point: Array,
+        place: Place,
+        sources: frozenset[Place],
+        chosen: Callable[[Array], bool] | None = None,
+        *,
+        straight: bool = False,
+    ) -> None:
+        """Drive the flange to F (4, 4), nearest to where the arm stands, or to the one solution that is `chosen`; on a
+        straight line the arm keeps its posture."""
+        q = self._line(F) if straight and chosen is None else self.solve(F, self.q, chosen)
+        if q is None:
+            raise Ended
+        self.q = q
+        self.reached.append(Reached(place, sources, F, point, q))
+
+    def solve(self, F: Array, near: Array, chosen: Callable[[Array], bool] | None = None) -> Array | None:
+        """Return joint angles (6,) rad for a flange F (4, 4), or None."""
+        key = (self.dialect, F.tobytes(), near.tobytes(), chosen)
+        return self._once(key, lambda: self._solved(F, near, chosen))
+
+    def flange(self, q: Array) -> Array:
+        """Return the nominal flange (4, 4) at joint angles q (6,) rad."""
+        return self._once((self.dialect, q.tobytes()), lambda: chain(self.here, q)[0])
+
+    def _once(self, key: Any, make: Callable[[], Any]) -> Any:
+        """Return what was made for a key: ways repeat their places."""
+        if key not in self._cache:
+            if len(self._cache) > _MOST_KEPT:
+                self._cache.clear()
+            self._cache[key] = make()
+        return self._cache[key]
+
+    def _solved(self, F: Array, near: Array, chosen: Callable[[Array], bool] | None) -> Array | None:
+        q = solved(self.here, F, near)
+        if (
+            q is not None
+            and self.here.allows(q)
+            and np.abs(q - near).max() < _NEAR_RAD
+            and (chosen is None or chosen(q))
+        ):
+            return q
+        ways = [] if q is None else [q]
+        others = self._once(
+            (self.dialect, F.tobytes()), lambda: [solved(self.here, F, seed) for seed in branches(self.dialect)]
+        )
+        for other in others:
+            if other is not None:
+                ways.append(near + (other - near + np.pi) % (2 * np.pi) - np.pi)
+                ways.append(other)
+        ways = [way for way in ways if self.here.allows(way) and (chosen is None or chosen(way))]
+        return min(ways, key=lambda way: float(np.abs(way - near).max())) if ways else None
+
+    def _line(self, F: Array) -> Array | None:
+        """Return what `_along` returns, once for each line."""
+        return self._once((self.dialect, F.tobytes(), self.q.tobytes(), "line"), lambda: self._along(F))
+
+    def _along(self, F: Array) -> Array | None:
+        """Return joint angles (6,) rad at the end of a line, followed from where the arm stands."""
+        near = self.solve(F, self.q)
+        if near is not None and np.abs(near - self.q).max() < _NEAR_RAD:
+            return near
+        begin = self.flange(self.q)
+        shares = np.linspace(0, 1, _PARTS + 1)[1:, None]
+        turns = Rotation.from_rotvec(shares * turn_of(F[:3, :3] @ begin[:3, :3].T)).as_matrix() @ begin[:3, :3]
+        places = begin[:3, 3] + shares * (F[:3, 3] - begin[:3, 3])
+        q = self.q
+        for share, place, R in zip(shares[:, 0], places, turns, strict=True):
+            one = solved(self.here, F if share == 1 else placed(place, R), q)
+            if one is None or np.abs(one - q).max() > _NEAR_RAD or not self.here.allows(one):
+                return None
+            q = one
+        return q
+
+    def go_astray(self, name: str) -> None:
+        """Stand where something outside brings the arm: in another posture."""
+        others = branches(self.dialect)
+        self.q = others[int(self.world.rng(name).integers(len(others)))].copy()
+
+    def pose_now(self, tool: Array) -> Array:
+        """Return where the tool is (4, 4) in the base, as the controller computes it."""
+        return self.flange(self.q) @ tool
+
+
+@dataclass(frozen=True)
+class Do:
+    """One instruction; `ends` leaves the routine with its value."""
+
+    place: Place
+    act: Callable[[Any], Any]
+    ends: bool = False
+
+
+@dataclass(frozen=True)
+class Branch:
+    """One of several bodies; without `otherwise` perhaps none. `act` evaluates the conditions."""
+
+    place: Place
+    bodies: Sequence[Sequence[Any]]
+    otherwise: bool
+    act: Callable[[Any], Any] | None = None
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A body no, one or two times, or at least one time; `act` evaluates the condition."""
+
+    place: Place
+    body: Sequence[Any]
+    at_least_once: bool = False
+    act: Callable[[Any], Any] | None = None
+
+
+@dataclass(frozen=True)
+class Leave:
+    """Leave the loop around, or begin it again."""
+
+    place: Place
+    again: bool = False
+
+
+@dataclass(frozen=True)
+class Label:
+    """A place to jump to."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Goto:
+    """A jump to labels, or perhaps none of them; to a label that does not exist the controller stops."""
+
+    place: Place
+    names: tuple[str, ...]
+    perhaps: bool
+
+
+def steps_of(nodes: Sequence[Any]) -> list[Step]:
+    """Return the flat steps of nested instructions."""
+    steps: list[Step] = []
+    labels: dict[str, int] = {}
+    jumps: list[tuple[int, Goto]] = []
+
+    def put(place: Place, act: Callable[[Any], Any] | None = None) -> int:
+        steps.append(Step(place, act))
+        return len(steps) - 1
+
+    def lead(k: int, *to: int) -> None:
+        steps[k] = Step(steps[k].place, steps[k].act, to)
+
+    def body(nodes: Sequence[Any], loop: tuple[int, list[int]] | None) -> None:
+        for node in nodes:
+            match node:
+                case Do():
+                    steps.append(Step(node.place, node.act, (), node.ends))
+                case Branch():
+                    fork, begins, leaves = put(node.place, node.act), [], []
+                    for one in node.bodies:
+                        begins.append(len(steps))
+                        body(one, loop)
+                        leaves.append(put(node.place))
+                    end = len(steps)
+                    lead(fork, *begins, *([] if node.otherwise else [end]))
+                    for k in leaves:
+                        lead(k, end)
+                case Loop():
+                    out: list[int] = []
+                    if node.at_least_once:
+                        begin = len(steps)
+                        again = put(node.place)
+                        lead(again, begin + 1)
+                        body(node.body, (begin, out))
+                        fork = put(node.place, node.act)
+                        lead(fork, begin, fork + 1)
+                    else:
+                        fork = put(node.place, node.act)
+                        body(node.body, (fork, out))
+                        lead(put(node.place), fork)
+                        lead(fork, fork + 1, len(steps))
+                    for k in out:
+                        lead(k, len(steps))
+                case Leave():
+                    k = put(node.place)
+                    if loop is None:
+                        lead(k, k + 1)
+                    elif node.again:
+                        lead(k, loop[0])
+                    else:
+                        loop[1].append(k)
+                case Label():
+                    labels[node.name] = len(steps)
+                case Goto():
+                    jumps.append((put(node.place), node))
+
+    body(nodes, None)
+    for k, goto in jumps:
+        to = [labels.get(name, len(steps) + 1) for name in goto.names]
+        lead(k, *to, *([k + 1] if goto.perhaps else []))
+    return steps
+
+
+def run_steps(machine: Any, steps: Sequence[Step], depth: int = 0) -> Any:
+    """Drive a routine, and return what the act that ends it returns. A step is passed a few times at most, and a fork
+    then takes its last way, which leaves a loop."""
+    if depth > _DEPTH:
+        raise Ended
+    robot, visits = machine.robot, [0] * len(steps)
+    k = 0
+    while k < len(steps):
+        step = steps[k]
+        visits[k] += 1
+        robot.steps += 1
+        if robot.steps > _STEPS or visits[k] > 3 * _AGAIN:
+            raise Ended
+        value = step.act(machine) if step.act else None
+        if step.ends:
+            return value
+        if not step.to:
+            k += 1
+        elif len(step.to) == 1 or visits[k] > _AGAIN:
+            k = step.to[-1]
+        else:
+            k = step.to[robot.ways.choose(len(step.to))]
+        if k > len(steps):
+            raise Ended
+    return None

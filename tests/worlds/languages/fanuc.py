@@ -1,0 +1,374 @@
+"""FANUC's TP programs as ASCII, as the HandlingTool manual has them: positions carry their user frame and tool, and the
+controller refuses those of others than the selected ones; Offset turns and shifts in the user frame, Tool_Offset in the
+tool; CONFIG chooses the posture; W, P, R turn about fixed x, y, z."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tests.worlds.languages.arms import Array, cell, links, placed
+from tests.worlds.languages.execution import (
+    Branch,
+    Do,
+    Ended,
+    Goto,
+    Label,
+    Loop,
+    Place,
+    Robot,
+    Step,
+    Ways,
+    World,
+    run_steps,
+    steps_of,
+)
+from tests.worlds.languages.expressions import NotUnderstood
+from tests.worlds.languages.frames import angles_of, inverted, of_angles, shifted
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
+_AXES = ("X", "Y", "Z", "W", "P", "R")
+_STILL = re.compile(
+    r"(?i)(DO|RO|GO|AO|SO|UO|F|WO|R|SR|TIMER|\$WAITTMOUT|\$[A-LN-Z]\w*|\$MOR\w*)\[?.*=|WAIT|PAUSE|OVERRIDE|PAYLOAD|MESSAGE|UALM|RSR|JOINT_MAX|LINEAR_MAX"
+    r"|SKIP CONDITION|COL|MONITOR|LOCK|UNLOCK|DETECT|PULSE|DO\[|GO\[|RO\[|TC_ONLINE|LOOK|STOP_TRACKING"
+)
+
+
+@dataclass(frozen=True)
+class Position:
+    """A taught position: user frame and tool (None for the selected), numbers, CONFIG and where they stand."""
+
+    uf: int | None
+    ut: int | None
+    q: Array | None
+    X: Array | None
+    config: str
+    rail: float
+    src: frozenset[Place]
+
+
+@dataclass(frozen=True)
+class _Line:
+    place: Place
+    text: str
+
+
+@dataclass
+class _Routine:
+    steps: list[Step]
+    positions: dict[int, Position]
+    tracks: bool
+
+
+class Program:
+    """The programs of a controller by their names."""
+
+    def __init__(self, files: Mapping[str, str], main: str) -> None:
+        self.routines: dict[str, _Routine] = {}
+        self.main = ""
+        for name, text in files.items():
+            rows = re.split(r"\r\n|\r|\n", text)
+            head = next(row.split()[1].upper() for row in rows if row.startswith("/PROG"))
+            at = {mark: k for k, row in enumerate(rows) for mark in ("/MN", "/POS", "/END") if row.strip() == mark}
+            self._lines = _lines(name, rows[at["/MN"] + 1 : at["/POS"]], at["/MN"] + 1)
+            self._at = 0
+            positions = _positions(name, rows[at["/POS"] + 1 : at["/END"]], at["/POS"] + 1)
+            tracks = any("LINE_TRACK_SCHEDULE" in row and not re.search(r":\s*0\s*;", row) for row in rows[: at["/MN"]])
+            self.routines[head] = _Routine(steps_of(self._block(())), positions, tracks)
+            if name == main:
+                self.main = head
+
+    def _block(self, ends: tuple[str, ...]) -> list[Any]:
+        nodes: list[Any] = []
+        while self._at < len(self._lines):
+            line = self._lines[self._at]
+            if ends and line.text.upper().startswith(ends):
+                return nodes
+            self._at += 1
+            nodes += self._statement(line)
+        if ends:
+            raise NotUnderstood("a block has no end")
+        return nodes
+
+    def _statement(self, line: _Line) -> list[Any]:
+        place, text = line.place, line.text
+        upper = text.upper()
+        if found := re.match(r"LBL\[(\w+)", upper):
+            return [Label(found[1])]
+        if found := re.match(r"JMP LBL\[(\w+)", upper):
+            return [Goto(place, (found[1],), perhaps=False)]
+        if re.match(r"IF\s*\(.*\)\s*THEN$", upper):
+            bodies = [self._block(("ELSE", "ENDIF"))]
+            self._at += 1
+            if self._lines[self._at - 1].text.upper().startswith("ELSE"):
+                bodies.append(self._block(("ENDIF",)))
+                self._at += 1
+            return [Branch(place, bodies, len(bodies) > 1)]
+        if upper.startswith("FOR "):
+            body = self._block(("ENDFOR",))
+            self._at += 1
+            return [Loop(place, body)]
+        if upper.startswith(("IF", "SELECT")) or re.match(r"(=|ELSE,)", upper):
+            action = text.rpartition(",")[2].strip() if "(" not in text.rpartition(",")[2] or "CALL" in text else text
+            action = re.sub(r"^IF.*?\)\s*,\s*", "", action)
+            return [Branch(place, [self._statement(_Line(place, action))], False)]
+        if re.match(r"(END|ABORT)$", upper):
+            return [Do(place, (lambda _: None) if upper == "END" else _abort, ends=True)]
+        return [Do(place, lambda m: m.instruction(text, place))]
+
+
+def _abort(_: Any) -> None:
+    raise Ended
+
+
+def _lines(name: str, rows: list[str], begin: int) -> list[_Line]:
+    lines: list[_Line] = []
+    for number, row in enumerate(rows, start=begin + 1):
+        found = re.match(r"\s*(\d*)\s*:(.*)$", row)
+        if not found:
+            continue
+        text = found[2].rstrip().removesuffix(";").strip()
+        if not found[1] and lines:
+            lines[-1] = _Line(lines[-1].place, lines[-1].text + " " + text)
+        elif text and not text.startswith(("!", "//", "--")):
+            lines.append(_Line((name, number), text))
+        elif found[1]:
+            lines.append(_Line((name, number), "!"))
+    return [line for line in lines if not line.text.startswith("!")]
+
+
+def _positions(name: str, rows: list[str], begin: int) -> dict[int, Position]:
+    positions: dict[int, Position] = {}
+    k = 0
+    while k < len(rows):
+        head = re.match(r"\s*P\[(\d+)", rows[k])
+        if not head:
+            k += 1
+            continue
+        end = next(j for j in range(k, len(rows)) if "}" in rows[j])
+        text = "\n".join(rows[k : end + 1])
+        src = frozenset((name, begin + j + 1) for j in range(k, end + 1))
+        first, *others = re.split(r"GP\d\s*:", text)[1:]
+        numbers = {
+            key: float(value) for key, value in re.findall(rf"\b([XYZWPR]|J[1-9]|E[1-3])\s*=\s*({_NUMBER})", first)
+        }
+        uf, ut = (re.search(rf"{which}\s*:\s*(\w+)", first) for which in ("UF", "UT"))
+        config = re.search(r"CONFIG\s*:\s*'([^']*)'", first)
+        joints = all(f"J{axis}" in numbers for axis in range(1, 7))
+        X = None
+        if all(axis in numbers for axis in _AXES):
+            values = [numbers[axis] for axis in _AXES]
+            X = of_angles(*values)
+        rail = numbers.get("E1", 0.0)
+        for other in others:
+            rail += sum(float(value) for value in re.findall(rf"=\s*({_NUMBER})", other))
+        positions[int(head[1])] = Position(
+            int(uf[1]) if uf and uf[1].isdigit() else None,
+            int(ut[1]) if ut and ut[1].isdigit() else None,
+            np.radians([numbers[f"J{axis}"] for axis in range(1, 7)]) if joints else None,
+            X,
+            config[1] if config else "",
+            rail,
+            src,
+        )
+        k = end + 1
+    return positions
+
+
+class Machine:
+    """A controller that drives a program on one way."""
+
+    def __init__(self, program: Program, world: World, ways: Ways) -> None:
+        self.program, self.world = program, world
+        self.robot = Robot("fanuc", cell("fanuc"), world, ways)
+        self.unchecked = bool(world.seed % 2)
+        """Whether the controller's check of frame numbers is off ($FRM_CHKTYP): it drives in the selected ones."""
+        self.uf: int | None = None
+        self.ut: int | None = None
+        self.frames: dict[tuple[str, int], Array] = {}
+        self.registers: dict[int, Array] = {}
+        self.taught = {
+            (name, number): position
+            for name, routine in program.routines.items()
+            for number, position in routine.positions.items()
+        }
+        self.conditions = {"OFFSET": np.eye(4), "TOOL_OFFSET": np.eye(4)}
+        self.running = [program.main]
+
+    def run(self) -> None:
+        """Drive the program."""
+        run_steps(self, self.program.routines[self.program.main].steps)
+
+    def _call(self, name: str) -> None:
+        if name not in self.program.routines:
+            self._unknown(name)
+            return
+        self.running.append(name)
+        try:
+            run_steps(self, self.program.routines[name].steps, len(self.running))
+        finally:
+            self.running.pop()
+
+    def _frame(self, kind: str, number: int) -> Array:
+        if number == 0:
+            return np.eye(4)
+        if (kind, number) in self.frames:
+            return self.frames[kind, number]
+        stated = self.world.stated.get((kind, str(number)))
+        return self.world.shift(f"{kind}{number}") if stated is None else stated
+
+    def _register(self, number: int) -> Array:
+        return self.registers[number] if number in self.registers else self.world.shift(f"PR[{number}]")
+
+    def instruction(self, text: str, place: Place) -> None:
+        """Do one instruction."""
+        upper = text.upper()
+        if re.match(r"[JLCAS] +P(R?)\[", upper):
+            self._move(text, place)
+        elif found := re.match(r"(CALL|RUN) +([A-Z0-9_]+)", upper):
+            self._call(found[2])
+        elif found := re.match(r"U(FRAME|TOOL)_NUM *= *(\w+)", upper):
+            number = int(found[2]) if found[2].isdigit() else int(self.world.number(text, 1, 3))
+            if found[1] == "FRAME":
+                self.uf = number
+            else:
+                self.ut = number
+        elif found := re.match(r"U(FRAME|TOOL)\[(\d+)[^\]]*\] *= *(.*)", upper):
+            self.frames[("frame" if found[1] == "FRAME" else "tool"), int(found[2])] = self._value(found[3])
+        elif found := re.match(r"(OFFSET|TOOL_OFFSET) CONDITION +PR\[(\d+)", upper):
+            self.conditions[found[1]] = self._register(int(found[2]))
+        elif found := re.match(r"PR\[(\d+)(?::[^\],]*)?(?:, *(\d))?[^\]]*\] *= *(.*)", upper):
+            self._set_register(int(found[1]), found[2], found[3])
+        elif found := re.match(r"P\[(\d+)[^\]]*?(?:, *(\d))?\] *= *(.*)", upper):
+            self._teach(int(found[1]), found[2], found[3], place)
+        elif not _STILL.match(upper):
+            self._unknown(upper)
+
+    def _set_register(self, number: int, component: str | None, text: str) -> None:
+        if component is None:
+            self.registers[number] = self._value(text)
+            return
+        T = self._register(number).copy()
+        self.registers[number] = self._with(T, int(component), text)
+
+    def _with(self, T: Array, component: int, text: str) -> Array:
+        found = re.fullmatch(rf"\(?({_NUMBER})\)?", text.strip())
+        value = float(found[1]) if found else self.world.number(text)
+        numbers = list(angles_of(T))
+        numbers[component - 1] = value
+        return of_angles(*numbers)
+
+    def _value(self, text: str) -> Array:
+        if found := re.fullmatch(r"PR\[(\d+)[^\]]*\]", text.strip()):
+            return self._register(int(found[1]))
+        if found := re.fullmatch(r"P\[(\d+)[^\]]*\]", text.strip()):
+            position = self._taught(int(found[1]))
+            return np.eye(4) if position.X is None else position.X
+        if text.strip() == "LPOS":
+            tool, user = self._frame("tool", self.ut or 0), self._frame("frame", self.uf or 0)
+            return np.asarray(inverted(user) @ self.robot.pose_now(tool))
+        return self.world.shift(text)
+
+    def _taught(self, number: int) -> Position:
+        position = self.taught.get((self.running[-1], number))
+        if position is None:
+            raise Ended
+        return position
+
+    def _teach(self, number: int, component: str | None, text: str, place: Place) -> None:
+        old = self._taught(number)
+        X = (
+            self._with(old.X if old.X is not None else np.eye(4), int(component), text)
+            if component
+            else self._value(text)
+        )
+        self.taught[self.running[-1], number] = Position(old.uf, old.ut, None, X, old.config, 0.0, old.src | {place})
+
+    def _move(self, text: str, place: Place) -> None:
+        for kind, number in re.findall(
+            r"\b(P|PR)\[(\w+)[^\]]*\](?![^,]*,PR)", re.split(r"(?i)offset|\bTA\b|\bTB\b|\bDB\b", text)[0]
+        ):
+            if kind == "PR" or not number.isdigit():
+                self.robot.q = self.robot.here.centre.copy()
+                continue
+            self._to(self._taught(int(number)), text, place)
+
+    def _to(self, position: Position, text: str, place: Place) -> None:
+        src = position.src | {place}
+        for name, wanted in (("uf", position.uf), ("ut", position.ut)):
+            if getattr(self, name) is None and wanted is not None:
+                setattr(self, name, int(self.world.number(name, 1, 3)) if self.unchecked else wanted)
+            if wanted is not None and wanted != getattr(self, name) and not self.unchecked:
+                raise Ended
+        tool, user = self._frame("tool", self.ut or 0), self._frame("frame", self.uf or 0)
+        relative, offset, tool_offset = self._options(text)
+        if position.q is not None and not relative and offset is None and tool_offset is None:
+            self.robot.joints(position.q, tool, place, src)
+            return
+        X = position.X
+        if X is None and position.q is not None:
+            X = inverted(user) @ self.robot.flange(position.q) @ tool
+        if X is None:
+            raise Ended
+        if relative:
+            now = inverted(user) @ self.robot.pose_now(tool)
+            X = placed(now[:3, 3] + X[:3, 3], X[:3, :3] @ now[:3, :3])
+        if offset is not None:
+            X = offset @ X
+        if tool_offset is not None:
+            X = X @ tool_offset
+        if self.program.routines[self.running[-1]].tracks:
+            X = self.world.shift("track") @ X
+        F = shifted(user @ X @ inverted(tool), -position.rail)
+        chosen = Config(position.config) if position.config and not relative else None
+        self.robot.pose(F, tool[:3, 3], place, src, chosen, straight=text[0] != "J")
+
+    def _options(self, text: str) -> tuple[bool, Array | None, Array | None]:
+        relative = bool(re.search(r"\bINC\b", text, re.I))
+        offsets: list[Array | None] = []
+        for word, condition in ((r"(?<!_)(?<![A-Z])Offset", "OFFSET"), ("Tool_Offset", "TOOL_OFFSET")):
+            found = re.search(rf"(?i:{word})(?:, *PR\[(\d+))?", text)
+            if found:
+                offsets.append(self._register(int(found[1])) if found[1] else self.conditions[condition])
+            elif condition == "OFFSET" and re.search(r"(?i)VOFFSET", text):
+                offsets.append(self.world.shift("vision"))
+            else:
+                offsets.append(None)
+        return relative, offsets[0], offsets[1]
+
+    def _unknown(self, name: str) -> None:
+        """A program without text: nothing, or elsewhere and with other frames, offsets and selections."""
+        if not self.robot.ways.choose(2):
+            return
+        self.robot.go_astray(name)
+        for kind in ("tool", "frame"):
+            for number in (1, 2, 3):
+                self.frames[kind, number] = self._frame(kind, number) @ self.world.shift(f"{name}{kind}{number}")
+        self.conditions["OFFSET"] = self.world.shift(name)
+
+
+@dataclass(frozen=True)
+class Config:
+    """CONFIG: whether joint angles (6,) rad stand in it; its turns count J4, J5, J6."""
+
+    text: str
+
+    def __call__(self, q: Array) -> bool:
+        letters, *turns = [one.strip() for one in self.text.split(",")]
+        counts = [int(one) for one in turns if one.lstrip("-").isdigit()]
+        return letters.split() == config_letters(q).split() and all(
+            count == int(np.floor((np.degrees(angle) + 180) / 360)) for count, angle in zip(counts, q[3:], strict=False)
+        )
+
+
+def config_letters(q: Array) -> str:
+    """Return N or F of the wrist, U or D of the elbow, T or B of the side to which the arm faces."""
+    first, shoulder, elbow, _, wrist, *_ = links(cell("fanuc"), q)
+    reach, bend = wrist[:3, 3] - shoulder[:3, 3], elbow[:3, 3] - shoulder[:3, 3]
+    above = bend - (bend @ reach) / (reach @ reach) * reach
+    up, front = above @ first[:3, 2] > 0, (wrist[:3, 3] - first[:3, 3]) @ first[:3, 0] > 0
+    return f"{'F' if q[4] > 0 else 'N'} {'U' if up else 'D'} {'T' if front else 'B'}"

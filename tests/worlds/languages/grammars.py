@@ -1,0 +1,13 @@
+"""The grammars by their dialects."""
+
+from __future__ import annotations
+
+from tests.worlds.languages import draw_abb, draw_fanuc, draw_kuka, draw_ur, draw_yaskawa
+from tests.worlds.languages.drawing import Draft
+
+_GRAMMARS = {"ur": draw_ur, "kuka": draw_kuka, "abb": draw_abb, "fanuc": draw_fanuc, "yaskawa": draw_yaskawa}
+
+
+def draw(dialect: str, seed: int, *, plain: bool) -> Draft:
+    """Return the program of a seed: with everything that the grammar knows, or a plain one of one tool and frame."""
+    return _GRAMMARS[dialect].draw(seed, plain=plain)

@@ -1,0 +1,381 @@
+"""URScript, as the Script Manual has it: indentation means nothing, a block ends with `end`; a pose is p[x, y, z, rx,
+ry, rz] in metres and a rotation vector; the tool (TCP) and the variables outside a function are of the whole program;
+a move to a pose goes to the solution nearest to where the arm stands, or to qnear."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from tests.worlds.languages.arms import Array, cell, chain, placed
+from tests.worlds.languages.execution import (
+    Branch,
+    Do,
+    Ended,
+    Leave,
+    Loop,
+    Place,
+    Robot,
+    Step,
+    Ways,
+    World,
+    run_steps,
+    steps_of,
+)
+from tests.worlds.languages.expressions import UR, NotUnderstood, Tree
+from tests.worlds.languages.frames import inverted, of_vector, vector_of
+
+Value = tuple[Any, frozenset[Place]]
+_NOWHERE: frozenset[Place] = frozenset()
+_STILL = re.compile(
+    r"(set_(standard|configurable|tool)_(digital|analog)_out|set_(digital|analog)_out|set_flag|set_gravity|set_payload"
+    r"|set_payload_mass|set_payload_cog|set_target_payload|set_tool_voltage|textmsg|popup|sleep|sync|write_output_\w+"
+    r"|write_port_\w+|socket_\w+|rtde_set_watchdog|modbus_\w+|enter_critical|exit_critical|stopj|stopl|request_\w+"
+    r"|set_runstate_\w+|assert|set_\w+_actions?|set_input_actions_to_default|halt|run|kill|join|tool_contact"
+    r"|set_analog_\w+|set_tool_\w+|step_log|get_\w+|is_\w+|read_\w+|norm|length|size|floor|ceil|sqrt|random|str_\w+|to_num|to_str"
+    r"|interpolate_pose|wait|force|powerdown|sin|cos|tan|asin|acos|atan|atan2|log|pow|point_dist|pose_dist|inv|binary_list_to_integer|integer_to_binary_list)"
+)
+"""Names of the manual that move nothing and set nothing of what a pose depends on; a routine of the program with such a
+name is that routine."""
+
+
+class Pose(list[float]):
+    """Six numbers of a pose: metres and a rotation vector."""
+
+    def matrix(self) -> Array:
+        """Return the frame (4, 4) in mm."""
+        x, y, z, *vector = map(float, self)
+        return of_vector(1e3 * x, 1e3 * y, 1e3 * z, *vector)
+
+
+def as_pose(T: Array) -> Pose:
+    """Return the pose of a frame (4, 4)."""
+    return Pose([*(T[:3, 3] / 1e3).tolist(), *vector_of(T)])
+
+
+@dataclass(frozen=True)
+class _Line:
+    places: tuple[Place, ...]
+    text: str
+
+
+@dataclass
+class _Routine:
+    parameters: tuple[str, ...]
+    steps: list[Step] = field(default_factory=list)
+
+
+def logical_lines(name: str, text: str) -> list[_Line]:
+    """Return the statements of a text with the lines on which they stand, without comments."""
+    lines, open_, places, words = [], 0, [], ""  # type: ignore[var-annotated]
+    for number, raw in enumerate(re.split(r"\r\n|\r|\n", text), start=1):
+        bare = ""
+        for part in re.finditer(r'"[^"]*"|#.*|[^"#]+|"', raw):
+            if part[0][0] == "#":
+                break
+            bare += part[0]
+            marks = "" if part[0][0] == '"' else part[0]
+            open_ += sum(marks.count(c) for c in "([") - sum(marks.count(c) for c in ")]")
+        words += " " + bare.strip()
+        if bare.strip():
+            places.append((name, number))
+        if open_ > 0 and words.strip():
+            continue
+        if words.strip() and not words.strip().startswith("$"):
+            lines.append(_Line(tuple(places), words.strip()))
+        words, places, open_ = "", [], 0
+    return lines
+
+
+class Program:
+    """A parsed program: its routines, and what stands outside of them."""
+
+    def __init__(self, files: Mapping[str, str], main: str) -> None:
+        self.routines: dict[str, _Routine] = {}
+        self.written: dict[str, set[Place]] = {}
+        self._lines = logical_lines(main, files[main])
+        self._at = self._depth = 0
+        self.last = ""
+        self.begin = steps_of(self._block(()))
+
+    def _block(self, ends: tuple[str, ...]) -> list[Any]:
+        nodes: list[Any] = []
+        while self._at < len(self._lines):
+            line = self._lines[self._at]
+            word = re.match(r"\w*", line.text)[0]  # type: ignore[index]
+            if word in ends:
+                return nodes
+            self._at += 1
+            nodes += self._statement(line, word)
+        if ends:
+            raise NotUnderstood("a block has no end")
+        return nodes
+
+    def _statement(self, line: _Line, word: str) -> list[Any]:
+        place = line.places[0]
+        match word:
+            case "def" | "thread" | "sec":
+                head = re.match(r"\w+\s+(\w+)\s*\(([^)]*)\)\s*:", line.text)
+                if not head:
+                    raise NotUnderstood(line.text)
+                parameters = tuple(one.split("=")[0].strip() for one in head[2].split(",") if one.strip())
+                routine = self.routines[head[1]] = _Routine(parameters)
+                self._depth += 1
+                routine.steps = steps_of(self._block(("end",)))
+                self._depth -= 1
+                self._at += 1
+                if not self._depth:
+                    self.last = head[1]
+                if word == "thread":
+                    self.routines.pop(head[1])
+                return []
+            case "if":
+                bodies, otherwise, acts = [], False, [self._condition(line, "if")]
+                while True:
+                    bodies.append(self._block(("elif", "else", "elseif", "end")))
+                    closing = self._lines[self._at]
+                    self._at += 1
+                    if closing.text.startswith("end"):
+                        break
+                    if closing.text.startswith("else") and not closing.text.startswith("elseif"):
+                        otherwise = True
+                return [Branch(place, bodies, otherwise, acts[0])]
+            case "while":
+                act = self._condition(line, "while")
+                body = self._block(("end",))
+                self._at += 1
+                return [Loop(place, body, bool(re.match(r"while\s*\(?\s*True", line.text)), act)]
+            case "break" | "continue":
+                return [Leave(place, word == "continue")]
+            case "return":
+                rest = line.text[len("return") :].strip()
+                tree = UR.tree(UR.tokens(rest)) if rest else None
+                return [Do(place, lambda m: m.evaluate(tree, line) if tree else None, ends=True)]
+            case "halt":
+                return [Do(place, _halt)]
+            case "global" | "local":
+                return [self._do(line, line.text[len(word) :].strip())]
+        return [self._do(line, line.text)]
+
+    @staticmethod
+    def _condition(line: _Line, word: str) -> Any:
+        text = line.text[len(word) :].rstrip(": ")
+        tree = UR.tree(UR.tokens(text))
+        return lambda m: m.evaluate(tree, line)
+
+    def _do(self, line: _Line, text: str) -> Do:
+        tokens = UR.tokens(text)
+        tree = UR.tree(tokens)
+        if tokens.peek() == "=":
+            tokens.take()
+            value = UR.tree(tokens)
+            name = tree[1][1] if tree[0] == "index" else tree[1]
+            self.written.setdefault(name, set()).update(line.places)
+            return Do(line.places[0], lambda m: m.assign(tree, m.evaluate(value, line), line))
+        return Do(line.places[0], lambda m: m.evaluate(tree, line))
+
+
+def _halt(_: Any) -> None:
+    raise Ended
+
+
+class Machine:
+    """A controller that drives a program on one way."""
+
+    def __init__(self, program: Program, world: World, ways: Ways) -> None:
+        self.program, self.world = program, world
+        self.robot = Robot("ur", cell("ur"), world, ways)
+        stated = world.stated.get(("tool", "tcp"))
+        self.tool = world.shift("tcp") if stated is None else stated
+        self.shifted = np.eye(4)
+        self.scopes: list[dict[str, Value]] = [{}]
+
+    def run(self) -> None:
+        """Drive the program."""
+        run_steps(self, self.program.begin)
+        if not any(step.act for step in self.program.begin) and self.program.last:
+            self.call(self.program.last, [], None)
+
+    def call(self, name: str, values: Sequence[Value], _: _Line | None) -> Value:
+        """Call a routine of the program."""
+        routine = self.program.routines[name]
+        self.scopes.append(dict(zip(routine.parameters, values, strict=False)))
+        try:
+            value = run_steps(self, routine.steps, len(self.scopes))
+        finally:
+            self.scopes.pop()
+        return (self.world.number(name), _NOWHERE) if value is None else value  # type: ignore[no-any-return]
+
+    def assign(self, target: Tree, value: Value, line: _Line) -> None:
+        """Write a variable or an element of it."""
+        match target:
+            case ("name", name):
+                scope = self._scope(name)
+                scope[name] = (value[0], value[1] | scope.get(name, value)[1])
+            case ("index", ("name", name), index):
+                old, src = self._read(name)
+                k = int(self.evaluate(index, line)[0])
+                new = type(old)(old) if isinstance(old, list) else [0.0] * 6
+                new[k % len(new)] = value[0]
+                self._scope(name)[name] = (new, src | value[1])
+            case _:
+                raise NotUnderstood(str(target))
+
+    def _scope(self, name: str) -> dict[str, Value]:
+        return next((scope for scope in reversed(self.scopes) if name in scope), self.scopes[0])
+
+    def _read(self, name: str) -> Value:
+        for scope in reversed(self.scopes):
+            if name in scope:
+                return scope[name][0], scope[name][1] | self.program.written.get(name, set())
+        if name in ("True", "False"):
+            return name == "True", _NOWHERE
+        return self._outside(name), _NOWHERE
+
+    def _outside(self, name: str) -> Any:
+        """A variable of the installation: its name says which kind."""
+        if re.search(r"(_p|pose|plane|frame|tcp)", name):
+            near = self.robot.pose_now(self.tool) if "tcp" not in name else np.eye(4)
+            return as_pose(near @ self.world.shift(name) if "tcp" in name else near)
+        return self.world.number(name)
+
+    def evaluate(self, tree: Tree, line: _Line) -> Value:
+        """Return a value and where its numbers stand."""
+        here = frozenset(line.places)
+        match tree:
+            case ("number", value) | ("text", value):
+                return value, _NOWHERE
+            case ("name", name):
+                return self._read(name)
+            case ("pose" | "list" as kind, items):
+                values = [self.evaluate(one, line) for one in items]
+                made = [value for value, _ in values]
+                src = here.union(*(src for _, src in values))
+                return (Pose(made) if kind == "pose" else made), src
+            case ("unary", operator, one):
+                value, src = self.evaluate(one, line)
+                if operator == "not":
+                    return not value, src
+                return (-value if operator == "-" else value), src
+            case ("binary", operator, one, other):
+                (a, src), (b, more) = self.evaluate(one, line), self.evaluate(other, line)
+                return self._binary(operator, a, b), src | more
+            case ("index", one, index):
+                value, src = self.evaluate(one, line)
+                k = int(self.evaluate(index, line)[0])
+                return (value[k % len(value)] if isinstance(value, list) and value else 0.0), src
+            case ("field", one, name):
+                return self.world.number(f"{one}.{name}"), _NOWHERE
+            case ("call", name, arguments):
+                values = [(key, self.evaluate(one, line)) for key, one in arguments]
+                return self._function(name, values, line)
+        raise NotUnderstood(str(tree))
+
+    @staticmethod
+    def _binary(operator: str, a: Any, b: Any) -> Any:
+        if isinstance(a, list) and isinstance(b, list) and operator in "+-":
+            sign = 1 if operator == "+" else -1
+            return type(a)(x + sign * y for x, y in zip(a, b, strict=False))
+        if isinstance(a, list) and operator == "*":
+            return type(a)(x * b for x in a)
+        if not isinstance(a, float | int) or not isinstance(b, float | int):
+            return False
+        match operator:
+            case "+":
+                return a + b
+            case "-":
+                return a - b
+            case "*":
+                return a * b
+            case "/":
+                return a / b if b else 0.0
+        return False
+
+    def _function(self, name: str, values: list[tuple[str, Value]], line: _Line) -> Value:
+        if name in self.program.routines:
+            return self.call(name, [value for _, value in values], line)
+        keyed = {key: value for key, value in values if key}
+        plain = [value for key, value in values if not key]
+        src = frozenset[Place]().union(*(value[1] for _, value in values))
+        if name in ("movej", "movel", "movep", "movec", "servoj", "servoc", "optimovej", "optimovel"):
+            self._move(name, keyed, plain, line)
+            return None, _NOWHERE
+        first = plain[0][0] if plain else next(iter(keyed.values()))[0] if keyed else None
+        match name:
+            case "set_tcp":
+                self.tool = Pose(first).matrix()
+            case "get_inverse_kin":
+                return self._inverse(keyed, plain), src
+            case "get_forward_kin":
+                q = self.robot.q if first is None else np.array(first)
+                tool = plain[1][0].matrix() if len(plain) > 1 else self.tool
+                return as_pose(chain(self.robot.here, q)[0] @ tool), src
+            case "pose_trans":
+                return as_pose(Pose(first).matrix() @ Pose(plain[1][0]).matrix()), src
+            case "pose_add":
+                A, B = Pose(first).matrix(), Pose(plain[1][0]).matrix()
+                return as_pose(placed(A[:3, 3] + B[:3, 3], B[:3, :3] @ A[:3, :3])), src
+            case "pose_sub":
+                A, B = Pose(first).matrix(), Pose(plain[1][0]).matrix()
+                return as_pose(placed(A[:3, 3] - B[:3, 3], A[:3, :3] @ B[:3, :3].T)), src
+            case "pose_inv":
+                return as_pose(inverted(Pose(first).matrix())), src
+            case "d2r":
+                return float(np.radians(first)), src
+            case "r2d":
+                return float(np.degrees(first)), src
+            case "get_actual_tcp_pose" | "get_target_tcp_pose":
+                return as_pose(self.robot.pose_now(self.tool)), src
+            case "get_actual_joint_positions" | "get_target_joint_positions":
+                return [float(one) for one in self.robot.q], src
+            case "get_tcp_offset":
+                return as_pose(self.tool), src
+            case "track_conveyor_linear" | "track_conveyor_circular" | "path_offset_enable":
+                self.shifted = self.world.shift(name)
+            case "path_offset_set":
+                self.shifted = Pose(first).matrix() if isinstance(first, list) else self.world.shift(name)
+            case "stop_conveyor_tracking" | "path_offset_disable":
+                self.shifted = np.eye(4)
+            case "speedj" | "speedl" | "freedrive_mode" | "force_mode" | "teach_mode" | "move_until_contact":
+                self.robot.go_astray(name)
+            case "end_force_mode" | "end_freedrive_mode" | "end_teach_mode" | "conveyor_pulse_decode":
+                pass
+            case _ if _STILL.fullmatch(name):
+                return self.world.number(name), src
+            case _:
+                self._unknown(name)
+                return self.world.number(name), src
+        return None, src
+
+    def _inverse(self, keyed: dict[str, Value], plain: list[Value]) -> list[float]:
+        X = Pose(keyed["x"][0] if "x" in keyed else plain[0][0])
+        near = keyed.get("qnear", plain[1] if len(plain) > 1 else None)
+        tool = keyed["tcp"][0].matrix() if "tcp" in keyed else self.tool
+        q = self.robot.solve(X.matrix() @ inverted(tool), self.robot.q if near is None else np.array(near[0]))
+        if q is None:
+            raise Ended
+        return [float(one) for one in q]
+
+    def _move(self, name: str, keyed: dict[str, Value], plain: list[Value], line: _Line) -> None:
+        targets = plain[: 2 if name == "movec" else 1] + [
+            keyed[k] for k in ("q", "pose", "pose_via", "pose_to") if k in keyed
+        ]
+        for value, src in targets:
+            if not isinstance(value, list):
+                raise Ended
+            sources = src | frozenset(line.places)
+            if isinstance(value, Pose):
+                F = self.shifted @ value.matrix() @ inverted(self.tool)
+                self.robot.pose(F, self.tool[:3, 3], line.places[0], sources, straight=name[4] in "lpc")
+            else:
+                self.robot.joints(np.array(value, dtype=float), self.tool, line.places[0], sources)
+
+    def _unknown(self, name: str) -> None:
+        """A routine without text: it does nothing, or it drives elsewhere and takes another tool."""
+        if self.robot.ways.choose(2):
+            self.robot.go_astray(name)
+            self.tool = self.tool @ self.world.shift(name)

@@ -1,0 +1,157 @@
+"""What joints and links do beside what the encoders say: measurement.md, *link side = reported + effect*; rad, mm.
+
+Each form takes the whole motion and gives the deviation of one joint (n,) rad, or of the tool (n, 3) mm. `rough` strays
+from the page: rounder, with overtones, with a second decay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from types import MappingProxyType
+
+import numpy as np
+
+from tests.worlds.stranger.faults import Fault
+from tests.worlds.stranger.play import lagging, reversals
+from tests.worlds.stranger.screws import Arm, Array, Constants, Posed, torque_nm
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The motors' motion: t (n,) s, q (n, 6) rad, and the arm as its rig file has it."""
+
+    arm: Arm
+    t: Array
+    q: Array
+
+    @cached_property
+    def torque(self) -> Array:
+        return torque_nm(self.arm, self.q)
+
+    @cached_property
+    def per_kg(self) -> Array:
+        """What a kilogram more at the flange adds to the torques (n, 6) Nm."""
+        return torque_nm(self.arm, self.q, 1.0) - self.torque
+
+    @cached_property
+    def rate(self) -> Array:
+        """Of the motors (n, 6) rad/s."""
+        return np.gradient(self.q, self.t, axis=0)
+
+    @cached_property
+    def turns(self) -> list[list[tuple[float, float]]]:
+        return [reversals(self.t, column) for column in self.q.T]
+
+
+Form = Callable[[Fault, Trace], Array]
+
+
+def joint_offset(fault: Fault, trace: Trace) -> Array:
+    """A constant."""
+    return np.full(len(trace.t), np.radians(fault.size))
+
+
+def backlash(fault: Fault, trace: Trace) -> Array:
+    """A play, rounded; where gravity loads the joint and holds the flank, that share of it shows no reversal."""
+    axis = int(fault.keys["axis"]) - 1
+    half = np.radians(fault.size) / 2
+    lag = lagging(trace.q[:, axis], half, fault.rough, fault.begin)
+    held = fault.shape.get("preload", 0.0) * np.tanh(trace.torque[:, axis])
+    lagged: Array = (1 - np.abs(held)) * lag + held * half
+    return lagged
+
+
+def transmission_error(fault: Fault, trace: Trace) -> Array:
+    """A sine of the joint's angle; rough: a third and a second harmonic."""
+    at = fault.shape["order"] * trace.q[:, int(fault.keys["axis"]) - 1] + np.radians(fault.shape["phase_deg"])
+    third, second = 0.3 * fault.rough, 0.1 * fault.rough
+    wave = np.sin(at) + third * np.sin(3 * at + fault.begin) + second * np.sin(2 * at + 2.0)
+    return np.radians(fault.size) * wave
+
+
+def compliance(fault: Fault, trace: Trace) -> Array:
+    """Gravity's torque, of links and of a payload that nobody wrote down; rough: a gear that stiffens."""
+    axis = int(fault.keys["axis"]) - 1
+    torque = trace.torque[:, axis] + fault.shape.get("payload_kg", 0.0) * trace.per_kg[:, axis]
+    if fault.rough:
+        scale = np.abs(torque).max() + 1e-9
+        torque = torque * (1 - 0.3 * fault.rough * (torque / scale) ** 2)
+    return np.radians(fault.size) * torque
+
+
+def reversal_spike(fault: Fault, trace: Trace) -> Array:
+    """Against the new direction after each reversal; rough: two decays, and a rise that takes a moment."""
+    decay, share = fault.shape["decay_s"], 0.4 * fault.rough
+    wound = np.zeros(len(trace.t))
+    for when, direction in trace.turns[int(fault.keys["axis"]) - 1]:
+        since = np.maximum(trace.t - when, 0.0)
+        relaxing = (1 - share) * np.exp(-since / decay) + share * np.exp(-since / (4 * decay))
+        if fault.rough:
+            relaxing = relaxing * -np.expm1(-since / (0.1 * fault.rough * decay))
+        wound -= np.where(trace.t >= when, direction * relaxing, 0.0)
+    return np.radians(fault.size) * wound
+
+
+def wrist_coupling(fault: Fault, trace: Trace) -> Array:
+    """A share of another axis; rough: the shared gear is a little eccentric."""
+    q = trace.q[:, int(fault.keys["from_axis"]) - 1]
+    return fault.size * (q + 0.1 * fault.rough * np.sin(q + fault.begin))
+
+
+def servo_lag(fault: Fault, trace: Trace) -> Array:
+    """Where the joint was a moment ago; rough: smeared over that moment and the next."""
+    t, q = trace.t, trace.q[:, int(fault.keys["axis"]) - 1]
+    spread = 1.0 * fault.rough
+    ago = [np.interp(t - fault.size * (1 + share), t, q) for share in (-spread, 0.0, spread)]
+    return np.mean(ago, axis=0) - q
+
+
+ON_JOINT: MappingProxyType[str, Form] = MappingProxyType({
+    "joint_offset": joint_offset,
+    "backlash": backlash,
+    "transmission_error": transmission_error,
+    "compliance": compliance,
+    "reversal_spike": reversal_spike,
+    "wrist_coupling": wrist_coupling,
+    "servo_lag": servo_lag,
+})  # fmt: skip
+
+
+def joint_of(fault: Fault) -> int:
+    """Which joint (0 … 5) a fault turns."""
+    return int(fault.keys.get("to_axis", fault.keys.get("axis", 0))) - 1
+
+
+def thermal_growth(fault: Fault, trace: Trace, at: Posed, base: Array) -> Array:
+    """All lengths grow, so the tool leaves the base; rough: with a second, quicker warming."""
+    tau = fault.shape["time_constant_s"]
+    quick = 0.3 * fault.rough
+    grown = -(1 - quick) * np.expm1(-trace.t / tau) - quick * np.expm1(-trace.t / (tau / 5))
+    return 1e-6 * fault.size * grown[:, None] * (at.p - base)
+
+
+def link_bending(fault: Fault, trace: Trace, at: Posed, base: Array) -> Array:
+    """The far end of the link gives way across it, about the joint's axis; rough: bends sideways too."""
+    axis = int(fault.keys["axis"]) - 1
+    along = (at.end[:, axis + 1] if axis < 5 else at.p) - at.end[:, axis]
+    across = np.cross(at.axis[:, axis], along)
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.where(length > 1e-6, across / np.maximum(length, 1e-6), 0.0)
+    across = across + 0.15 * fault.rough * at.axis[:, axis]
+    return fault.size * trace.torque[:, axis, None] * across
+
+
+ON_TOOL = MappingProxyType({"thermal_growth": thermal_growth, "link_bending": link_bending})
+
+
+def wrong_constants(constants: Constants, faults: list[Fault]) -> Constants:
+    """The arm's constants with every link_geometry of the list in them."""
+    for fault in faults:
+        if fault.effect == "link_geometry":
+            field = str(fault.keys["field"])
+            column = getattr(constants, field).copy()
+            column[int(fault.keys["axis"]) - 1] += fault.size if field in ("a", "d") else np.radians(fault.size)
+            constants = replace(constants, **{field: column})
+    return constants

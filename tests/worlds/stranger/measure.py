@@ -1,0 +1,81 @@
+"""From a motion and its faults to the readings at its rows, noise aside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tests.worlds.stranger.cell import Cell
+from tests.worlds.stranger.faults import Fault
+from tests.worlds.stranger.gauges import Link, own_errors, raw_readings
+from tests.worlds.stranger.joints import ON_JOINT, ON_TOOL, Trace, joint_of, wrong_constants
+from tests.worlds.stranger.motion import Motion
+from tests.worlds.stranger.outside import OUT_JOINT
+from tests.worlds.stranger.screws import Array, Posed, arm_from, pose
+
+
+def trace_of(cell: Cell, motion: Motion) -> Trace:
+    """The motion as the forms of joints see it; worth keeping where many faults see one motion."""
+    return Trace(cell.arm, motion.t, motion.q)
+
+
+def measure(
+    cell: Cell,
+    motion: Motion,
+    faults: Sequence[Fault],
+    link: Link,
+    scatter: Array | None = None,
+    phases: dict[str, float] | None = None,
+    trace: Trace | None = None,
+) -> Array:
+    """Readings (m, k) mm at the rows of a motion. scatter (6,) rad: joints a little off in this run.
+
+    A motion's place is where the rig file says it is, so its radius is the link's constant.
+    """
+    tool = tool_of(cell, motion, faults, trace or trace_of(cell, motion), scatter)
+    return read(motion, faults, link, tool, phases)
+
+
+def read(
+    motion: Motion,
+    faults: Sequence[Fault],
+    link: Link,
+    tool: tuple[Posed, Array],
+    phases: dict[str, float] | None = None,
+) -> Array:
+    """As `measure`, of a tool that `tool_of` has placed: postures are the dear part, and the ball changes none."""
+    faults = list(faults)
+    g = raw_readings(*tool, link, motion.test, motion.place, faults)
+    g = own_errors(g, motion.t, faults, phases or {})
+    return _stamped(g, motion, faults)
+
+
+def tool_of(
+    cell: Cell, motion: Motion, faults: Sequence[Fault], trace: Trace, scatter: Array | None = None
+) -> tuple[Posed, Array]:
+    """Where everything is, and the tool (n, 3) mm as lengths and bending have it, with faults; scatter as above."""
+    joints = np.zeros_like(motion.q) if scatter is None else np.tile(scatter, (len(motion.q), 1))
+    for fault in faults:
+        form = ON_JOINT.get(fault.effect) or OUT_JOINT.get(fault.effect)
+        if form:
+            joints[:, joint_of(fault)] += form(fault, trace)
+    wrong = [fault for fault in faults if fault.effect == "link_geometry"]
+    arm = arm_from(wrong_constants(cell.constants, wrong)) if wrong else cell.arm
+    posed = pose(arm, motion.q + joints)
+    p = posed.p
+    for fault in faults:
+        if fault.effect in ON_TOOL:
+            p = p + ON_TOOL[fault.effect](fault, trace, posed, cell.constants.base[:3, 3])
+    return posed, p
+
+
+def _stamped(g: Array, motion: Motion, faults: list[Fault]) -> Array:
+    """The readings at the rows' stamps, which may be late or run fast: a stamp t is of t - lag - ppm t."""
+    stamp = motion.t[motion.rows]
+    lag = sum(fault.size for fault in faults if fault.effect == "time_lag")
+    ppm = sum(fault.size for fault in faults if fault.effect == "clock_rate")
+    if not lag and not ppm:
+        return g[motion.rows]
+    true = stamp - lag - 1e-6 * ppm * (stamp - stamp[0])
+    return np.stack([np.interp(true, motion.t, column) for column in g.T], axis=1)

@@ -1,0 +1,187 @@
+"""An oracle for a real cell: what tests as noisy as these can see, and which names they cannot tell apart.
+
+It knows the generator's signatures, the noise of every run and the healthy background at full size; no diagnosis can
+know more. The repeatability test, which visits targets of the hemisphere once more, is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tests.worlds.stranger.faults import Fault, healthy_of
+from tests.worlds.stranger.measure import measure
+from tests.worlds.stranger.real.noise import CellNoise, Levels, along_lap
+from tests.worlds.stranger.real.setups import centred, watched
+from tests.worlds.stranger.screws import Array
+from tests.worlds.stranger.sight import REPEATS, Frame, Scales, Sight, View, by_ball, flat, setup_rows
+
+SEEN = 7.0
+"""Sigmas from which a fault is testable."""
+TWIN = 3.0
+"""Sigmas below which a rival that is fitted cannot be told apart."""
+_TO_CHANNELS = np.array([[0.5, 0.5], [-1.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class Seen:
+    """sigma: of a fault against noise, set-ups, healthy background and, with free sizes, the other faults; twins: names
+    that explain it as well; rival: the nearest other name, with its distance in sigma."""
+
+    sigma: float
+    twins: tuple[str, ...]
+    rival: str
+    rival_sigma: float
+
+    @property
+    def testable(self) -> bool:
+        return self.sigma >= SEEN
+
+
+class _Centred(Sight):
+    """A sight whose exact signatures are taken with the ball set anew, as a person does."""
+
+    def __init__(self, day: Sight) -> None:
+        self.__dict__.update(day.__dict__)
+        self._watches = [watched(self.cell, view.motion, view.trace, view.link) for view in self.views]
+
+    def signature(self, faults: Sequence[Fault], exact: bool = False) -> list[Array]:
+        if not exact:
+            return super().signature(faults)
+        found = []
+        links = {}
+        for view, watch in zip(self.views, self._watches, strict=True):
+            test = view.motion.test
+            if test not in links:
+                own = [w for w in self._watches if w.motion.test == test]
+                links[test] = centred(self.cell, own, view.link, faults)
+            found.append(measure(self.cell, view.motion, faults, links[test], trace=view.trace) - watch.plain)
+        return found
+
+
+class Oracle(Scales):
+    """Lengths and angles between signatures in the true noise of a cell: levels by test."""
+
+    def __init__(self, sight: Sight, noise: CellNoise, levels: Mapping[str, Levels], visits: int, laps: int) -> None:
+        self.sight = _Centred(sight)
+        self._covariances = [_covariances(sight, view, noise, levels, laps) for view in sight.views]
+        self._precision_roots = [
+            np.linalg.cholesky(sum(np.linalg.inv(C) for C in runs) * (visits if len(runs) == 1 else 1))
+            for runs in self._covariances
+        ]
+        self.names, library = sight.library
+        self._raw_setup = np.linalg.qr(setup_rows(sight).T)[0].T
+        self._Q = np.linalg.qr(self._unit(setup_rows(sight)).T)[0].T
+        self.scatter = np.empty((0, library.shape[1]))
+        self.library = self.whiten(library)
+
+    def _unit(self, rows: Array) -> Array:
+        out, start = np.empty_like(rows), 0
+        for root in self._precision_roots:
+            stop = start + len(root)
+            out[:, start:stop] = rows[:, start:stop] @ root
+            start = stop
+        return out
+
+    def scatter_mm(self) -> dict[str, float]:
+        """By test the rms of what differs between two runs, over one run's root of two: in mm a channel."""
+        found: dict[str, list[float]] = {}
+        for view, runs in zip(self.sight.views, self._covariances, strict=True):
+            found.setdefault(view.motion.test, []).extend(float(np.mean(np.diag(C))) for C in runs)
+        return {test: float(np.sqrt(np.mean(squares))) for test, squares in found.items()}
+
+    def moves_mm(self, faults: Sequence[Fault]) -> dict[str, float]:
+        """By test the rms of what faults add, set-ups fitted: in mm a channel (mean and difference of the gauges)."""
+        x = flat(self.sight.signature(faults, exact=True))
+        x = x - (x @ self._raw_setup.T) @ self._raw_setup
+        squares: dict[str, list[Array]] = {}
+        start = 0
+        for view, root in zip(self.sight.views, self._precision_roots, strict=True):
+            squares.setdefault(view.motion.test, []).append(x[start : start + len(root)] ** 2)
+            start += len(root)
+        return {test: float(np.sqrt(np.mean(np.concatenate(parts)))) for test, parts in squares.items()}
+
+    def look(self, faults: Sequence[Fault], level: float) -> list[Seen]:
+        """What can be seen of each fault, in a healthy background of `level` times its width."""
+        frame = self.frame(dict.fromkeys(self.names, level), [fault.name for fault in faults])
+        rows = np.array([frame.of([fault]) for fault in faults])
+        alone = 1 / np.sqrt(np.maximum(np.diag(np.linalg.pinv(rows @ rows.T)), 1e-30))
+        return [_seen(frame, fault, x, float(sigma)) for fault, x, sigma in zip(faults, rows, alone, strict=True)]
+
+    def unexplained(self, fault: Fault, level: float) -> tuple[float, str]:
+        """Sigmas of a foreign fault that no single name explains, and the name that comes nearest."""
+        frame = self.frame(dict.fromkeys(self.names, level))
+        x = frame.of([fault])
+        alike = frame.likeness(x)
+        nearest = max(alike, key=lambda name: alike[name])
+        return float(np.linalg.norm(x)) * float(np.sqrt(max(0.0, 1 - alike[nearest] ** 2))), nearest
+
+
+def _seen(frame: Frame, fault: Fault, x: Array, sigma: float) -> Seen:
+    if fault.effect == "link_geometry":
+        # As the library's are: against these, second-order parts of 13 mm made an exact twin differ by 50 sigma.
+        small = replace(fault, size=healthy_of(fault.effect, fault.keys))
+        x = frame.of([small]) * fault.size / small.size
+    size = float(np.linalg.norm(x))
+    away = {
+        name: size * float(np.sqrt(max(0.0, 1 - cosine**2)))
+        for name, cosine in frame.likeness(x).items()
+        if name != fault.name
+    }
+    twins = tuple(sorted(name for name, distance in away.items() if distance < TWIN))
+    rival = min((name for name in away if name not in twins), key=lambda name: away[name], default="")
+    return Seen(sigma, twins, rival, away.get(rival, float("inf")))
+
+
+def _covariances(sight: Sight, view: View, noise: CellNoise, levels: Mapping[str, Levels], laps: int) -> list[Array]:
+    """Of each run of a program, (k m, k m) mm² in the order of `flat`: channels one after the other."""
+    own = levels[view.motion.test]
+    t = view.motion.t[view.motion.rows]
+    step = noise.resolution_mm**2 / 12
+    smooth = along_lap(2 * np.pi * t / t[-1])
+    ball = by_ball(sight.cell, view)
+    shared = {
+        (a, b): (np.radians(own.joints_deg) ** 2 * view.by_joint[:, a] @ view.by_joint[:, b].T
+                 + own.ball_mm**2 * ball[:, a] @ ball[:, b].T) * (smooth @ smooth.T)
+        for a in range(view.plain.shape[1]) for b in range(view.plain.shape[1])
+    }  # fmt: skip
+    if view.motion.test == "radial":
+        stops = np.array([own.stops_mm[int(k)] for k in view.motion.labels["target"]]) if view.motion.labels else 0.0
+        stopped = stops**2 / 3 * (ball[:, 0] ** 2).sum(axis=1)
+        single = own.white_mm[0, 0] ** 2 + own.slow_mm[0] ** 2 + step
+        return [shared[0, 0] + np.diag(single + stopped)]
+    more = max(1.0, noise.rate_hz * float(np.median(np.diff(t)))) * laps
+    wander = slow_covariance(np.abs(t[:, None] - t), own.slow_s) / laps
+    first = 0 if view.motion.sense > 0 else REPEATS
+    runs = []
+    for run in range(first, first + REPEATS):
+        blocks = {}
+        for (a, b), scatter in shared.items():
+            share = 1.0 if a == b else own.common
+            blocks[a, b] = scatter + own.slow_mm[run] ** 2 * share * wander
+            if a == b:
+                blocks[a, b] = blocks[a, b] + (own.white_mm[run, a] ** 2 + step) / more * np.eye(len(t))
+        runs.append(_in_channels(blocks))
+    return runs
+
+
+def _in_channels(blocks: dict[tuple[int, int], Array]) -> Array:
+    """From two gauges to their mean and their difference."""
+    T = _TO_CHANNELS
+    rows = [
+        [sum(T[c, a] * T[d, b] * blocks[a, b] for a in range(2) for b in range(2)) for d in range(2)] for c in range(2)
+    ]
+    return np.block(rows)  # type: ignore[arg-type]
+
+
+def slow_covariance(lag_s: Array, tau_s: float) -> Array:
+    """Of the slow noise of unit variance: AR(1), or the 1/f spectrum of `noise.slow` where tau_s is zero."""
+    if tau_s:
+        return np.exp(-lag_s / tau_s)
+    f = np.arange(1, 4000) * 0.0125
+    power = 1 / np.maximum(f, 0.05)
+    grid = np.linspace(0.0, float(lag_s.max()) + 1e-9, 400)
+    shape = np.cos(2 * np.pi * grid[:, None] * f) @ power / power.sum()
+    return np.interp(lag_s, grid, shape)

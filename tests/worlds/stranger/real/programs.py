@@ -1,0 +1,81 @@
+"""What an arm does in one program and one set-up: readings without noise, and how they go with joints and ball.
+
+A program is worked out once on a fine and even grid of time; a run reads it at instants of its own, so a case costs the
+same at 50 and at 4000 Hz.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tests.worlds.stranger.cell import Cell
+from tests.worlds.stranger.faults import Fault
+from tests.worlds.stranger.gauges import Link
+from tests.worlds.stranger.measure import measure, read, tool_of, trace_of
+from tests.worlds.stranger.motion import Motion, Track, lap
+from tests.worlds.stranger.screws import Array
+
+GRID_S = 0.01
+_STEP_RAD = 1e-6
+_STEP_MM = 1e-4
+
+BY_RUN = ("vibration", "gauge_scale", "gauge_inclination", "gauge_cyclic")
+"""A vibration begins with a phase of its own, and a gauge errs by where it stands, which the scatter of the run moves.
+One that sticks is left in the program, which has the way between the readings."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """readings (m, k) mm at the motion's rows, with its faults but those of `BY_RUN`; by_joint (m, k, 6) mm/rad;
+    by_ball (m, k, 3). A circle's rows are its even grid, those of targets are its stops."""
+
+    motion: Motion
+    readings: Array
+    by_joint: Array
+    by_ball: Array
+
+    @property
+    def t_s(self) -> Array:
+        return self.motion.t[self.motion.rows]
+
+    @property
+    def q(self) -> Array:
+        return self.motion.q[self.motion.rows]
+
+
+def circle(cell: Cell, track: Track, test: str, sense: int, laps: int) -> Motion:
+    """A run of laps on an even grid."""
+    return lap(cell, track, test, sense, np.arange(0.0, 3600.0, GRID_S), GRID_S, laps)
+
+
+def program(cell: Cell, motion: Motion, link: Link, faults: Sequence[Fault]) -> Program:
+    """A motion with faults. Those of `BY_RUN` are left to the run."""
+    trace = trace_of(cell, motion)
+    steady = [fault for fault in faults if fault.effect not in BY_RUN]
+    tool = tool_of(cell, motion, [], trace)
+    plain = read(motion, [], link, tool)
+    turned = [measure(cell, motion, [], link, _STEP_RAD * row, trace=trace) for row in np.eye(6)]
+    shifted = [read(motion, [], replace(link, ball=link.ball + row), tool) for row in _STEP_MM * np.eye(3)]
+    return Program(
+        motion,
+        measure(cell, motion, steady, link, trace=trace),
+        np.stack([(moved - plain) / _STEP_RAD for moved in turned], axis=2),
+        np.stack([(moved - plain) / _STEP_MM for moved in shifted], axis=2),
+    )
+
+
+def at(t: Array, columns: Array) -> Array:
+    """Columns (n, …) of the even grid at t (m,) s, by cubics through four neighbours."""
+    x = np.clip(t / GRID_S, 0, len(columns) - 1)
+    k = np.clip(x.astype(int), 1, len(columns) - 3)
+    u = (x - k).reshape(-1, *[1] * (columns.ndim - 1))
+    found: Array = (
+        -u * (u - 1) * (u - 2) / 6 * columns[k - 1]
+        + (u + 1) * (u - 1) * (u - 2) / 2 * columns[k]
+        - (u + 1) * u * (u - 2) / 2 * columns[k + 1]
+        + (u + 1) * u * (u - 1) / 6 * columns[k + 2]
+    )
+    return found

@@ -1,0 +1,65 @@
+"""CSV tables as a stranger writes them: the columns of measurement.md, degrees and mm, a file a run."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from tests.worlds.stranger.motion import Motion
+from tests.worlds.stranger.screws import Array
+
+_RESOLUTION_MM = 1e-4
+
+
+def write_table(path: Path, motion: Motion, g_mm: Array, encoder_deg: float) -> None:
+    """A run: angles at the rows as the encoders step, readings as the display rounds them."""
+    marks = motion.labels or ("acw" if motion.sense > 0 else "cw")
+    write_rows(path, motion.t[motion.rows], motion.q[motion.rows], g_mm, marks, encoder_deg=encoder_deg)
+
+
+def write_rows(
+    path: Path,
+    t_s: Array,
+    q: Array,
+    g_mm: Array,
+    marks: Mapping[str, Array] | str,
+    *,
+    encoder_deg: float,
+    resolution_mm: float = _RESOLUTION_MM,
+) -> None:
+    """Rows of a run: t_s (m,), q (m, 6) rad, g_mm (m, k); marks: labels (m,) of targets, or a circle's direction."""
+    q = np.round(np.degrees(q) / encoder_deg) * encoder_deg
+    g = np.round(g_mm / resolution_mm) * resolution_mm
+    columns = {"t_s": [f"{t:.5f}" for t in t_s]}
+    if isinstance(marks, str):
+        columns["direction"] = [marks] * len(t_s)
+    else:
+        columns |= {_COLUMNS[key][0]: [_COLUMNS[key][1](x) for x in label] for key, label in marks.items()}
+    columns |= {f"q{k + 1}_deg": [f"{x:.6f}" for x in q[:, k]] for k in range(6)}
+    columns |= {f"g{k + 1}_mm": [f"{x:.4f}" for x in g[:, k]] for k in range(g.shape[1])}
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+
+
+def _whole(x: float) -> str:
+    return f"{x:.0f}"
+
+
+def _degrees(x: float) -> str:
+    return f"{np.degrees(x):.1f}"
+
+
+_COLUMNS = MappingProxyType({
+    "target": ("target", _whole),
+    "polar": ("polar_deg", _degrees),
+    "azimuth": ("azimuth_deg", _degrees),
+    "orientation": ("orientation", _whole),
+    "approach": ("approach", str),
+    "round": ("round", _whole),
+})  # fmt: skip
