@@ -9,7 +9,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 ENTRY = ROOT / "scripts" / "dev"
-PROGRAMS = sorted(file.stem for file in (ROOT / "dev").glob("[!_]*.py"))
+FILES = {file.stem: file for file in (ROOT / "scripts" / "tools").glob("[!_]*.py")}
+FILES |= {file.parent.name: file for file in (ROOT / "tests" / "trials").glob("*/__main__.py")}
+LOCKED = {file.parent.name for file in (ROOT / "tests" / "trials").glob("*/requirements.lock")}
+PROGRAMS = sorted(FILES)
 LINKS = sorted(path for path in (ROOT / "scripts").iterdir() if path.is_symlink())
 
 
@@ -25,7 +28,7 @@ def test_without_a_name_each_program_is_listed_with_one_sentence() -> None:
     assert all(len(words) > 20 and words.endswith(".") for _, words in rows), rows
 
 
-@pytest.mark.parametrize("name", ["nothing", "_rows_run", "../dev/pace"])
+@pytest.mark.parametrize("name", ["nothing", "cost_of", "../trials/pace"])
 def test_an_unknown_program_is_refused_with_the_names_of_those_there_are(name: str) -> None:
     done = _dev(name)
     assert done.returncode == 2
@@ -33,15 +36,12 @@ def test_an_unknown_program_is_refused_with_the_names_of_those_there_are(name: s
     assert sorted(line.split()[0] for line in done.stdout.splitlines()) == PROGRAMS
 
 
-@pytest.mark.parametrize(
-    "name", sorted({*PROGRAMS} - {"booted"} - {file.stem for file in (ROOT / "dev").glob("*.lock")})
-)
+@pytest.mark.parametrize("name", sorted({*PROGRAMS} - {"booted"} - LOCKED))
 def test_each_program_starts(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Without those that need packages of their own, or root."""
-    monkeypatch.syspath_prepend(ROOT / "dev")
     monkeypatch.setattr(sys, "argv", [name, "--help"])
     try:
-        runpy.run_path(str(ROOT / "dev" / f"{name}.py"), run_name="__main__")
+        runpy.run_path(str(FILES[name]), run_name="__main__")
     except SystemExit as end:
         assert not end.code
     assert capsys.readouterr().out
@@ -58,4 +58,4 @@ def test_each_link_is_the_entry_under_the_name_of_a_program(link: Path) -> None:
 
 
 def test_each_lock_belongs_to_a_program() -> None:
-    assert {file.stem for file in (ROOT / "dev").glob("*.lock")} <= set(PROGRAMS)
+    assert set(PROGRAMS) >= LOCKED

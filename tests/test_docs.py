@@ -29,7 +29,11 @@ from rigs.schema.gauges import Gauge
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md"))]
-_SOURCES = [*sorted(ROOT.glob("analysis/cli/*.py")), ROOT / "daq" / "service" / "rigd.py"]
+_SOURCES = [
+    *sorted(ROOT.glob("analysis/cli/*.py")),
+    *sorted(ROOT.glob("analysis/apps/*/cli_*.py")),
+    ROOT / "daq" / "service" / "rigd.py",
+]
 
 
 RIG = all_imported()

@@ -167,8 +167,9 @@ def without_origin(text: str) -> list[str]:
 
 
 def test_each_constant_states_its_origin() -> None:
-    folders = ("inference", "setting_up", "noise", "correction")
-    files = [file for folder in folders for file in sorted((ROOT / "analysis" / folder).glob("*.py"))]
+    folders = ("diagnosis", "runs/noise", "correction")
+    files = [file for folder in folders for file in sorted((ROOT / "analysis" / folder).rglob("[!_]*.py"))]
+    files += [ROOT / "analysis" / "apps" / "commission" / f"{name}.py" for name in ("driven_circle", "touched_ball")]
     assert len(files) > 50
     found = {name_of(file): without_origin(file.read_text(encoding="utf-8")) for file in files}
     assert {name: missing for name, missing in found.items() if missing} == {}

@@ -235,14 +235,10 @@ def _options(
     """Robot metrology with a ball link and two digital probes: record, analyse, compare."""
 
 
-def _file_of(name: str) -> str:
-    file = _FILES.get(name, name.replace("-", "_"))
-    return f"analysis.apps.{_APPS[file]}.cli_{file}" if file in _APPS else f"analysis.cli.{file}"
-
-
 def imported(name: str) -> TyperCommand | TyperGroup:
     """Return a command of `rig`, or a group of them, as its file declares it. name: one that is listed above."""
-    import_module(_file_of(name))
+    file = _FILES.get(name, name.replace("-", "_"))
+    import_module(f"analysis.apps.{_APPS[file]}.cli_{file}" if file in _APPS else f"analysis.cli.{file}")
     narrow = typer.Typer(cls=Group, context_settings=_HELP)
     narrow.registered_commands = [
         info

@@ -1,8 +1,9 @@
 """A kind of test: every question that rig asks of one, and where its answers stand.
 
-Code that has a table asks `table.kind`, and never which kind it is: a kind is the module of `analysis.procedures` with
-the test's name, and nothing else names it. It answers from the columns of a file to the part of a set-up that is
-fitted; what several tests have in common, `stops` and `link_angle` beside it answer.
+Code that has a table asks `table.kind`, and never which kind it is: a kind is `evaluate` in the folder of
+`analysis.procedures` with the test's name (yaw and roll share `circle`), and nothing else names it. It answers from
+the columns of a file to the part of a set-up that is fitted; what several tests have in common, `places_and_targets`
+in `shared` and `evaluate` in `circle` answer.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Generic, TypeVar, cast, get_args
 
 import numpy as np
@@ -247,18 +249,15 @@ class Kind(ABC, Generic[T]):
         return nowhere, nowhere
 
 
-def _module_of(test: TestName) -> str:
-    """Return the module that has the kind of a test of rig's own; yaw and roll share a folder."""
-    return f"analysis.procedures.{'circle.' + test if test in ('yaw', 'roll') else test + '.evaluate'}"
-
-
 @cache
 def kind_named(test: TestName) -> Kind[Table]:
-    """Return the kind of a test: what the module of its name in `analysis.procedures` has as KIND, or what a package
-    offers as `rig.tests` under that name. Raises FileError for an offer that is none."""
+    """Return the kind of a test: what its module in `analysis.procedures` has as KIND, or what a package offers as
+    `rig.tests` under its name. Raises FileError for an offer that is none."""
     offer = OFFERED_TESTS.get(test)
     if offer is None:
-        return cast("Kind[Table]", import_module(_module_of(test)).KIND)
+        package = f"analysis.procedures.{test}"
+        module = f"{package}.evaluate" if find_spec(package) else f"analysis.procedures.circle.{test}"
+        return cast("Kind[Table]", import_module(module).KIND)
     why = f"it is no {Kind.__name__}"
     try:
         kind = offer.load()

@@ -1,7 +1,7 @@
 """What the product costs to carry on, in numbers: lines, helpers used once, empty names, circles, makers named.
 
-Each number may fall freely; tests/test_house.py holds the largest that each may have. Core and apps are those of the
-contract "the core knows no app" in pyproject.toml.
+Each number may fall freely; tests/test_house.py holds the largest that each may have. Apps are the folders
+`analysis/apps` and `daq/apps`; everything else is the core.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import ast
 import collections
 import re
 import sys
-import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -33,16 +32,19 @@ MAKERS = {
 
 TESTS = ("yaw", "roll", "radial", "repeatability", "pose", "touch", "path")
 OTHER_WORDS = {
-    "yaw": ("arms/driver_kinematics", "arms/ur_driver", "files/column_groups"),  # turns
-    "roll": ("arms/driver_kinematics", "arms/ur_driver", "files/column_groups"),
-    "repeatability": ("reporting/listings",),  # of an arm, by its data sheet
+    "yaw": ("apps/interchange/driver_kinematics", "intake/column_groups"),  # turns
+    "roll": ("apps/interchange/driver_kinematics", "intake/column_groups"),
+    "repeatability": ("report/listings",),  # of an arm, by its data sheet
     # A word of URScript, of foreign headers, of the cube's stops, along an axis, and of a program's name.
     "pose": (
-        *("makers/ur/driver", "files/column_groups", "files/cube_stops"),
-        *("reporting/run_pictures", "reporting/run_charts", "robot_programs/planned"),
+        *("apps/makers/ur/driver", "intake/column_groups", "intake/cube_stops"),
+        *("report/run_pictures", "report/run_charts", "apps/makers/programs/planned"),
     ),
     # Of a file, of a page; the column of a curve.
-    "path": ("reporting/correction_report", "reporting/listings", "window/guard", "measures/result_curves"),
+    "path": (
+        *("apps/makers/report/correction_report", "report/listings", "apps/window/guard"),
+        "procedures/shared/result_curves",
+    ),
 }
 """Files of `analysis` in which the name of a test is another word, none of its kind."""
 
@@ -152,11 +154,15 @@ def files_that_name(maker: str) -> list[str]:
 
 
 def files_that_name_kind(test: str) -> list[str]:
-    """Return the files outside a test kind's own that name it, as a word or by its table. Its own are those whose name
-    has its word: its module, and as lost_poses."""
+    """Return the files outside a test kind's own that name it, as a word or by its table. Its own are its folder, and
+    files whose name has its word, as lost_poses."""
     name, own = re.compile(rf"[\"']{test}[\"']|{test.capitalize()}Table"), re.compile(rf"(^|_){test}(s|es)?(_|$)")
     words = {f"analysis/{file}.py" for file in OTHER_WORDS.get(test, ())}
-    others = (file for file in sources() if file not in words and not own.search(Path(file).stem))
+    others = (
+        file
+        for file in sources()
+        if file not in words and f"/procedures/{test}/" not in file and not own.search(Path(file).stem)
+    )
     return [file for file in others if name.search((ROOT / file).read_text(encoding="utf-8"))]
 
 
@@ -188,13 +194,7 @@ def _that_run(node: ast.AST) -> Iterator[ast.AST]:
 
 def sizes() -> dict[str, tuple[int, int]]:
     """Return the lines and files of the core, of the apps, of tests, of trials and of documents."""
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
-        "contracts"
-    ]
-    apps = next(
-        contract["forbidden_modules"] for contract in contracts if contract["name"].startswith("the core knows")
-    )
-    of_apps = [file for file in sources() if any(f"{_module(file)}.".startswith(f"{app}.") for app in apps)]
+    of_apps = [file for file in sources() if file.split("/")[1] == "apps"]
     files = {
         "core": sorted(sources().keys() - set(of_apps)),
         "apps": of_apps,

@@ -13,16 +13,25 @@ from typer.testing import CliRunner
 import daq.feedback
 import daq.gauges
 from analysis.cli import app
-from rigs.interfaces import NO_DEFAULT, Interface, known, models
+from rigs.interfaces import NO_DEFAULT, Interface, known, models, name_of
+from rigs.schema.feedback import Feedback
+from rigs.schema.gauges import Gauge
 from rigs.schema.part import Origin
 from rigs.schema.probe import Probe
 
 
 def test_every_driver_is_listed_once() -> None:
     drivers = [
-        module.name for package in (daq.gauges, daq.feedback) for module in pkgutil.iter_modules(package.__path__)
+        f"{package.__name__}.{module.name}"
+        for package in (daq.gauges, daq.feedback)
+        for module in pkgutil.iter_modules(package.__path__)
     ]
-    assert sorted(one.name for one in known()) == sorted(drivers)
+    named = [
+        getattr(model, "driver", f"{package.__name__}.{name_of(model)}")
+        for package, part in ((daq.gauges, Gauge), (daq.feedback, Feedback))
+        for model in models(part)
+    ]
+    assert sorted(named) == sorted([*drivers, "daq.apps.opc_ua.robotics"])
 
 
 @pytest.mark.parametrize("interface", known(), ids=lambda one: one.name)

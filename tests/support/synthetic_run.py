@@ -52,6 +52,7 @@ def main(runs: Path, rows: int) -> None:
         operator="rows",
         streams=STREAMS,
     )
+    # private _writers, _ledger: chunks of millions of rows are stored at once, and not as they would come
     for stream, columns in STREAMS.items():
         rate = ROBOT_HZ if stream == "robot" else GAUGE_HZ
         schema = writer._writers[stream].schema

@@ -17,6 +17,7 @@ PAGE = (ROOT / "docs" / "command-line.md").read_text()
 TABLE = {int(code): words for code, words in re.findall(r"^\| (\d+) \| (.+) \|$", PAGE, re.M)}
 SOURCES = [
     *sorted((ROOT / "analysis" / "cli").glob("*.py")),
+    *sorted((ROOT / "analysis" / "apps").glob("*/cli_*.py")),
     ROOT / "daq" / "service" / "rigd.py",
     ROOT / "rigs" / "errors.py",
 ]

@@ -68,9 +68,10 @@ def test_a_command_is_listed_with_the_first_paragraph_of_its_help(name: str, sum
 
 
 def test_the_help_lists_every_command_in_the_order_of_the_work() -> None:
-    files = [file for file in Path(cli.__file__).parent.glob("*.py") if "@command(" in file.read_text(encoding="utf-8")]
-    for file in files:
-        importlib.import_module(f"analysis.cli.{file.stem}")
+    root = Path(cli.__file__).parents[2]
+    for file in (*root.glob("analysis/cli/*.py"), *root.glob("analysis/apps/*/cli_*.py")):
+        if "@command(" in file.read_text(encoding="utf-8"):
+            importlib.import_module(".".join(file.relative_to(root).with_suffix("").parts))
     declared = {
         info.name or str(info.callback and info.callback.__name__).replace("_", "-") for info in app.registered_commands
     }

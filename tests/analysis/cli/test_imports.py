@@ -82,8 +82,9 @@ def test_runs_imports_what_reads_manifests(run: Path) -> None:
 def test_analyse_imports_what_evaluates_a_run(words: list[str], run: Path) -> None:
     modules = modules_of(*words, run)
     assert packages(modules) <= READING | OURS | {"daq"}, "no scipy, no pandas, no matplotlib"
-    layers = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
-    assert not layers & {"inference", "setting_up", "correction", "simulation", "live", "setup", "history", "paper"}
+    rings = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
+    assert not rings & {"diagnosis", "correction", "apps"}
+    assert "analysis.procedures.simulate" not in modules
 
 
 def test_figures_for_a_script_import_nothing_that_draws(run: Path) -> None:

@@ -135,22 +135,22 @@ def test_a_directory_that_is_there_has_all_new_files_or_none(tmp_path: Path) -> 
 
 _WRITERS = {"write_text", "write_bytes", "savefig", "mkdir", "touch"}
 _KNOWN = {
-    "batch/fetched.py": "copies in a temporary directory",
-    "emulation/served_cell.py": "the directory of a cell, whose files durable.replace writes",
-    "simulation/emulated_robot.py": "the same",
-    "cli/export.py": "the directory of many exports, whose files write_new writes",
-    "cli/emulate.py": "the directory of many tables, whose files write_new writes",
-    "files/write.py": "the one place where files are made",
-    "fleet/catalogue.py": "a database, which has its own journal",
-    "fleet/screen.py": "the parent of a file that is renamed at its end",
-    "history/page.py": "a picture in memory",
-    "reporting/diagnosis_report.py": "writers for write_all_over",
-    "paper/pictures.py": "the same",
-    "session/processes.py": "the log of a process, which grows line by line",
-    "session/state.py": "the directory of a session, whose files durable.replace and writers above write",
-    "reporting/html_page.py": "the parent of a file that durable.replace writes",
-    "reporting/still_chart.py": "a picture in memory, and writers for write_all_over",
-    "window/made.py": "directories in a temporary one",
+    "runs/batch/fetched.py": "copies in a temporary directory",
+    "apps/emulate/served_cell.py": "the directory of a cell, whose files durable.replace writes",
+    "apps/emulate/robot.py": "the same",
+    "apps/interchange/cli_export.py": "the directory of many exports, whose files write_new writes",
+    "apps/emulate/cli_emulate.py": "the directory of many tables, whose files write_new writes",
+    "runs/written_files.py": "the one place where files are made",
+    "apps/plant/catalogue.py": "a database, which has its own journal",
+    "apps/plant/fleet_screen.py": "the parent of a file that is renamed at its end",
+    "apps/plant/history_page.py": "a picture in memory",
+    "report/diagnosis_report.py": "writers for write_all_over",
+    "apps/paper/pictures.py": "the same",
+    "apps/session/child_processes.py": "the log of a process, which grows line by line",
+    "apps/session/session_state.py": "the directory of a session, whose files durable.replace and writers above write",
+    "report/html_page.py": "the parent of a file that durable.replace writes",
+    "report/still_chart.py": "a picture in memory, and writers for write_all_over",
+    "apps/window/made.py": "directories in a temporary one",
 }
 
 

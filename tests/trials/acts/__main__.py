@@ -337,6 +337,7 @@ def _faults(truth: Mapping[str, Any]) -> list[Any]:
 
 def _driven(truth: Mapping[str, Any], case: Path, faults: Sequence[Any]) -> list[ObservedRun]:
     """What gauges read at the other place without noise, by the stranger's arm with these faults."""
+    # private _begun, _Run: the same session as the case, driven at another place
     session, _ = cases._begun(truth["kind"], truth["seed"], truth["scale"])
     model, link, runs = model_of(load(str(case / "unseen.yaml"))[0]), session.links["unseen"], []
     for lap in session.laps("unseen", list(faults)):

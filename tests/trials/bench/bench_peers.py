@@ -17,6 +17,9 @@ MM = 1000.0
 """mm of a metre, the unit of the peers."""
 
 
+# private _robot: the peer alone is timed, without the units and the flange that PeerArm puts around it
+
+
 def opw_forward(name: str, q: Array) -> Peer:
     """py-opw-kinematics: poses as matrices."""
     robot, degrees = PeerArm(OPW[name])._robot, np.degrees(q @ OPW[name].coupling.T)

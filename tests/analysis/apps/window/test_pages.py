@@ -55,10 +55,10 @@ PLACES = (
     "/runs?q={}",
     "/report?run={}",
 )
-WINDOW = Path(__file__).parents[4] / "analysis" / "window"
-ROOT = WINDOW.parents[1]
+ROOT = Path(__file__).parents[4]
+WINDOW = ROOT / "analysis" / "apps" / "window"
 METRICS = ("daq/service/metrics.py", "analysis/apps/window/shelf.py")
-TEMPLATES = WINDOW.parent / "templates" / "window"
+TEMPLATES = ROOT / "analysis" / "templates" / "window"
 
 
 @pytest.fixture(scope="module")

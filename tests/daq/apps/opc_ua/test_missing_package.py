@@ -12,7 +12,7 @@ from tests.support.drivers import opc_ua
 
 
 def test_a_missing_package_is_named_before_anything_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [name for name in sys.modules if name.startswith(("daq.feedback.opc_ua", "daq.apps.opc_ua.channel"))]:
+    for name in [name for name in sys.modules if name.startswith("daq.apps.opc_ua")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "asyncua", None)
     with pytest.raises(CellError, match=r"opc_ua_robotics needs the package asyncua.*add it: .*asyncua"):
