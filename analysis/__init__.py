@@ -5,9 +5,9 @@
     print(result.figures["band_deg"])
 
 The names below are the public API, described in docs/api.md; they are imported when one is first used. No folder of
-`analysis` may be called like one of them: its import would hide the function. The folders are layers, from `frames` at
-the bottom to `cli` at the top (docs/decisions/0014). Of `daq` they take only what reads a run, talks to a running
-daemon, or starts an emulator.
+`analysis` may be called like one of them: its import would hide the function. The folders are rings, from `robot`
+inside to `cli`, and `apps` around them (docs/decisions/0014). Of `daq` they take only what reads a run, talks to a
+running daemon, or starts an emulator.
 """
 
 # ruff: noqa: F403, F405 - the names of the list below are those of `analysis.api`, which is slow to import
