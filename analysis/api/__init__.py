@@ -14,8 +14,8 @@ from pathlib import Path
 from analysis.correction.calibrated_arm import ArmAngles as ArmAngles
 from analysis.correction.calibrated_arm import ArmPoses as ArmPoses
 from analysis.correction.calibrated_arm import CalibratedArm as CalibratedArm
-from analysis.diagnosis.judge.compare_runs import Compared as Compared
-from analysis.diagnosis.judge.compare_runs import Comparison as Comparison
+from analysis.diagnosis.judge.comparison import Compared as Compared
+from analysis.diagnosis.judge.comparison import Comparison as Comparison
 from analysis.diagnosis.judge.result import Diagnosis as Diagnosis
 from analysis.diagnosis.judge.result import Gap as Gap
 from analysis.diagnosis.judge.result import Named as Named

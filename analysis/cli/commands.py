@@ -106,7 +106,6 @@ _FILES = {
     "import": "import_",
     "logs": "doctor",
     "versions": "calibrate",
-    "window": "live",
 }
 """The file of a command that is not called like it."""
 
@@ -115,9 +114,12 @@ _APPS = {
     **dict.fromkeys(("circle", "doctor", "init"), "commission"),
     **dict.fromkeys(("compare", "fleet", "history"), "plant"),
     **dict.fromkeys(("correct", "plan", "program"), "makers"),
-    **{name: name for name in ("emulate", "live", "paper", "parts", "session")},
+    **{name: name for name in ("emulate", "live", "paper", "parts", "session", "window")},
 }
-"""The app that has a file of commands, as cli_FILE; the others are beside this file."""
+"""The app that has a file of commands, as cli_FILE; the others are next to this file."""
+
+_ADDED = {"record": "analysis.apps.commission.cli_touch"}
+"""The file of an app that adds a command to a group."""
 
 _HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 """The names of the help of every command."""
@@ -239,6 +241,8 @@ def imported(name: str) -> TyperCommand | TyperGroup:
     """Return a command of `rig`, or a group of them, as its file declares it. name: one that is listed above."""
     file = _FILES.get(name, name.replace("-", "_"))
     import_module(f"analysis.apps.{_APPS[file]}.cli_{file}" if file in _APPS else f"analysis.cli.{file}")
+    if name in _ADDED:
+        import_module(_ADDED[name])
     narrow = typer.Typer(cls=Group, context_settings=_HELP)
     narrow.registered_commands = [
         info

@@ -108,29 +108,6 @@ def stop(rig: RigName = None) -> None:
                 client.ask("judged", run=ended["run"], said=fitness_of_run.why)
 
 
-@command(record, "rig record touch monday --output runs/monday-touch")
-def touch(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the run: letters, digits, . _ and -.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Run directory to create.")],
-    touches: Annotated[
-        int | None, typer.Option(min=6, max=2000, help="Touches of all sockets; default: those of the rig file.")
-    ] = None,
-    operator: Annotated[str, typer.Option(help="Name of the person who measures; default: the user.")] = "",
-    placement: Annotated[str, typer.Option(help="Your name for where the sockets stand; default: none.")] = "",
-    rig: RigName = None,
-) -> None:
-    """Guide through touches: seat the ball, let go, wait for the tone, and go to the next posture.
-
-    The robot is guided by hand or by its program. Ctrl-C ends early and keeps what was touched.
-    """
-    from analysis.apps.commission.record_touches import record_touches
-    from daq.service.client import Client, find_socket
-
-    with Client(find_socket(rig)) as client:
-        run = record_touches(client, name, output, operator_or_user(operator), placement, touches, say)
-    say(run)
-
-
 @command(app, "rig status")
 def status(
     rig: RigName = None,

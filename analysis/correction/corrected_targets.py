@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.apps.makers.target import Reason
 from analysis.correction.pose_uncertainty import (
     PoseUncertainty,
     covered,
@@ -21,6 +20,7 @@ from analysis.correction.pose_uncertainty import (
     where_known,
     why_unknown,
 )
+from analysis.correction.reasons import Reason
 from analysis.correction.support import Support, why_nothing
 from analysis.correction.work import (
     base_u_um,

@@ -7,23 +7,10 @@ targets its link crosses the play on the way and not at once: that part stays.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
-
-import numpy as np
-
-from analysis.apps.makers.programs.compensated import reached, targets_of
-from analysis.apps.makers.programs.motion_plan import Plan
 from analysis.correction.support import CERTAIN_U, supports, supports_beside
-from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.motion import Motion
-from analysis.robot.model.predict import Path, driven, model_of
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.effect import is_play
-
-_BETWEEN = 16
-"""Places between two targets at which the turning of a joint is looked at."""
 
 
 def known_plays(rig: Rig) -> tuple[Effect, ...]:
@@ -39,27 +26,3 @@ def known_plays(rig: Rig) -> tuple[Effect, ...]:
         if support.effect.STAGE == "joint" and is_play(support.effect) and support.value >= CERTAIN_U * support.u
     ]
     return tuple(plays)
-
-
-def ahead_of_plays(rig: Rig, plan: Plan) -> Array:
-    """Return by how much further (n, 6) rad the joints of a rig stand at the targets of a plan, in the order of
-    `targets_of`, so that their links stand at the targets in spite of the plays of the rig file."""
-    targets = targets_of(plan)
-    model = model_of(rig, known_plays(rig))
-    if not model.effects:
-        return np.zeros((len(targets), 6))
-    places = {id(target): number for number, target in enumerate(targets)}
-    visits = [places[id(target)] for target in reached(plan)]
-    q, rows = between([targets[number].q for number in 2 * visits])
-    motion = Motion(np.arange(len(q), dtype=float), q)
-    lag = (driven(model, Path(motion, rows)).link_q - q)[rows]
-    last = {number: row for row, number in enumerate(2 * visits)}
-    return -np.array([lag[last[number]] for number in range(len(targets))])
-
-
-def between(q: Sequence[Array]) -> tuple[Array, Integers]:
-    """Return joint angles (m, 6) rad on straight ways of the joints from one place q (6,) rad to the next, and which of
-    them are the places."""
-    share = np.arange(_BETWEEN) / _BETWEEN
-    ways = [begin + share[:, None] * (end - begin) for begin, end in pairwise(q)]
-    return np.concatenate([*ways, q[-1][None]]), _BETWEEN * np.arange(len(q))

@@ -13,7 +13,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.diagnosis.judge.compare_runs import Compared, Comparison
+from analysis.diagnosis.judge.comparison import Compared, Comparison
 from analysis.report.diagnosis_picture import disagreement_picture
 from analysis.report.diagnosis_screen import places_table
 from analysis.report.model_charts import compared_chart

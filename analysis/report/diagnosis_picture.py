@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from analysis.diagnosis.judge.disagreement import Disagreement
+from analysis.diagnosis.judge.comparison import Disagreement
 from analysis.diagnosis.judge.residuals import Map
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.report.act_words import ActWords

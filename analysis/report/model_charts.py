@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnosis.judge.compare_runs import Compared, Comparison
-from analysis.diagnosis.judge.disagreement import Disagreement
+from analysis.diagnosis.judge.comparison import Compared, Comparison, Disagreement
 from analysis.diagnosis.judge.residuals import Curve, Map, Place
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.repeatability.evaluate import SIDES, RepeatabilityResult

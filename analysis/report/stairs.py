@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rich.table import Column, Table
 
-from analysis.diagnosis.judge.disagreement import Disagreement
+from analysis.diagnosis.judge.comparison import Disagreement
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.judge.staircase import Left, Staircase
 from analysis.report.answer_words import AnswerWords

@@ -19,6 +19,7 @@ import numpy as np
 
 from analysis.robot.geometry.driven_programs import TargetProgram
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of, forward
+from analysis.robot.model.motion import standing
 from analysis.runs.tables import Table
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -30,8 +31,6 @@ FLICKER_DEG = 0.03
 STOOD_RAD = float(np.radians(0.2))
 """Joints that move by less in a whole run stood still."""
 _WINDOW_S = 0.3
-_INSTANT_S = 1e-6
-"""A rounding error of a time."""
 _SETTLED = 0.5
 """Share of a stand, at its end, that is averaged: the arm has stopped swinging by then."""
 _OUTLYING = 6.0
@@ -66,25 +65,6 @@ def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
         mean_mm, outliers = _averaged(g_mm[settled])
         stands.append(Stand(begin, end, float(t_s[settled].mean()), _averaged(q[settled])[0], mean_mm, outliers))
     return stands
-
-
-def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tuple[int, int]]:
-    """Return the rows [begin, end) of each period in which no joint moves by still_rad or more within window_s: times
-    t_s (n,) s, reported angles q (n, 6) rad. Periods do not overlap."""
-    rows = np.arange(len(t_s))
-    ahead = np.searchsorted(t_s, t_s + window_s - _INSTANT_S).clip(max=len(t_s) - 1)
-    # A robot that turns back without a stop is where it was, but not in between.
-    moved = np.maximum(np.abs(q[ahead] - q), np.abs(q[(rows + ahead) // 2] - q)).max(axis=1)
-    still = (moved < still_rad) & (t_s[ahead] - t_s >= 0.9 * window_s)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    periods: list[tuple[int, int]] = []
-    for begin, last in edges.reshape(-1, 2).tolist():
-        end = int(ahead[last - 1]) + 1
-        if periods and begin < periods[-1][1]:
-            periods[-1] = (periods[-1][0], end)
-        else:
-            periods.append((begin, end))
-    return periods
 
 
 def _settled(begin: int, end: int) -> slice:

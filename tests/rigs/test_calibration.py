@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from analysis.procedures.prediction import nominal_setup, path_of, predict
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import driven, model_of, nominal_setup, path_of, predict
+from analysis.robot.model.predict import driven, model_of
 from rigs import load as reading
 from rigs.calibration import (
     CalibratedModel,

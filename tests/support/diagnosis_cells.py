@@ -21,9 +21,10 @@ from analysis.diagnosis.fit.candidates import Columns, Form, candidates_for, col
 from analysis.diagnosis.fit.responses import Linearisation, linearise
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.diagnosis.plan.detectability import Plan, plan
+from analysis.procedures.prediction import nominal_setup, path_of
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import arm_of, forward
-from analysis.robot.model.predict import SetUp, model_of, moved, nominal_setup, path_of
+from analysis.robot.model.predict import SetUp, model_of, moved
 from analysis.runs.loading import Measured
 from analysis.runs.tables import CircleTable, PoseTable, Table
 from daq.store import Run

@@ -22,8 +22,9 @@ from analysis.diagnosis.fit.background import Posterior, background_of
 from analysis.diagnosis.fit.candidates import Candidate, Columns, forms_of, healthy_shares
 from analysis.diagnosis.fit.refine import Refined, Unknown, refine, size_limits
 from analysis.diagnosis.fit.responses import Linearisation, linearise
+from analysis.procedures.prediction import nominal_setup, path_of, predict
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import SetUp, model_of, nominal_setup, path_of, predict
+from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.tables import PoseTable
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError, bounds, size_field
 from rigs.load import load

@@ -22,10 +22,11 @@ import numpy as np
 
 from analysis.procedures.circle.evaluate import planted_setup
 from analysis.procedures.circle.yaw import plain_figures
+from analysis.procedures.prediction import nominal_setup, path_of, predict
 from analysis.robot.geometry.circle import SENSE, frame_of, link_angle
 from analysis.robot.geometry.driven_programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
 from analysis.robot.kinematics.arm import Array, arm_of
-from analysis.robot.model.predict import model_of, nominal_setup, path_of, predict
+from analysis.robot.model.predict import model_of
 from analysis.robot.model.scene import load_of, pull
 from analysis.runs.noise.certificate import as_shown, link_excess_mm
 from analysis.runs.tables import CircleTable, RadialTable

@@ -1,5 +1,4 @@
-"""The live cell: `rig live` shows what the daemon reads on the screen, ten times a second, in a process of its own, or
-a run, played; `rig window` serves the cell, its session and its runs to browsers.
+"""The live cell: `rig live` shows what the daemon reads on the screen, ten times a second, or a run, played.
 
 A process of its own, since a screen that renders in the daemon would delay its readers by milliseconds.
 """
@@ -83,72 +82,3 @@ def live(
             print_lines(daemon, LiveView(), say, as_json=as_json)
         else:
             watch(daemon, LiveView())
-
-
-_PORT = 8700
-
-
-@command(app, "rig window cell.yaml")
-def window(
-    rig_file: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="CELL",
-            autocompletion=completion.rig_files,
-            help="Rig file of the cell; default: the only daemon that runs, without a session.",
-        ),
-    ] = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to serve at; 0: any that is free.")] = _PORT,
-    listen: Annotated[
-        str,
-        typer.Option(metavar="ADDRESS", help="Address to listen on; any but this computer's own needs --token."),
-    ] = "127.0.0.1",
-    token: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="File with the token that a browser must show; default: none is needed."),
-    ] = None,
-    name: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Host name under which it is reached, as behind a proxy; repeatable; default: --listen.",
-        ),
-    ] = None,
-    control: Annotated[
-        bool,
-        typer.Option("--control", help="Allow to start and stop recordings, to zero, and to go on with the session."),
-    ] = False,
-    foxglove: Annotated[
-        int | None,
-        typer.Option(
-            min=0, max=65535, metavar="PORT", help="Also serve gauges and joints to Foxglove at this port; default: no."
-        ),
-    ] = None,
-    runs: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Directory of the runs; default: that of the session if there is one, or runs."
-        ),
-    ] = None,
-    session: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Directory of the session; default: session-NAME.")
-    ] = None,
-) -> None:
-    """Serve the live cell, its session, runs, reports and history to browsers, until Ctrl-C.
-
-    It is a client of rigd, as rig live is, and only this computer reaches
-    it unless --listen says otherwise. It reads only, unless --control is
-    given; the robot is never commanded.
-    """
-    from rigs.distribution import to_install
-    from rigs.errors import CellError
-
-    try:
-        from analysis.apps.window.serve import Asked, run_window
-    except ModuleNotFoundError as error:
-        if error.name not in ("starlette", "uvicorn"):
-            raise
-        problem = f"needs {error.name}, which is not installed"
-        raise CellError("rig window", problem, to_install("starlette", "uvicorn")) from None
-    asked = Asked(rig_file, port, listen, token, tuple(name or ()), control, foxglove, runs, session)
-    run_window(asked, say)

@@ -29,8 +29,8 @@ from rigs.schema.vocabulary import MAKERS, MakerName, makers, offered_makers
 
 if TYPE_CHECKING:
     from analysis.apps.makers.emulated import ProgramDriver
-    from analysis.apps.makers.reading import ProgramReader
-    from analysis.apps.makers.writing import ProgramWriter
+    from analysis.apps.makers.program_reader import ProgramReader
+    from analysis.apps.makers.program_writer import ProgramWriter
 
 T = TypeVar("T")
 

@@ -17,9 +17,11 @@ import numpy as np
 from analysis.apps.makers.numbers import frame_numbers, frame_of, is_frame, joint_numbers, joints_of, replaced, written
 from analysis.apps.makers.postures import agreeing, solved
 from analysis.apps.makers.program_machine import Unknown
-from analysis.apps.makers.reading import ProgramReader, as_bytes, read_program
-from analysis.apps.makers.target import AT_BEGIN, Left, Named, Number, Parsed, Reason, Target, Texts
+from analysis.apps.makers.program_reader import ProgramReader
+from analysis.apps.makers.reading import as_bytes, read_program
+from analysis.apps.makers.target import AT_BEGIN, Left, Named, Number, Parsed, Target, Texts
 from analysis.correction.corrected_targets import Corrected, NotCorrected, WorkError, corrected
+from analysis.correction.reasons import Reason
 from analysis.correction.support import Support
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward, pose_error, transform
 from rigs.errors import FileError, UseError

@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 
 from analysis.apps.makers.program_machine import BEGIN, OFF, Program, Ref, Unknown, Usage, Value, usages_of
-from analysis.apps.makers.target import AT_BEGIN, Left, Named, Parsed, Reason, Step, Target
+from analysis.apps.makers.target import AT_BEGIN, Left, Named, Parsed, Step, Target
+from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Array
 
 _BY_PART: dict[str, Reason] = {

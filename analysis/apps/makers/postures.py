@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from analysis.apps.makers.programs.ways import straight
-from analysis.apps.makers.target import AT_BEGIN, Flags, Reason, Step, Target, Way
+from analysis.apps.makers.target import AT_BEGIN, Flags, Step, Target, Way
+from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 from analysis.robot.kinematics.follow import follow
 from analysis.robot.kinematics.inverse import inverse

@@ -1,17 +1,14 @@
-"""What a maker's reader offers, reading the files of a program, and a remark in one, in the words and at the place that
-its language allows."""
+"""Reading the files of a program, and a remark in one, in the words and at the place that its language allows."""
 
 from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from analysis.apps.makers import Maker, maker_of_file, suffixes_in_words
-from analysis.apps.makers.numbers import Decimals
-from analysis.apps.makers.target import Parsed, Texts
+from analysis.apps.makers.program_reader import Remark
+from analysis.apps.makers.target import Texts
 from rigs.errors import FileError
 from rigs.files import read_bytes
 
@@ -21,32 +18,6 @@ ENCODING = "latin-1"
 """Every byte is a character of it and back, whatever the file's own encoding: what is not touched stays as it was."""
 _MOST_BESIDE = 500
 """Programs of a controller's backup are some hundred."""
-
-
-@dataclass(frozen=True)
-class Remark:
-    """begins, ends: of each line of a remark, with {} for the line's number; width: how many characters stand between;
-    before: what it stands before in a file of a suffix, in its last place there; it is the last line of other files."""
-
-    begins: str
-    ends: str = ""
-    width: int = 100
-    before: Mapping[str, re.Pattern[bytes]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class ProgramReader:
-    """parse: the targets of the texts of a program; null_tools, null_frames: the tool and the frame that are nothing,
-    by their names; of_world: such a frame is the cell's, which is the robot's foot where the arm stands upright;
-    beside: the suffixes of files in the directory whose routines and data a program can use."""
-
-    parse: Callable[[Texts], Parsed]
-    decimals: Decimals
-    remark: Remark
-    null_tools: tuple[str, ...] = ()
-    null_frames: tuple[str, ...] = ()
-    of_world: bool = False
-    beside: tuple[str, ...] = ()
 
 
 def program_texts(path: Path) -> tuple[Maker, dict[str, str]]:

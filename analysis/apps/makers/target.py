@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from analysis.apps.makers.program_machine import Unknown
+from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 Form = Literal[
@@ -18,77 +19,6 @@ Form = Literal[
 """What the numbers of a target are: joint angles 1 to 6, pulses, or a place followed by an orientation."""
 JOINT_FORMS: tuple[Form, ...] = ("joints_rad", "joints_deg", "pulses")
 Way = Literal["joint", "line"]
-Reason = Literal[
-    "relative",
-    "computed",
-    "not_literal",
-    "handed",
-    "array",
-    "arc",
-    "changed",
-    "offset",
-    "displaced",
-    "tracked",
-    "external_tcp",
-    "coordinated",
-    "switched",
-    "selected",
-    "not_understood",
-    "unused",
-    "external_axes",
-    "incomplete",
-    "no_scale",
-    "several_frames",
-    "unknown_tool",
-    "unknown_frame",
-    "no_posture",
-    "ambiguous",
-    "other_flags",
-    "two_postures",
-    "past_singularity",
-    "unreachable",
-    "beyond_limits",
-    "singular",
-    "too_large",
-    "changes_flags",
-]
-WHY: dict[Reason, str] = {
-    "relative": "is a relative move",
-    "computed": "is computed by the program",
-    "not_literal": "is not a point with numbers in this program",
-    "handed": "is given to a routine, which may move to it in a tool, a frame or a posture of its own",
-    "array": "is in an array, whose elements are not followed",
-    "arc": "is of an arc of a number of degrees, which does not end at its target",
-    "changed": "is also used, or assigned, elsewhere in the program",
-    "offset": "is used with an offset that is not known, or whose place may need another correction than the point",
-    "displaced": "is moved by a displacement that is, or may be, active there",
-    "tracked": "is, or may be, followed on a conveyor, or moved by a sensor or a force, there",
-    "external_tcp": "is, or may be, reached with a tool that stands outside of the robot",
-    "coordinated": "is, or may be, coordinated with another axis or robot there",
-    "switched": "is, or may be, read otherwise there, after a switch of the language",
-    "selected": "is of a frame or a tool that is not certain to be the selected one there: a controller that does not "
-    "check the numbers may drive it in another; select them before it (UFRAME_NUM=, UTOOL_NUM=)",
-    "not_understood": "is reached after something that is not understood, which may move or change anything",
-    "unused": "is not the target of any move that was understood",
-    "external_axes": "has external axes, or a second group",
-    "incomplete": "does not have all six numbers",
-    "no_scale": "is in pulses: give --scale with the counts per degree of each axis",
-    "several_frames": "is used with several tools or frames",
-    "unknown_tool": "is in a tool that is not known: give --tool",
-    "unknown_frame": "is in a frame that is not known: give --frame",
-    "no_posture": "has no posture that is certain: not every way that leads to it says how the arm stands",
-    "ambiguous": "can be reached in several postures, and the program does not say clearly which",
-    "other_flags": "has flags of posture that no solution of the nominal arm has",
-    "two_postures": "is reached in two postures, which need two corrections",
-    "past_singularity": "is reached past a singularity, where the controller decides how the wrist goes on",
-    "unreachable": "is out of the nominal arm's reach",
-    "beyond_limits": "is, or would be, beyond a joint's limits",
-    "singular": "is at a singularity or at a limit, where no correction exists",
-    "too_large": "would move by more than is plausible for a correction",
-    "changes_flags": "would get another posture or turn than its flags say: touch it up by hand",
-}
-"""Completes a sentence whose subject is the target."""
-
 NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _NUMBER = re.compile(NUMBER)
 _MARK = "\xef\xbb\xbf"

@@ -1,32 +1,17 @@
-"""Writing the programs of a test: what a maker's writer offers, and files that are all new or not written at all."""
+"""Writing the programs of a test: files that are all new or not written at all."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 
 from analysis.apps.makers import maker_by
+from analysis.apps.makers.program_writer import BY_ITSELF
 from analysis.apps.makers.programs.motion_plan import Demand, Plan
 from analysis.runs.written_files import Writer, holding, write_all_new
 from rigs.errors import FileError
 from rigs.schema.feedback import Feedback, ModbusJoints
 from rigs.schema.vocabulary import MakerName
-
-BY_ITSELF = "the controller serves it without the program"
-
-
-@dataclass(frozen=True)
-class ProgramWriter:
-    """write: the files of a plan by their names, lines ending with a line feed; feedbacks: the interfaces that this
-    maker's controllers serve beside Modbus, and what they need for that; newline: what the controller's files end lines
-    with; outputs: the numbers of its digital outputs, which count from 1: some have up to 4096, others
-    fewer."""
-
-    write: Callable[[Plan, Demand], dict[str, str]]
-    feedbacks: Mapping[type, str] = field(default_factory=dict)
-    newline: str = "\r\n"
-    outputs: range = range(1, 4097)
 
 
 def feedback_note(maker: MakerName, feedback: Feedback) -> str:

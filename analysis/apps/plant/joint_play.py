@@ -24,12 +24,13 @@ import numpy as np
 
 from analysis.procedures.circle.evaluate import CircleResult
 from analysis.procedures.circle.joint_reversals import turns
+from analysis.procedures.prediction import nominal_setup, path_of, predict
 from analysis.procedures.results import Result
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.reduction import PHI
 from analysis.robot.geometry.circle import link_angle
 from analysis.robot.kinematics.arm import Array, Mask
-from analysis.robot.model.predict import model_of, nominal_setup, path_of, predict
+from analysis.robot.model.predict import model_of
 from analysis.runs.laps import Laps
 from analysis.runs.tables import CircleTable
 from rigs.effects import Effect, play_of_joint

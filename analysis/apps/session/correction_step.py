@@ -17,6 +17,7 @@ import numpy as np
 
 from analysis.apps.makers.controller_entries import ControllerEntries
 from analysis.apps.makers.correct_rig import correct_rig
+from analysis.apps.makers.plays import ahead_of_plays
 from analysis.apps.makers.programs.compensated import compensated, targets_of
 from analysis.apps.makers.programs.motion_plan import Arc
 from analysis.apps.makers.report import controller_report, correction_report
@@ -24,7 +25,7 @@ from analysis.apps.session.session_plan import FIXED, Program, named_as, program
 from analysis.apps.session.session_state import MAIN, Correction, Session, Stage, Step, Way
 from analysis.correction.corrected_targets import corrected_angles
 from analysis.correction.deviation import Expected, Work
-from analysis.correction.plays import ahead_of_plays, known_plays
+from analysis.correction.plays import known_plays
 from analysis.correction.pose_uncertainty import PoseUncertainty, frame_u_mm, pose_uncertainty, where_known
 from analysis.correction.support import supports
 from analysis.correction.work import tool_poses, used_effects

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analysis.procedures.prediction import nominal_setup, path_of, read
 from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.robot.model.motion import Motion
-from analysis.robot.model.predict import Model, Path, SetUp, moved, nominal_setup, path_of, read
+from analysis.robot.model.predict import Model, Path, SetUp, moved
 from analysis.robot.model.scene import Scene
 from analysis.runs.laps import laps_of
 from analysis.runs.noise.readings import is_wild, step_of

@@ -13,9 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from analysis.diagnosis.evidence.observation import ObservedRun, part, predicted, predicted_in_scene, residual_of, rms
+from analysis.procedures.prediction import nominal_setup
 from analysis.robot.geometry.pose_setup import best_rigid, moved_by
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import SetUp, moved, nominal_setup
+from analysis.robot.model.predict import SetUp, moved
 from analysis.robot.model.scene import Scene
 from analysis.runs.table_format import kinds
 from analysis.runs.tables import Table

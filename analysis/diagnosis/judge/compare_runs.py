@@ -3,120 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
 
 import numpy as np
-import pyarrow as pa
 
 from analysis.diagnosis.evidence.observation import by_socket, outside_effect_coverage, residual_of
 from analysis.diagnosis.evidence.placements import observe_runs, split_by_frame, split_by_target
 from analysis.diagnosis.evidence.setups import fit_setups
+from analysis.diagnosis.judge.comparison import Compared, Comparison, PoseComparison
 from analysis.procedures.circle.evaluate import CircleResult
+from analysis.procedures.prediction import path_of, predict
 from analysis.procedures.radial.evaluate import RadialResult
 from analysis.procedures.repeatability.evaluate import RepeatabilityResult
-from analysis.procedures.results import Result, result_of
+from analysis.procedures.results import result_of
 from analysis.procedures.shared.evaluate import Evaluated, evaluate
 from analysis.procedures.shared.reduction import PHI
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import Model, SetUp, path_of, predict
+from analysis.robot.model.predict import Model, SetUp
 from analysis.runs.loading import Measured
 from analysis.runs.noise.readings import rms
 from analysis.runs.tables import Table
-from analysis.runs.tabular import Tabular, for_json, table_of_rows
 from rigs.rig import Rig
-
-if TYPE_CHECKING:
-    from analysis.diagnosis.judge.disagreement import Disagreement
-
-
-@dataclass(frozen=True)
-class Comparison(Tabular):
-    """One run. `result` and `simulated` are evaluated in the same way; the curves (n,) at x (n,) are in `unit`. `rows`
-    (m,) of the run's table were compared, on a circle those of whole laps; `residuals_mm` (m, k) are the measured less
-    the simulated readings of each gauge there, and `rms_um` is their rms. `correlation` is that of the curves."""
-
-    result: Result
-    simulated: Evaluated
-    x: Array
-    measured_curve: Array
-    simulated_curve: Array
-    unit: str
-    rows: Integers
-    residuals_mm: Array
-    correlation: float
-    rms_um: float
-
-    def to_table(self) -> pa.Table:
-        """The curves side by side: phi_deg, target or place, then measured, simulated and difference in their unit."""
-        where = self.result.measured.table.kind.along
-        curves = {"measured": self.measured_curve, "simulated": self.simulated_curve}
-        curves["difference"] = self.measured_curve - self.simulated_curve
-        return pa.table({where: self.x} | {f"{name}_{self.unit}": values for name, values in curves.items()})
-
-    def to_dict(self) -> dict[str, Any]:
-        """The figures side by side in plain types; None where there is no correlation, as of a model without errors."""
-        simulated = self.simulated.figures
-        plain: dict[str, Any] = for_json(
-            {
-                "run": str(self.result.measured.path),
-                "test": self.result.test,
-                "figures": {
-                    name: {"measured": figure.value, "u": figure.u, "simulated": simulated[name].value}
-                    for name, figure in self.result.found.figures.items()
-                    if name in simulated
-                },
-                "correlation": self.correlation,
-                "rms_um": self.rms_um,
-            }
-        )
-        return plain
-
-
-@dataclass(frozen=True)
-class PoseComparison:
-    """A run of poses beside the model: what the model leaves of them in µm, root mean square and at most."""
-
-    run: str
-    poses: int
-    rms_um: float
-    largest_um: float
-
-
-@dataclass(frozen=True)
-class Compared(Tabular):
-    """All runs, their fitted set-ups, and doubts in words; `poses` has the runs that have no gauges. `disagreement` is
-    where model and readings disagree, None where that was not asked."""
-
-    runs: tuple[Comparison, ...]
-    setups: dict[str, SetUp]
-    doubts: tuple[str, ...]
-    poses: tuple[PoseComparison, ...] = ()
-    disagreement: Disagreement | None = None
-
-    def to_table(self) -> pa.Table:
-        """The figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
-        objects = [comparison.to_dict() for comparison in self.runs]
-        rows = [
-            {"run": entry["run"], "figure": name, **figure}
-            for entry in objects
-            for name, figure in entry["figures"].items()
-        ]
-        return table_of_rows(("run", "figure", "measured", "u", "simulated"), rows)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Runs, fitted set-ups and doubts in plain types: what `rig compare --json` prints."""
-        setups = {name: {"ball_mm": setup.ball, "zeros_mm": setup.zeros_mm} for name, setup in self.setups.items()}
-        plain: dict[str, Any] = for_json(
-            {
-                "runs": [comparison.to_dict() for comparison in self.runs],
-                "poses": [asdict(pose) for pose in self.poses],
-                "setup": setups,
-                "doubts": self.doubts,
-                **(self.disagreement.to_dict() if self.disagreement else {}),
-            }
-        )
-        return plain
 
 
 def compare(runs: Sequence[Measured], rig: Rig, unseen: Sequence[Measured] = ()) -> Compared:

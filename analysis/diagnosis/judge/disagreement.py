@@ -8,8 +8,7 @@ circle, which takes a thirtieth of the time.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,8 +20,8 @@ from analysis.diagnosis.fit.responses import Linearisation, linearise, noise_um
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import background_terms
 from analysis.diagnosis.judge.budget import Measure, group_of
-from analysis.diagnosis.judge.compare_runs import Compared
-from analysis.diagnosis.judge.residuals import Curve, Map, Place, curves_of, maps_of, places
+from analysis.diagnosis.judge.comparison import Compared, Disagreement
+from analysis.diagnosis.judge.residuals import curves_of, maps_of, places
 from analysis.diagnosis.judge.result import BudgetPart, Diagnosis
 from analysis.diagnosis.judge.staircase import Left, Staircase, Step
 from analysis.diagnosis.judge.validation import FrozenModel, Stages
@@ -100,27 +99,6 @@ def _rungs(
     small = tuple(k for k in added if k not in large)
     if small:
         yield small, effects
-
-
-@dataclass(frozen=True)
-class Disagreement:
-    """The places where the model of a rig and readings disagree, the largest sigma first, and the residuals of circles
-    and at targets without the effects of the model (before) and with them (after). `staircase` has a step for each
-    effect of the rig file, and one for its calibration, whose place is after them; None for a model without effects.
-    `floor_um` is the noise of a run."""
-
-    rig: Rig
-    where: tuple[Place, ...]
-    curves: tuple[Curve, ...]
-    maps: tuple[Map, ...]
-    staircase: Staircase | None
-    floor_um: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """In plain types, with the keys of a diagnosis."""
-        names = [*(f"effect {k}" for k in range(1, len(self.rig.effects) + 1)), "calibration"]
-        steps = self.staircase.to_dict(names) if self.staircase else None
-        return {"where": [place.to_dict() for place in self.where], "staircase": steps}
 
 
 def located(compared: Compared, rig: Rig, used: Sequence[Measured], unseen: Sequence[Measured] = ()) -> Compared:

@@ -30,9 +30,10 @@ from analysis.diagnosis.fit.candidates import (
 from analysis.diagnosis.fit.refine import refine
 from analysis.diagnosis.fit.responses import Linearisation, linearise
 from analysis.diagnosis.judge.result import ODDS
+from analysis.procedures.prediction import nominal_setup
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.robot.model.predict import SetUp, model_of, nominal_setup
+from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.runs.tables import CircleTable
 from rigs.effects import Effect

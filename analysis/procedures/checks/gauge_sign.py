@@ -26,10 +26,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.procedures.checks.finding import Finding, Misfit, Strength
+from analysis.procedures.prediction import nominal_setup, path_of, read
 from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, arm_of, forward
-from analysis.robot.model.predict import Model, model_of, moved, nominal_setup, path_of, read
+from analysis.robot.model.predict import Model, model_of, moved
 from analysis.runs.laps import is_on_circle, laps_of
 from analysis.runs.loading import Measured
 from analysis.runs.noise.readings import rms

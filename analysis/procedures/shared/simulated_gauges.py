@@ -12,9 +12,10 @@ from itertools import accumulate, islice
 
 import numpy as np
 
+from analysis.procedures.prediction import path_of, predict
 from analysis.robot.geometry.driven_programs import hold_six
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import SetUp, model_of, path_of, predict
+from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.tables import GaugeTable
 from rigs.effects import Effect, turned
 from rigs.errors import FileError

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from analysis.procedures.checks.lost_poses import WILDNESS, Far, far_touches, left_out, wild_touches
 from analysis.procedures.checks.place import Off, off_sockets
+from analysis.procedures.prediction import path_of
 from analysis.procedures.shared.evaluate import Instruments, hold_joints, hold_numbers
 from analysis.procedures.shared.lap_curve import SEED
 from analysis.procedures.shared.places_and_targets import PlaceKind, came_from_cells, came_from_of
@@ -29,7 +30,7 @@ from analysis.procedures.shared.simulated_gauges import Simulation
 from analysis.procedures.shared.simulated_touches import simulated_touches
 from analysis.robot.geometry.pose_setup import socket_design
 from analysis.robot.kinematics.arm import Arm, Array, Integers, forward
-from analysis.robot.model.predict import Model, SetUp, model_of, moved, path_of
+from analysis.robot.model.predict import Model, SetUp, model_of, moved
 from analysis.runs.csv_tables import Rows, joint_cells
 from analysis.runs.noise.cell_noise import SEAT_MM, TARGET_MM
 from analysis.runs.noise.readings import rms

@@ -8,13 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array, Integers
-from analysis.runs.stands import standing
 from rigs.schema.scene import play
 
 _TURN_RAD = np.radians(0.003)
 """Less than this is an encoder's noise, not a reversal."""
 _STANDS_S = 0.1
 """The robot stands where no joint turns by an encoder's noise within this time: every program drives faster."""
+_INSTANT_S = 1e-6
+"""A rounding error of a time."""
 _NEAR_S = 0.25
 _LEAST = 5
 _NONE: Integers = np.empty(0, dtype=np.intp)
@@ -39,6 +40,25 @@ class Motion:
         """The last row (s,) of each period in which the whole robot stands, from which it drives on."""
         ends = [end - 1 for _, end in standing(self.t_s, self.q, _TURN_RAD, _STANDS_S) if end < len(self.t_s)]
         return np.array(ends, dtype=np.intp)
+
+
+def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tuple[int, int]]:
+    """Return the rows [begin, end) of each period in which no joint moves by still_rad or more within window_s: times
+    t_s (n,) s, reported angles q (n, 6) rad. Periods do not overlap."""
+    rows = np.arange(len(t_s))
+    ahead = np.searchsorted(t_s, t_s + window_s - _INSTANT_S).clip(max=len(t_s) - 1)
+    # A robot that turns back without a stop is where it was, but not in between.
+    moved = np.maximum(np.abs(q[ahead] - q), np.abs(q[(rows + ahead) // 2] - q)).max(axis=1)
+    still = (moved < still_rad) & (t_s[ahead] - t_s >= 0.9 * window_s)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    periods: list[tuple[int, int]] = []
+    for begin, last in edges.reshape(-1, 2).tolist():
+        end = int(ahead[last - 1]) + 1
+        if periods and begin < periods[-1][1]:
+            periods[-1] = (periods[-1][0], end)
+        else:
+            periods.append((begin, end))
+    return periods
 
 
 def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[float, float]]:

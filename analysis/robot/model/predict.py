@@ -20,7 +20,6 @@ import numpy as np
 from analysis.robot.kinematics.arm import Arm, Array, Integers, arm_of, forward
 from analysis.robot.model.motion import Motion
 from analysis.robot.model.scene import Load, Scene, apply, load_of
-from analysis.runs.tables import Table
 from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.schema.scene import STAGES
@@ -93,16 +92,6 @@ def model_of(rig: Rig, effects: Sequence[Effect] | None = None) -> Model:
     return Model(rig, arm_of(rig.robot), load_of(rig.robot), tuple(effects))
 
 
-def nominal_setup(rig: Rig, table: Table) -> SetUp:
-    """Ball in the nominal centre, gauges at zero, instrument in the world's frame."""
-    return table.kind.setup(rig)
-
-
-def path_of(model: Model, table: Table) -> Path:
-    """The motion behind a table: as recorded, or with the approaches that the test prescribes."""
-    return table.kind.path(model, table)
-
-
 def stops(q: Array, t_s: Array | None = None, came_from: Array | None = None) -> Path:
     """The motion of a robot that stands at each reading, at joints q (n, axes) rad and, where they are known, times t_s
     (n,) s; came_from (n, axes) rad: where the joints were before, None where each comes from the reading before."""
@@ -114,17 +103,6 @@ def stops(q: Array, t_s: Array | None = None, came_from: Array | None = None) ->
     path_t = (t[:, None] + times).ravel()
     path_q = np.stack(places, axis=1).reshape(-1, q.shape[1])
     return Path(Motion(path_t, path_q), count * np.arange(len(q)) + count - 2, stands=True)
-
-
-def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
-    """Readings (m, k) of a table: gauges in mm; for poses the target's T_instrument_target, (m, 16) row by row."""
-    return read(model, table, path, moved(model, path), setup)
-
-
-def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> Array:
-    """Readings (m, k) as `predict` gives them, in mm, from a scene that was computed before: nothing that a set-up
-    changes moves the tool."""
-    return table.kind.read(model, table, path, scene, setup)
 
 
 def gauged(model: Model, path: Path, scene: Scene, setup: SetUp, g_mm: Array) -> Array:

@@ -13,12 +13,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from analysis.procedures.prediction import nominal_setup, path_of, predict
 from analysis.procedures.results import result_of
 from analysis.procedures.simulate import simulate, simulated_run
 from analysis.robot.geometry.circle import frame_of, link_readings
 from analysis.robot.geometry.driven_programs import circle_of
 from analysis.robot.kinematics.arm import Array, transform
-from analysis.robot.model.predict import model_of, moved, nominal_setup, path_of, predict
+from analysis.robot.model.predict import model_of, moved
 from analysis.runs.tables import CircleTable, Table
 from rigs.effects import BallForm, Effect, GaugeBaseline, GaugeInclination
 from rigs.load import load, load_hidden

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.robot.model.predict import model_of, nominal_setup, path_of, predict
+from analysis.procedures.prediction import nominal_setup, path_of, predict
+from analysis.robot.model.predict import model_of
 from analysis.runs.tables import CircleTable, RadialTable, Table
 from rigs.effects import VOCABULARY
 from rigs.load import load

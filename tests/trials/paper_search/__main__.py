@@ -18,11 +18,12 @@ from scipy.optimize import differential_evolution
 
 from analysis.apps.paper import published
 from analysis.apps.paper.simulated_tests import curve_of
+from analysis.procedures.prediction import nominal_setup, path_of, predict
 from analysis.procedures.radial.evaluate import free_sphere
 from analysis.procedures.simulate import simulate
 from analysis.robot.geometry.driven_programs import circle_of, hemisphere_of
 from analysis.robot.geometry.hemisphere import hemisphere_frame, target_angles
-from analysis.robot.model.predict import model_of, nominal_setup, path_of, predict
+from analysis.robot.model.predict import model_of
 from analysis.runs.tables import CircleTable, Table
 from rigs.effects import Effect, size_field
 from rigs.load import load

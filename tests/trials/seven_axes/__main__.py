@@ -15,9 +15,10 @@ import numpy as np
 
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.judge.result import Diagnosis
+from analysis.procedures.prediction import path_of
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
 from analysis.robot.kinematics.arm import Array
-from analysis.robot.model.predict import Model, model_of, moved, path_of
+from analysis.robot.model.predict import Model, model_of, moved
 from analysis.runs.loading import Measured
 from analysis.runs.tables import PoseTable, TouchTable
 from rigs.arms import load_arm

@@ -14,8 +14,9 @@ import numpy as np
 
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.judge.result import Diagnosis, Named
+from analysis.procedures.prediction import path_of
 from analysis.robot.geometry.pose_setup import fit_setup, position_error
-from analysis.robot.model.predict import model_of, moved, path_of
+from analysis.robot.model.predict import model_of, moved
 from rigs.arms import load_arm
 from rigs.load import parse
 from rigs.rig import Rig

@@ -17,7 +17,7 @@ from analysis.apps.makers.abb.statements import Reader, literal_frames, read_mod
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import OFF, Call, Program, Set, Unknown, Value
-from analysis.apps.makers.reading import ProgramReader, Remark
+from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import Left, Named, Parsed, Texts, blanked, lines_of, with_newlines
 
 _DECIMALS = Decimals(place=(4, 7), turn=(8, 12))

@@ -32,18 +32,8 @@ from analysis.apps.makers.program_machine import (
     Value,
 )
 from analysis.apps.makers.programs.posture import beyond_stretch, wrist_in_front
-from analysis.apps.makers.target import (
-    NUMBER,
-    Flags,
-    Left,
-    Lines,
-    Number,
-    Reason,
-    Target,
-    arguments,
-    brackets,
-    words,
-)
+from analysis.apps.makers.target import NUMBER, Flags, Left, Lines, Number, Target, arguments, brackets, words
+from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 _NUMBER = re.compile(NUMBER)

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from analysis.apps.makers.program_writer import ProgramWriter
 from analysis.apps.makers.programs.motion_plan import (
     ACCELERATION_MM_S2,
     Arc,
@@ -32,7 +33,6 @@ from analysis.apps.makers.programs.program_text import (
     identifier,
     listed,
 )
-from analysis.apps.makers.writing import ProgramWriter
 from analysis.robot.kinematics.arm import Array
 from rigs.schema.feedback import ABBEGM
 

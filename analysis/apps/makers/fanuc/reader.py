@@ -35,8 +35,8 @@ from analysis.apps.makers.program_machine import (
     Unknown,
     Value,
 )
+from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.programs.posture import agreeing, turns
-from analysis.apps.makers.reading import ProgramReader, Remark
 from analysis.apps.makers.target import (
     NUMBER,
     Flags,
@@ -45,13 +45,13 @@ from analysis.apps.makers.target import (
     Lines,
     Number,
     Parsed,
-    Reason,
     Target,
     Texts,
     blanked,
     lines_of,
     with_newlines,
 )
+from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 _DECIMALS = Decimals(place=(3, 7), turn=(3, 9))

@@ -18,6 +18,7 @@ from functools import partial
 
 import numpy as np
 
+from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
 from analysis.apps.makers.programs.motion_plan import (
     Arc,
     Demand,
@@ -40,7 +41,6 @@ from analysis.apps.makers.programs.program_text import (
     heading,
     identifier,
 )
-from analysis.apps.makers.writing import BY_ITSELF, ProgramWriter
 from analysis.robot.kinematics.arm import Arm
 from rigs.errors import FileError
 from rigs.schema.condition import CONDITION

@@ -23,7 +23,7 @@ from analysis.apps.makers.kuka.statements import (
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import OFF, Call, Program, Unknown, Value
-from analysis.apps.makers.reading import ProgramReader, Remark
+from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import Named, Parsed, Texts, blanked, lines_of, with_newlines
 
 _DECIMALS = Decimals(place=(4, 7), turn=(6, 9))

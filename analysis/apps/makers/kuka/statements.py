@@ -44,12 +44,12 @@ from analysis.apps.makers.target import (
     Lines,
     Named,
     Number,
-    Reason,
     Target,
     arguments,
     brackets,
     words,
 )
+from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 LINES = "flags of lines"

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from analysis.apps.makers.program_writer import ProgramWriter
 from analysis.apps.makers.programs.motion_plan import (
     ACCELERATION_MM_S2,
     ZONE_MM,
@@ -35,7 +36,6 @@ from analysis.apps.makers.programs.program_text import (
     heading,
     identifier,
 )
-from analysis.apps.makers.writing import ProgramWriter
 from analysis.robot.kinematics.arm import Arm, Array
 from rigs.schema.feedback import KUKARSI
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from analysis.apps.makers.corrected_program import MOST_MM, CorrectedProgram
-from analysis.apps.makers.target import WHY
 from analysis.correction.corrected_targets import WorkError
+from analysis.correction.reasons import WHY
 from analysis.robot.kinematics.arm import Array
 from analysis.runs.noise.readings import rms
 

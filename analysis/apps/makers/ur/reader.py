@@ -30,7 +30,7 @@ from analysis.apps.makers.program_machine import (
     Unknown,
     Value,
 )
-from analysis.apps.makers.reading import ProgramReader, Remark
+from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import (
     Form,
     Left,
@@ -38,7 +38,6 @@ from analysis.apps.makers.target import (
     Named,
     Number,
     Parsed,
-    Reason,
     Target,
     Texts,
     Way,
@@ -51,6 +50,7 @@ from analysis.apps.makers.target import (
     with_newlines,
     words,
 )
+from analysis.correction.reasons import Reason
 
 _DECIMALS = Decimals(place=(8, 10), turn=(8, 10))
 """1e-8 m is 0.01 µm; PolyScope writes twelve decimals and more."""

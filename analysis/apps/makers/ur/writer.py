@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from analysis.apps.makers.program_writer import BY_ITSELF, ProgramWriter
 from analysis.apps.makers.programs.motion_plan import (
     ACCELERATION_MM_S2,
     ZONE_MM,
@@ -23,7 +24,6 @@ from analysis.apps.makers.programs.motion_plan import (
     start_of,
 )
 from analysis.apps.makers.programs.program_text import Words, fixed, heading, identifier, listed
-from analysis.apps.makers.writing import BY_ITSELF, ProgramWriter
 from analysis.robot.kinematics.arm import Array
 from rigs.schema.feedback import URRTDE
 

@@ -36,14 +36,13 @@ from analysis.apps.makers.program_machine import (
     Unknown,
     Value,
 )
+from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.programs.posture import agreeing
-from analysis.apps.makers.reading import ProgramReader, Remark
 from analysis.apps.makers.target import (
     Flags,
     Form,
     Left,
     Parsed,
-    Reason,
     Target,
     Texts,
     blanked,
@@ -51,6 +50,7 @@ from analysis.apps.makers.target import (
     with_newlines,
     words,
 )
+from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 _DECIMALS = Decimals(place=(3, 3), turn=(4, 4))

@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 
+from analysis.apps.makers.program_writer import ProgramWriter
 from analysis.apps.makers.programs.motion_plan import (
     Arc,
     Demand,
@@ -31,7 +32,6 @@ from analysis.apps.makers.programs.motion_plan import (
 )
 from analysis.apps.makers.programs.posture import posture_of
 from analysis.apps.makers.programs.program_text import Words, fixed, fixed_xyz_deg, heading, identifier, listed
-from analysis.apps.makers.writing import ProgramWriter
 from analysis.robot.kinematics.arm import Arm
 
 _NAME_LENGTH = 32

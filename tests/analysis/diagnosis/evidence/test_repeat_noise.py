@@ -22,7 +22,8 @@ from analysis.diagnosis.evidence.noise import (
 from analysis.diagnosis.evidence.observation import ORDER_OF, observe
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import linearise
-from analysis.robot.model.predict import model_of, nominal_setup
+from analysis.procedures.prediction import nominal_setup
+from analysis.robot.model.predict import model_of
 from analysis.runs.noise.cell_noise import SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.runs.tables import CircleTable
 from tests.support.diagnosis_cells import Array, circles, measured, no_background, planted, seen, table_of

@@ -12,10 +12,11 @@ import pytest
 from pydantic import create_model
 
 import rigs.effects
+from analysis.procedures.prediction import nominal_setup, path_of, predict
 from analysis.procedures.simulate import simulate
 from analysis.robot.kinematics.arm import forward_and_jacobian
 from analysis.robot.model.motion import Motion, turns
-from analysis.robot.model.predict import model_of, nominal_setup, path_of, predict
+from analysis.robot.model.predict import model_of
 from analysis.robot.model.scene import Scene, apply
 from rigs.effects import (
     VOCABULARY,

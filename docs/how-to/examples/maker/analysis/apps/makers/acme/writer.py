@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array
-from analysis.apps.makers.writing import ProgramWriter
+from analysis.apps.makers.program_writer import ProgramWriter
 from analysis.apps.makers.programs.motion_plan import Demand
 from analysis.apps.makers.programs.motion_plan import Arc, JointMove, Line, Move, Plan, Turn, start_of
 from analysis.apps.makers.programs.program_text import (

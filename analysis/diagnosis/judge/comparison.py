@@ -1,0 +1,127 @@
+"""The result of a comparison: measured and simulated side by side, and where the model and readings disagree."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import pyarrow as pa
+
+from analysis.diagnosis.judge.residuals import Curve, Map, Place
+from analysis.diagnosis.judge.staircase import Staircase
+from analysis.procedures.results import Result
+from analysis.procedures.shared.evaluate import Evaluated
+from analysis.robot.kinematics.arm import Array, Integers
+from analysis.robot.model.predict import SetUp
+from analysis.runs.tabular import Tabular, for_json, table_of_rows
+from rigs.rig import Rig
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """The places where the model of a rig and readings disagree, the largest sigma first, and the residuals of circles
+    and at targets without the effects of the model (before) and with them (after). `staircase` has a step for each
+    effect of the rig file, and one for its calibration, whose place is after them; None for a model without effects.
+    `floor_um` is the noise of a run."""
+
+    rig: Rig
+    where: tuple[Place, ...]
+    curves: tuple[Curve, ...]
+    maps: tuple[Map, ...]
+    staircase: Staircase | None
+    floor_um: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types, with the keys of a diagnosis."""
+        names = [*(f"effect {k}" for k in range(1, len(self.rig.effects) + 1)), "calibration"]
+        steps = self.staircase.to_dict(names) if self.staircase else None
+        return {"where": [place.to_dict() for place in self.where], "staircase": steps}
+
+
+@dataclass(frozen=True)
+class Comparison(Tabular):
+    """One run. `result` and `simulated` are evaluated in the same way; the curves (n,) at x (n,) are in `unit`. `rows`
+    (m,) of the run's table were compared, on a circle those of whole laps; `residuals_mm` (m, k) are the measured less
+    the simulated readings of each gauge there, and `rms_um` is their rms. `correlation` is that of the curves."""
+
+    result: Result
+    simulated: Evaluated
+    x: Array
+    measured_curve: Array
+    simulated_curve: Array
+    unit: str
+    rows: Integers
+    residuals_mm: Array
+    correlation: float
+    rms_um: float
+
+    def to_table(self) -> pa.Table:
+        """The curves side by side: phi_deg, target or place, then measured, simulated and difference in their unit."""
+        where = self.result.measured.table.kind.along
+        curves = {"measured": self.measured_curve, "simulated": self.simulated_curve}
+        curves["difference"] = self.measured_curve - self.simulated_curve
+        return pa.table({where: self.x} | {f"{name}_{self.unit}": values for name, values in curves.items()})
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures side by side in plain types; None where there is no correlation, as of a model without errors."""
+        simulated = self.simulated.figures
+        plain: dict[str, Any] = for_json(
+            {
+                "run": str(self.result.measured.path),
+                "test": self.result.test,
+                "figures": {
+                    name: {"measured": figure.value, "u": figure.u, "simulated": simulated[name].value}
+                    for name, figure in self.result.found.figures.items()
+                    if name in simulated
+                },
+                "correlation": self.correlation,
+                "rms_um": self.rms_um,
+            }
+        )
+        return plain
+
+
+@dataclass(frozen=True)
+class PoseComparison:
+    """A run of poses beside the model: what the model leaves of them in µm, root mean square and at most."""
+
+    run: str
+    poses: int
+    rms_um: float
+    largest_um: float
+
+
+@dataclass(frozen=True)
+class Compared(Tabular):
+    """All runs, their fitted set-ups, and doubts in words; `poses` has the runs that have no gauges. `disagreement` is
+    where model and readings disagree, None where that was not asked."""
+
+    runs: tuple[Comparison, ...]
+    setups: dict[str, SetUp]
+    doubts: tuple[str, ...]
+    poses: tuple[PoseComparison, ...] = ()
+    disagreement: Disagreement | None = None
+
+    def to_table(self) -> pa.Table:
+        """The figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
+        objects = [comparison.to_dict() for comparison in self.runs]
+        rows = [
+            {"run": entry["run"], "figure": name, **figure}
+            for entry in objects
+            for name, figure in entry["figures"].items()
+        ]
+        return table_of_rows(("run", "figure", "measured", "u", "simulated"), rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Runs, fitted set-ups and doubts in plain types: what `rig compare --json` prints."""
+        setups = {name: {"ball_mm": setup.ball, "zeros_mm": setup.zeros_mm} for name, setup in self.setups.items()}
+        plain: dict[str, Any] = for_json(
+            {
+                "runs": [comparison.to_dict() for comparison in self.runs],
+                "poses": [asdict(pose) for pose in self.poses],
+                "setup": setups,
+                "doubts": self.doubts,
+                **(self.disagreement.to_dict() if self.disagreement else {}),
+            }
+        )
+        return plain
