@@ -115,7 +115,7 @@ def correct(
 
     from analysis.apps.makers.controller_entries import scale_of
     from analysis.apps.makers.correct_rig import correct_rig, target_errors
-    from analysis.apps.makers.corrected_program import Programs, frames_of, start_of
+    from analysis.apps.makers.corrected_program import Programs, doubts_of, frames_of, start_of
     from analysis.apps.makers.report import correction_report
     from analysis.cli.console import progress_of
     from analysis.correction.support import hold_verdict
@@ -123,13 +123,16 @@ def correct(
     from rigs.errors import FileError, UseError
     from rigs.load import load, named_by
 
+    if (tools or frames) and not programs:
+        raise UseError("--tool, --frame", "are of the programs of --program", "give --program as well")
     if start and not programs:
         raise UseError("--start-joints", "is where the arm stands when a program begins", "give --program as well")
     rig, _ = load(rig_file)
     hold_verdict(rig, rig_file, anyway=anyway)
     maker = maker or maker_of(rig.feedback.interface)
     with named_by(rig_file, rig), progress_of("correcting"):
-        asked = Programs(programs or (), frames_of(rig.robot, tools or (), frames or ()), whole, start_of(start))
+        stated = frames_of(rig.robot, tools or (), frames or ())
+        asked = Programs(programs or (), stated, whole, start_of(start), anyway)
         corrections = correct_rig(rig, path, maker, scale_of(scale), entered=entered, programs=asked)
         in_vain = {} if anyway else corrections.in_vain
         kept = tuple(program for program in corrections.programs if program.path not in in_vain)
@@ -139,6 +142,8 @@ def correct(
         say_json(correction_report.as_object(corrections, written))
     else:
         PlainConsole().print(correction_report.as_table(corrections))
+    for doubt in doubts_of(stated, corrections.programs):
+        say(f"doubt: {doubt}", err=True)
     for file in written:
         say(f"wrote {file}", err=True)
     corrected = next((file for file in written if path and file.name == f"corrected-{path.name}"), None)

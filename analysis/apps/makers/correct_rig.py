@@ -11,6 +11,7 @@ import numpy as np
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.controller_entries import ControllerEntries, as_entered, controller_entries
 from analysis.apps.makers.corrected_program import CorrectedProgram, Programs, correct_program
+from analysis.apps.makers.reading import refuse_marked
 from analysis.apps.makers.target_path import TargetPath, hold_uncorrected, read_path
 from analysis.correction.corrected_targets import Corrected, WorkError, angles_for, corrected
 from analysis.correction.pose_uncertainty import covered, places_u_mm, pose_uncertainty
@@ -76,8 +77,9 @@ def correct_rig(
     """Return the corrections of a rig, at a controller where one is given, of which `scale` (6,) has the counts per
     degree or gear ratios; `entered` states that the controller has its entries, so that targets are for it with them.
     Beside `programs` there are none, since both correct twice: the controller is then the one whose programs they are.
-    Raises FileError for a rig without effects, for a path that cannot be read or reached, for a file that is no program
-    and for a program of another maker's robot; UseError for `entered` without what it needs."""
+    Raises FileError for a rig without effects, for a path that cannot be read or reached, for a file that is no
+    program, for one that carries rig's mark and for a program of another maker's robot; UseError for `entered`
+    without what it needs."""
     if not model_of(rig).effects:
         remedy = "diagnose or calibrate it, and give the rig file written"
         raise FileError(RigPlace.of(rig.name), "has no effects to correct", remedy)
@@ -95,6 +97,8 @@ def correct_rig(
     of_model = tuple(supports_beside(rig))
     zeros, constants = joint_zeros(rig, [*supported, *of_model]), link_constants(rig, [*supported, *of_model])
     targets = _targets(rig, supported, path, entries if entered else None) if path else None
+    for unread in () if programs.again else programs.paths:
+        refuse_marked(unread)
     filtered = tuple(
         correct_program(rig, supported, program, programs.frames, scale, whole=programs.whole, start=programs.start)
         for program in programs.paths

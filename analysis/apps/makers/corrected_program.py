@@ -19,7 +19,7 @@ from analysis.apps.makers.postures import agreeing, solved
 from analysis.apps.makers.program_machine import Unknown
 from analysis.apps.makers.program_reader import ProgramReader
 from analysis.apps.makers.reading import as_bytes, read_program
-from analysis.apps.makers.target import AT_BEGIN, Left, Named, Number, Parsed, Target, Texts
+from analysis.apps.makers.target import AT_BEGIN, Left, Named, Notice, Number, Parsed, Target, Texts
 from analysis.correction.corrected_targets import Corrected, NotCorrected, WorkError, corrected
 from analysis.correction.reasons import Reason
 from analysis.correction.support import Support
@@ -35,7 +35,12 @@ farther off has to be mastered, or the rig file is that of another one. A joint 
 singularity."""
 
 
+GIVEN_AWAY = 0.1
+"""A point and the places that moves reach from it by an offset get one correction, if at none of these places more than
+this share of what is removed stays. Chosen: a tenth is lost in the uncertainty of most corrections."""
 _HOW = "give NAME=X,Y,Z,RX,RY,RZ in mm and degrees, roll-pitch-yaw about fixed axes"
+_NEAREST_MM = 5.0
+"""A tool or frame that is nearer than that, and not nothing, looks like one in metres. Chosen: no arm is longer."""
 _FARTHEST_MM = 1e6
 """A frame farther away than a kilometre is a typing error."""
 _MOST_TURNED_DEG = 1000.0
@@ -57,12 +62,14 @@ NO_FRAMES = Frames({}, {})
 @dataclass(frozen=True)
 class Programs:
     """Programs to correct, the tools and frames that a person states for them, whether only whole ones, of which no
-    target is left as it was, are written, and the joint angles (6,) rad at which the arm stands when they begin."""
+    target is left as it was, are written, the joint angles (6,) rad at which the arm stands when they begin, and
+    whether programs that carry rig's mark are corrected again."""
 
     paths: Sequence[Path] = ()
     frames: Frames = NO_FRAMES
     whole: bool = False
     start: tuple[float, ...] | None = None
+    again: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,9 +83,12 @@ class CorrectedProgram:
     them off. `error` is that of the places at the targets, None where none was corrected. `left` is what stayed as it
     was. `beside_left_mm` (m,) is how far corrected targets moved against a neighbour that was left, for each move
     between two such. `sources` are the names of the files that `left` counts, and `overruled` the tools and frames that
-    a person stated, and that the program gives other numbers. Where it is `held`, the program is not written, since it
-    would be half corrected. `start` are the joint angles (6,) rad at which a person states that the arm stands when it
-    begins, where a target's posture can come from them.
+    a person stated, and that the program gives other numbers. `given_away_mm` (n,) is how far the places that moves
+    reach from a target by an offset stay off, since they take the correction of the target; NaN for targets that are
+    used without one. `changed` are the names of the files with other numbers than before, `named` the tools and frames
+    that the program leaves to be stated, by kind and name, and `notices` what a person should know. Where it is `held`,
+    the program is not written, since it would be half corrected. `start` are the joint angles (6,) rad at which a
+    person states that the arm stands when it begins, where a target's posture can come from them.
     """
 
     path: Path
@@ -96,6 +106,10 @@ class CorrectedProgram:
     beside_left_mm: Array
     sources: tuple[str, ...]
     overruled: tuple[Named, ...]
+    given_away_mm: Array
+    changed: frozenset[str] = frozenset()
+    notices: tuple[Notice, ...] = ()
+    named: frozenset[tuple[str, str]] = frozenset()
     held: bool = False
     start: tuple[float, ...] | None = None
 
@@ -123,7 +137,7 @@ def correct_program(
     moved_mm = np.linalg.norm(done.T[:, :3, 3] - forward(arm, q)[:, :3, 3], axis=1)
     reasons |= {target.place: target.reason for target in done.left}
     reasons |= _implausible(arm, targets, q, done, moved_mm)
-    because = _off_by_offset(arm, targets, located, done, reasons)
+    because, given_away_mm = _off_by_offset(arm, targets, located, done, moved_mm, reasons)
     kept = [k for k in range(len(targets)) if k not in reasons and targets[k].of is None]
     changes: list[list[tuple[Number, str]]] = [[] for _ in range(texts.own)]
     for k in kept:
@@ -157,6 +171,10 @@ def correct_program(
         beside_left_mm=moved_mm[_beside_left(parsed, set(kept))],
         sources=texts.names,
         overruled=tuple(named for named in parsed.sets if _otherwise(named, frames)),
+        given_away_mm=given_away_mm[kept],
+        changed=frozenset(name for name, old, text in zip(texts.names, texts.texts, new, strict=False) if old != text),
+        notices=parsed.notices,
+        named=parsed.named,
         held=whole and any(target.reason != "unused" for target in left),
         start=start if _needs_start(parsed) else None,
     )
@@ -184,7 +202,9 @@ def _joints_at(
     low, high = arm.limits.T
     if start is not None and ((start < low) | (start > high)).any():
         raise UseError("--start-joints", "is beyond the limits of the arm's joints", "give angles that it can stand at")
-    q, unsolved = solved(arm, targets, poses, angles, parsed.steps, start)
+    inverse_tool = np.linalg.inv(arm.T_flange_tool)
+    tips = np.array([(inverse_tool @ place.tool)[:3, 3] for place in located]).reshape(-1, 3)
+    q, unsolved = solved(arm, targets, poses, angles, parsed.steps, start, tips)
     beyond = ((q < low - 1e-9) | (q > high + 1e-9)).any(axis=1)
     return q, reasons | unsolved | {int(k): "beyond_limits" for k in np.flatnonzero(beyond)}
 
@@ -214,25 +234,35 @@ def _otherwise(named: Named, frames: Frames) -> bool:
 
 
 def _off_by_offset(
-    arm: Arm, targets: Sequence[Target], located: Sequence[_Located], done: Corrected, reasons: dict[int, Reason]
-) -> dict[int, tuple[Unknown, ...]]:
-    """Leave the points at which a move with an offset would not stand where it needs to, within the uncertainty of its
-    correction, and return for each such point the move."""
+    arm: Arm,
+    targets: Sequence[Target],
+    located: Sequence[_Located],
+    done: Corrected,
+    moved_mm: Array,
+    reasons: dict[int, Reason],
+) -> tuple[dict[int, tuple[Unknown, ...]], Array]:
+    """Leave the points at which a move with an offset would stay off by more than `GIVEN_AWAY` of the correction and
+    more than its uncertainty. Return for each such point the move, and for the others by how much (n,) mm moves with
+    an offset stay off, NaN without one."""
     because: dict[int, tuple[Unknown, ...]] = {}
+    given_away_mm = np.full(len(targets), np.nan)
     for k, target in enumerate(targets):
         if target.of is None or target.of in reasons:
             continue
         if k in reasons:
-            off_mm, u_mm = np.inf, 0.0
+            off_mm, bound_mm = np.inf, 0.0
         else:
             X = _in_program(arm, located[target.of], done.T[target.of])
             stands = _in_world(arm, located[k], _with_offset(target, X))
             off_mm = float(np.linalg.norm(stands[:3, 3] - done.T[k][:3, 3]))
             u_mm = min(done.u_mm[k], done.u_frame_mm[k])
-        if not off_mm < u_mm:  # nor where it is not known
+            bound_mm = np.fmax(u_mm, GIVEN_AWAY * moved_mm[k])  # without an uncertainty, the share alone
+        if off_mm <= bound_mm:
+            given_away_mm[target.of] = np.fmax(given_away_mm[target.of], off_mm)
+        else:
             reasons[target.of] = "offset"
             because[target.of] = (Unknown(target.file, target.line, "the move with the offset"),)
-    return because
+    return because, given_away_mm
 
 
 def _with_offset(target: Target, X: Array) -> Array:
@@ -352,9 +382,34 @@ def _off_um(arm: Arm, target: Target, located: _Located, scale: Sequence[float] 
 
 def frames_of(robot: Robot, tools: Sequence[str], frames: Sequence[str]) -> Frames:
     """Return the frames of texts "name=x,y,z,rx,ry,rz"; a tool can be "name=rig", the tool of the rig file, and either
-    "name=0". Raises UseError for anything else."""
-    tool_frames = dict(_named("--tool", text, transform(robot.tool)) for text in tools)
-    return Frames(tool_frames, dict(_named("--frame", text, None) for text in frames))
+    "name=0". Raises UseError for anything else, and for a name with two different frames."""
+    of_tools = [_named("--tool", text, transform(robot.tool)) for text in tools]
+    of_frames = [_named("--frame", text, None) for text in frames]
+    return Frames(_without_contradiction("--tool", of_tools), _without_contradiction("--frame", of_frames))
+
+
+def _without_contradiction(option: str, named: Sequence[tuple[str, Array]]) -> dict[str, Array]:
+    stated: dict[str, Array] = {}
+    for name, frame in named:
+        if not np.array_equal(stated.setdefault(name, frame), frame):
+            raise UseError(f"{option} {name}", "is stated twice, with different numbers", "give it once")
+    return stated
+
+
+def doubts_of(frames: Frames, programs: Sequence[CorrectedProgram]) -> list[str]:
+    """Return what speaks against the frames that a person stated: no program names them, or they look like metres."""
+    named = {of for program in programs for of in program.named}
+    doubts = []
+    for kind, stated in (("tool", frames.tools), ("frame", frames.frames)):
+        for name, frame in stated.items():
+            if programs and (kind, name) not in named:
+                doubts.append(f"--{kind} {name}: no move of the programs is certain to use a {kind} of that name")
+            if 0 < (away_mm := float(np.linalg.norm(frame[:3, 3]))) < _NEAREST_MM:
+                doubts.append(
+                    f"--{kind} {name}: is only {away_mm:.3g} mm away: lengths are in mm; in metres it would be "
+                    f"{1e3 * away_mm:.4g} mm"
+                )
+    return doubts
 
 
 def _named(option: str, text: str, of_rig: Array | None) -> tuple[str, Array]:

@@ -6,14 +6,16 @@ has the same tool and frame and nothing that moves it elsewhere, and where nothi
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
+from analysis.apps.makers.external_axes import EXTERNAL, PointAxes, with_external_axes
 from analysis.apps.makers.program_machine import BEGIN, OFF, Program, Ref, Unknown, Usage, Value, usages_of
-from analysis.apps.makers.target import AT_BEGIN, Left, Named, Parsed, Step, Target
+from analysis.apps.makers.target import AT_BEGIN, Arc, Left, Named, Notice, Parsed, Step, Target
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Array
 
@@ -25,6 +27,7 @@ _BY_PART: dict[str, Reason] = {
     "switch": "switched",
     "selected": "selected",
     "option": "not_understood",
+    EXTERNAL: "external_axes",
 }
 """Why a point is left where this part is not off, or not on every way."""
 
@@ -42,10 +45,13 @@ class _Point:
 @dataclass
 class Points:
     """The points of a program while it is read, and moves that have none. `silent` are keys of points that are not
-    listed where no move uses them, `files` is how many of the texts are corrected: the others stand beside."""
+    listed where no move uses them, `files` is how many of the texts are corrected: the others stand beside. `axes` are
+    the external axes that the texts move."""
 
     files: int
     silent: set[str] = field(default_factory=set)
+    axes: set[str] = field(default_factory=set)
+    notices: list[Notice] = field(default_factory=list)
     _points: dict[str, _Point] = field(default_factory=dict)
     _left: list[Left] = field(default_factory=list)
     _sets: list[Named] = field(default_factory=list)
@@ -90,17 +96,19 @@ class Points:
 
     def parsed(self, program: Program) -> Parsed:
         """Return the targets with the moves that a program can make to them."""
-        usages = usages_of(program)
+        usages = usages_of(with_external_axes(program, frozenset(self.axes), self._axes_of))
         for usage in usages:
             if point := self._points.get(usage.move.base or usage.move.key):
                 point.usages.append(usage)
         targets, places, skipped = self._targets()
+        arcs = _arcs(usages, places)
         steps = tuple(
             Step(
                 places[usage.move.key],
-                frozenset(AT_BEGIN if key == BEGIN else places.get(key or "") for key in usage.comes_from),
+                _sources(usage, places),
                 "joint" if usage.move.way == "joint" else "line",
                 usage.trusts == "on",
+                arcs.get(usage.move.arc),
             )
             for usage in usages
             if usage.move.key in places
@@ -112,7 +120,25 @@ class Points:
                 if source not in (None, BEGIN) and (key in places) != (source in places):
                     next_to_left.append(places[key if key in places else source])
         ordered = tuple(sorted(skipped, key=lambda move: (move.file, move.line)))
-        return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), tuple(self._sets))
+        notices, named = tuple(self.notices), self._named(usages)
+        return Parsed(tuple(targets), steps, ordered, tuple(next_to_left), tuple(self._sets), notices, named)
+
+    def _named(self, usages: Sequence[Usage]) -> frozenset[tuple[str, str]]:
+        """Return the tools and frames that moves, points and the program's own settings name."""
+        named: set[tuple[str, str]] = {(of.kind, of.name.lower()) for of in self._sets}
+        for usage in usages:
+            named |= {(kind, value.lower()) for kind, value in _by_kind(usage.tool, usage.frame) if value}
+        for point in self._points.values():
+            of_point = _by_kind(point.target.tool, point.target.frame)
+            named |= {(kind, value.lower()) for kind, value in of_point if value}
+        return frozenset(named)
+
+    def _axes_of(self, key: str) -> PointAxes | None:
+        """Return the external axes of a point, None if there is no such point."""
+        point = self._points.get(key)
+        if point is None:
+            return None
+        return PointAxes(None if point.changed else dict(point.target.external), not point.target.joints)
 
     def _targets(self) -> tuple[list[Target], dict[str, int], list[Left]]:
         """Return the targets of points, in the tool and the frame of their moves, the place of each by the key of its
@@ -132,7 +158,7 @@ class Points:
                 point.target,
                 tool=_tool(first.tool, point.target.tool),
                 frame=_tool(first.frame, point.target.frame),
-                near=first.move.near,
+                near=next((usage.move.near for usage in point.usages if usage.move.near), None),
                 flags=point.target.flags if any(usage.trusts != OFF for usage in point.usages) else None,
             )
             places[key] = base = len(targets)
@@ -146,6 +172,30 @@ class Points:
                 targets.append(replace(target, line=usage.move.line, file=usage.move.file, offset=offset, of=base))
             self._sets += [named for usage in point.usages for named in _registers(usage)]
         return targets, places, skipped
+
+
+def _by_kind(tool: object, frame: object) -> Iterator[tuple[str, str]]:
+    """Yield a tool and a frame that are given by their names."""
+    yield from ((kind, value) for kind, value in (("tool", tool), ("frame", frame)) if isinstance(value, str))
+
+
+def _sources(usage: Usage, places: dict[str, int]) -> frozenset[int | None]:
+    """Return the places of the targets from which a move comes."""
+    return frozenset(AT_BEGIN if key == BEGIN else places.get(key or "") for key in usage.comes_from)
+
+
+def _arcs(usages: Sequence[Usage], places: dict[str, int]) -> dict[str, Arc]:
+    """Return the arcs that turn the tool, by their names."""
+    arcs: dict[str, Arc] = {}
+    for usage in usages:
+        if not (name := usage.move.arc):
+            continue
+        arc, place = arcs.get(name, Arc(frozenset(), None, None)), places.get(usage.move.key)
+        if usage.move.through:
+            arcs[name] = replace(arc, starts=arc.starts | _sources(usage, places), through=place)
+        else:
+            arcs[name] = replace(arc, end=place)
+    return arcs
 
 
 def _registers(usage: Usage) -> Iterator[Named]:
@@ -176,9 +226,10 @@ def _reasons(point: _Point) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
             yield "unknown_frame", (usage.frame, move)
         if (usage.tool, usage.frame) != (usages[0].tool, usages[0].frame):
             yield "several_frames", (_here(usages[0], "one move"), move)
-    for usage in usages:
-        if usage.move.near != usages[0].move.near:
-            yield "two_postures", (_here(usages[0], "one move"), _here(usage, "another move"))
+    by_angles = [usage for usage in usages if usage.move.near]
+    for usage in by_angles:
+        if usage.move.near != by_angles[0].move.near:
+            yield "two_postures", (_here(by_angles[0], "one move"), _here(usage, "another move"))
 
 
 def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason, tuple[Unknown, ...]]]:
@@ -194,7 +245,7 @@ def _elsewhere(target: Target, usages: Sequence[Usage]) -> Iterator[tuple[Reason
             yield "offset", (value if isinstance(value, Unknown) else _here(usage, "the move with the offset"),)
     for usage in usages:
         for part, value in usage.needs:
-            reason, move = _BY_PART[part.partition(" ")[0]], _here(usage, "the move")
+            reason, move = _BY_PART[re.split(r"[ \[]", part)[0]], _here(usage, "the move")
             if isinstance(value, Unknown):
                 yield "not_understood" if value.everything else reason, (value, move)
             elif value != OFF:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from analysis.apps.makers.programs.ways import straight
-from analysis.apps.makers.target import AT_BEGIN, Flags, Step, Target, Way
+from analysis.apps.makers.target import AT_BEGIN, Arc, Flags, Step, Target, Way
 from analysis.correction.reasons import Reason
 from analysis.robot.kinematics.arm import Arm, Array, Mask, forward
 from analysis.robot.kinematics.follow import follow
@@ -44,6 +44,10 @@ _ANY_MM_S = 100.0
 _PAST_SINGULARITY = 0.01
 """Conditioning below which the end of a straight line is not certain: an axis 5 below 2.3°, 4 mm at the wrist, which
 a robot drives between two set points of its controller. On which side the wrist leaves is the controller's then."""
+_SAME_ORIENTATION_RAD = np.radians(0.1)
+"""An orientation that is farther from the written one is another: a correction of 1 mm changes by 2 µm. Chosen."""
+_FLAT = 1e-4
+"""The sine below which three places of an arc count as a line. Chosen: a radius of some hundred metres."""
 _LONGEST_MM = 1e4
 """No line of an arm is longer: 10 m."""
 
@@ -55,17 +59,22 @@ def solved(
     joint_angles: Array,
     steps: Sequence[Step],
     start: Sequence[float] | None = None,
+    tips: Array | None = None,
 ) -> tuple[Array, dict[int, Reason]]:
     """Return joint angles (n, 6) rad of targets, with the reason where there are none.
 
     `poses` (n, 4, 4) are those of the arm's tool in the world, and `joint_angles` (n, 6) rad those of joint targets,
     each nan where the target is of the other kind. `start` (6,) rad are those at which the arm stands when the program
-    begins, if they are known.
+    begins, if they are known. `tips` (n, 3) mm are the points that the program moves, in the frame of the arm's tool.
     """
     q = np.vstack([joint_angles, np.full(6, np.nan) if start is None else start])  # the last at AT_BEGIN
     reasons: dict[int, Reason] = {}
+    poses = poses.copy()
     asked = [k for k, target in enumerate(targets) if not target.joints and np.isfinite(poses[k]).all()]
-    branches = dict(zip(asked, _branches(arm, poses[asked]), strict=True)) if asked else {}
+    lines = {step.target for step in steps if step.way == "line" and targets[step.target].joints}
+    by_line = [k for k in sorted(lines) if np.isfinite(q[k]).all()]  # a line to joint angles ends at their pose
+    poses[by_line] = forward(arm, q[by_line])
+    branches = dict(zip([*asked, *by_line], _branches(arm, poses[[*asked, *by_line]]), strict=True))
     for k in asked:
         solutions, target = branches[k], targets[k]
         if isinstance(solutions, str):
@@ -76,7 +85,9 @@ def solved(
             mask = agreeing(arm, solutions, target.flags)
             chosen = solutions[mask][0] if mask.sum() == 1 else None
             _take(q, reasons, k, chosen if chosen is not None else ("ambiguous" if mask.any() else "other_flags"))
-    _along(arm, targets, poses, branches, steps, q, reasons)
+    tips = np.zeros((len(targets), 3)) if tips is None else tips
+    ways = _Ways(arm, poses, branches, q, tips, [target.joints for target in targets])
+    _along(ways, targets, steps, reasons)
     for k in asked:
         if k not in reasons and not np.isfinite(q[k]).all():
             reasons[k] = "no_posture"
@@ -113,18 +124,10 @@ def _nearest(solutions: Array, near: Array) -> Array | Reason:
     return nearest
 
 
-def _along(
-    arm: Arm,
-    targets: Sequence[Target],
-    poses: Array,
-    branches: dict[int, Array | Reason],
-    steps: Sequence[Step],
-    q: Array,
-    reasons: dict[int, Reason],
-) -> None:
+def _along(ways: _Ways, targets: Sequence[Target], steps: Sequence[Step], reasons: dict[int, Reason]) -> None:
     """Take postures from the targets before where nothing else says them, and leave those to which not every way leads
     in one posture."""
-    ways = _Ways(arm, poses, branches, q)
+    branches, q = ways.branches, ways.q
     free = {k for k, target in enumerate(targets) if not target.joints and target.near is None and target.flags is None}
     waiting = [step for step in steps if step.target in free and step.target in branches]
     solved_some = True
@@ -150,7 +153,9 @@ def _along(
     while bad is None or bad:
         bad = {}
         for step in steps:
-            if step.target not in reasons and (why := _not_the_same(ways, step, free, reasons)):
+            if step.target in reasons:
+                continue
+            if why := _not_the_same(ways, step, free, reasons) or _turned(ways, step.arc, reasons):
                 bad[step.target] = why
         reasons.update(bad)
 
@@ -163,6 +168,8 @@ class _Ways:
     poses: Array
     branches: dict[int, Array | Reason]
     q: Array
+    tips: Array
+    joints: Sequence[bool]
     arrivals: dict[tuple[bytes, bytes, Way], Array | Reason] = field(default_factory=dict)
 
     def stands(self, k: int) -> bool:
@@ -182,7 +189,9 @@ class _Ways:
 def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Reason]) -> Reason | None:
     """Return why a move does not arrive at its target in the posture for which that is corrected."""
     k = step.target
-    if k not in ways.branches or not ways.stands(k):  # joint angles, or without a posture
+    if isinstance(ways.branches.get(k, "unreachable"), str) or not ways.stands(k):  # joint angles, or no posture
+        return None
+    if ways.joints[k] and step.way != "line":
         return None
     by_way = k in free or not step.by_flags
     for source in step.comes_from:
@@ -198,6 +207,50 @@ def _not_the_same(ways: _Ways, step: Step, free: set[int], reasons: dict[int, Re
         if np.abs(np.sin((arrived - ways.q[k]) / 2) if not by_way else arrived - ways.q[k]).max() > SAME_RAD:
             return "two_postures"
     return None
+
+
+def _turned(ways: _Ways, arc: Arc | None, reasons: dict[int, Reason]) -> Reason | None:
+    """Return why an arc that turns the tool with its tangent does not give the orientations that are written."""
+    if arc is None:
+        return None
+    places = [k for k in (*arc.starts, arc.through, arc.end) if k is not None and k not in reasons and ways.stands(k)]
+    if arc.through is None or arc.end is None or len(places) < len(arc.starts) + 2:
+        return "arc_turns"
+    through, end = ways.poses[arc.through], ways.poses[arc.end]
+    if not np.isfinite([through, end]).all():  # joint angles
+        return "arc_turns"
+    tip = np.append(ways.tips[arc.end], 1.0)
+    for start in places[:-2]:
+        begin = forward(ways.arm, ways.q[start][None])[0]
+        turns = _turns_on_arc(np.array([T @ tip for T in (begin, through, end)])[:, :3])
+        if turns is None:
+            return "arc_turns"
+        for R, T in zip(turns, (through, end), strict=True):
+            away = T[:3, :3].T @ R @ begin[:3, :3]
+            if np.trace(away) < 1 + 2 * np.cos(_SAME_ORIENTATION_RAD):
+                return "arc_turns"
+    return None
+
+
+def _turns_on_arc(places: Array) -> tuple[Array, Array] | None:
+    """Return by which turns (3, 3) an arc through three places (3, 3) mm leads from the first to the second and to the
+    third; None if they lie on a line."""
+    chord, second_chord = places[1] - places[0], places[2] - places[0]
+    normal = np.cross(chord, second_chord)
+    length = float(np.linalg.norm(normal))
+    if length < _FLAT * np.linalg.norm(chord) * np.linalg.norm(second_chord) or length == 0:
+        return None
+    to_centre = np.cross(normal, (second_chord @ second_chord) * chord - (chord @ chord) * second_chord) / (
+        2 * length**2
+    )
+    axis, radius = normal / length, -to_centre
+    angles = []
+    for place in places[1:]:
+        spoke = place - places[0] - to_centre
+        angles.append(float(np.arctan2(axis @ np.cross(radius, spoke), radius @ spoke)) % (2 * np.pi))
+    K = np.cross(axis, np.eye(3)).T  # K @ v is axis × v
+    first, second = (np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K for angle in angles)
+    return first, second
 
 
 def _reached(arm: Arm, stands: Array, pose: Array, solutions: Array, *, linear: bool) -> Array | Reason:

@@ -20,6 +20,8 @@ OFF = "off"
 """The value of a part, such as a displacement, that does nothing."""
 BEGIN = "\0begin"
 """The place at which the arm stands when a person starts the program."""
+EXTERNAL = "external"
+"""The family of the parts that say where external axes stand: off at zero."""
 HERE = " here"
 """Parts whose name ends so are set for the next move alone."""
 _MOST_STATES = 64
@@ -137,6 +139,11 @@ class Move:
     offset: tuple[str, Value | Built] | None = None
     base: str = ""
     """The key of the point itself, where `key` is that of a point with an offset."""
+    arc: str = ""
+    """The name of an arc that turns the tool with its tangent, the same for both of its moves: the orientation that
+    stands at the targets is not the one that is reached."""
+    through: bool = False
+    """Whether the point is the one through which the arc passes."""
 
 
 Statement = Set | Lose | Forget | Call | Elsewhere | Label | Jump | End | Move

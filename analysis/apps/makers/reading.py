@@ -63,6 +63,25 @@ def read_program(path: Path) -> tuple[Maker, Texts]:
     return maker, Texts((*files, *read_beside), (*files.values(), *read_beside.values()), len(files))
 
 
+MARK = "corrected by rig"
+"""Begins the remark in a program that rig corrected. It fits into a remark of every maker."""
+_MARKED = re.compile(rf"{MARK}\b", re.IGNORECASE)
+
+
+def refuse_marked(path: Path) -> None:
+    """Raise FileError for a program of which a file carries rig's mark."""
+    for name, text in program_texts(path)[1].items():
+        if mark := _MARKED.search(text):
+            line = len(re.findall(r"\r\n|\r|\n", text[: mark.start()])) + 1
+            problem = "says that rig has corrected it already; a second correction would be added to the first"
+            raise FileError(f"{path.with_name(name)}:{line}", problem, "give the original; --anyway corrects it again")
+
+
+def mark_of(date: str) -> str:
+    """Return the remark for a program that was corrected on a date."""
+    return f"{MARK} on {date}: never correct it again"
+
+
 def as_bytes(text: str) -> bytes:
     """Return the bytes of a program's text."""
     return text.encode(ENCODING)

@@ -66,6 +66,8 @@ class Target:
     near: tuple[float, ...] | None = None
     offset: tuple[str, Array] | None = None
     of: int | None = None
+    external: tuple[tuple[str, float], ...] = ()
+    """The coordinates of external axes that the target names; an axis that it does not name stays."""
 
     @property
     def joints(self) -> bool:
@@ -89,28 +91,50 @@ AT_BEGIN = -1
 
 
 @dataclass(frozen=True)
+class Arc:
+    """An arc that turns the tool with its tangent: the places of the targets from which it can start, of the one
+    through which it passes and of its end, None for a place that is not certain."""
+
+    starts: frozenset[int | None]
+    through: int | None
+    end: int | None
+
+
+@dataclass(frozen=True)
 class Step:
     """A move to a target, given by its place in the list, from any of others, None for where the arm stands at no
-    certain place, AT_BEGIN for where it stands at the beginning; by its flags of posture, or else in the posture in
-    which the arm comes."""
+    certain place, AT_BEGIN for where it stands at the beginning; in the posture that the target says, or else in the
+    one in which the arm comes. `arc` is None if the orientation of the target is the one that is reached."""
 
     target: int
     comes_from: frozenset[int | None]
     way: Way = "joint"
     by_flags: bool = True
+    arc: Arc | None = None
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A fact at a place in the program that a person should know, and that leaves no target."""
+
+    file: int
+    line: int
+    text: str
 
 
 @dataclass(frozen=True)
 class Parsed:
     """The targets of a program, its moves, and what cannot be corrected. `next_to_left` are the targets that are next
     to a point that is left, one for each such move; `sets` are the tools and frames to which the program itself gives
-    numbers."""
+    numbers, `named` those of any move that a person can state, by kind and name in lower case."""
 
     targets: tuple[Target, ...]
     steps: tuple[Step, ...]
     left: tuple[Left, ...]
     next_to_left: tuple[int, ...] = ()
     sets: tuple[Named, ...] = ()
+    notices: tuple[Notice, ...] = ()
+    named: frozenset[tuple[str, str]] = frozenset()
 
 
 @dataclass(frozen=True)

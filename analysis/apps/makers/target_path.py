@@ -16,6 +16,7 @@ import pyarrow as pa
 
 from analysis.apps.makers.programs.compensated import compensated
 from analysis.apps.makers.programs.motion_plan import Comment, Plan
+from analysis.apps.makers.reading import MARK
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.support import ANYWAY, hold_verdict, why_nothing
 from analysis.intake.cells import TableFileError, TableProblem, value
@@ -98,9 +99,9 @@ def compensated_plans(plans: Sequence[Plan], path: Path, rig: Rig, rig_file: str
     if against and not anyway:
         raise FileError(str(path), f"was {ANYWAY}", "use the nominal targets, or add --anyway; the programs say so")
     made = compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
-    if not (against or why_nothing(rig)):
-        return made
-    return [replace(plan, steps=(Comment(ANYWAY), *plan.steps)) for plan in made]
+    remarks = [Comment(f"{MARK}: never correct it again")]
+    remarks += [Comment(ANYWAY)] if against or why_nothing(rig) else []
+    return [replace(plan, steps=(*remarks, *plan.steps)) for plan in made]
 
 
 def _targets(

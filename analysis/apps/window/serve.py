@@ -204,7 +204,8 @@ def run_window(asked: Asked, say: Callable[[str], object]) -> None:
         if asked.foxglove is not None:
             stream = Foxglove(asked.foxglove, rig, gate)
             ends.callback(stream.close)
-            say(f"ws://127.0.0.1:{stream.port}{'/?token=TOKEN' if gate.token else ''} for Foxglove")
+            open_to = "" if gate.token else "; pages that other programs of this computer serve can read it, too"
+            say(f"ws://127.0.0.1:{stream.port}{'/?token=TOKEN' if gate.token else ''} for Foxglove{open_to}")
         begin = place.command(asked.rig_file) if place and asked.rig_file else ""
         daemon = partial(find_socket, rig.name if rig else None)
         watcher = Watcher(daemon, place, stream.show if stream else None, begin=begin)

@@ -69,6 +69,9 @@ def test_anyway_it_is_written_and_each_file_says_so(tmp_path: Path) -> None:
     assert f"# {ANYWAY[0].upper()}{ANYWAY[1:]}. Why: where it had no part" in text
     assert yaml.safe_load(text)["verdict"] == "nothing"
     assert (out / "own.script").read_text().endswith(f"\n# {ANYWAY}\n")
+    again = ran("correct", cell, "--program", out / "own.script", "--for", "ur", "-o", tmp_path / "again", "--anyway")
+    assert again.returncode == 0, again.stderr
+    assert (tmp_path / "again" / "own.script").read_text().count("# corrected by rig on ") == 2
     table = out / "corrected-radial-path.csv"
     assert {row["against_verdict"] for row in _corrected(table)} == {ANYWAY}
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from analysis.apps.makers import maker_by
-from analysis.apps.makers.reading import with_remark
+from analysis.apps.makers.reading import mark_of, refuse_marked, with_remark
 from analysis.correction.support import ANYWAY
+from rigs.errors import FileError
 from tests.trials.programs.trial import MACHINES, reached
 from tests.worlds.languages.arms import DIALECTS
 from tests.worlds.languages.execution import Ways, World
@@ -53,3 +56,16 @@ def test_a_last_line_without_an_end_gets_one() -> None:
     assert (
         with_remark(maker_by("yaskawa").reader.remark, "a.jbi", b"NOP\r\nEND\r\n", "mind") == b"NOP\r\n'mind\r\nEND\r\n"
     )
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_a_program_with_the_mark_is_refused_and_without_it_is_not(dialect: str, tmp_path: Path) -> None:
+    draft = draw(dialect, 3, plain=True)
+    path, data = tmp_path / draft.main, draft.files[draft.main]
+    path.write_bytes(data)
+    refuse_marked(path)
+    marked = with_remark(maker_by(dialect).reader.remark, draft.main, data, mark_of("2026-11-27"))
+    path.write_bytes(marked)
+    line = 1 + next(k for k, line in enumerate(marked.splitlines()) if b"corrected by rig" in line)
+    with pytest.raises(FileError, match=f"{path.name}:{line}: says that rig has corrected it already"):
+        refuse_marked(path)

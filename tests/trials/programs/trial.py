@@ -42,6 +42,8 @@ class Corrected:
     left: tuple[tuple[Place, str], ...]
     u_mm: float
     read: frozenset[str] = frozenset()
+    given_mm: Mapping[Place, float] = field(default_factory=dict)
+    """By how much places beside a target stay off that take its correction, as the product reports it."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def correct(draft: Draft) -> Corrected:
     tools = [f"{name}={stated(T)}" for name, T in draft.tools.items()]
     frames = [f"{name}={stated(T)}" for name, T in draft.frames.items()]
     files, done, left, u_mm = dict(draft.files), set[Place](), [], [0.0]
-    read = set[str]()
+    read, given_mm = set[str](), dict[Place, float]()
     scale = inform.SCALE if draft.dialect == "yaskawa" else None
     with tempfile.TemporaryDirectory() as directory:
         for name, data in draft.files.items():
@@ -95,7 +97,9 @@ def correct(draft: Draft) -> Corrected:
             done |= {(names[file], line) for file, line in one.places}
             left += [((names[item.file], item.line), item.reason) for item in one.left]
             u_mm += one.u_mm.tolist()
-    return Corrected(files, frozenset(done), tuple(left), max(u_mm), frozenset(read))
+            given = zip(one.places, one.given_away_mm.tolist(), strict=True)
+            given_mm |= {(names[file], line): mm for (file, line), mm in given if np.isfinite(mm)}
+    return Corrected(files, frozenset(done), tuple(left), max(u_mm), frozenset(read), given_mm)
 
 
 _REFUSED = (TypeError, ValueError, IndexError, KeyError, RecursionError)
@@ -215,10 +219,12 @@ def _compare(draft: Draft, corrected: Corrected, pairs: list[tuple[Reached, Reac
         verdict.before_mm, verdict.after_mm = max(verdict.before_mm, before), max(verdict.after_mm, after)
         kind = ""
         if moved and step > _TURNED_RAD:
-            kind = "another posture"
+            kind = "another posture, listed" if said else "another posture"
         elif moved and after > before + slack:
             kind = "farther off, listed" if said else "farther off"
-        elif moved and after > slack:
+        elif moved and after > slack + max(
+            (corrected.given_mm.get(source, 0.0) for source in one.sources), default=0.0
+        ):
             kind = "short, listed" if said else "short"
         elif not moved and before > slack and not said and corrected.read & {name for name, _ in one.sources}:
             kind = "silent"

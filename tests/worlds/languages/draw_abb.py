@@ -137,6 +137,7 @@ class Writer:
             (1.0, lambda: self._joint(self.pen.near())),
             (0.6, lambda: self.again(scope)),
             (0.4, lambda: self.arc(scope)),
+            (0.8, lambda: self.approach(scope)),
             (1.0, self.harmless),
             (0.8, lambda: [*self.call(), *self.move(scope)]),
             (0.5, lambda: self.block(scope)),
@@ -149,6 +150,7 @@ class Writer:
             (0.3, lambda: self.posture(scope)),
             (0.3, self.unknown),
             (0.2, lambda: self.array(scope)),
+            (0.12, lambda: self.track(scope)),
         ]
         return drawn(self.pen, plain if self.pen.plain else plain + wild)
 
@@ -173,10 +175,10 @@ class Writer:
             external = "[150,9E9,9E9,9E9,9E9,9E9]"
         return pose(X, 4)[:-1] + f",{conf},{external}]"
 
-    def _point(self, tool: str, wobj: str, scope: _Scope) -> str:
+    def _point(self, tool: str, wobj: str, scope: _Scope, *, named: bool = False) -> str:
         """A declared point, or the numbers themselves."""
         text = self.target(tool, wobj, scope)
-        if self.pen.maybe(0.25):
+        if self.pen.maybe(0.25) and not named:
             return text
         self.count += 1
         name = f"{self.pen.pick(['p', 'Target_', 'pPick'])}{self.count * 10}"
@@ -205,6 +207,23 @@ class Writer:
     def arc(self, scope: _Scope) -> list[str]:
         tool, wobj, rest = self._ends()
         return [f"MoveC {self._point(tool, wobj, scope)},{self._point(tool, wobj, scope)}{rest}"]
+
+    def approach(self, scope: _Scope) -> list[str]:
+        """Return the most usual way to a point: from above, or along the tool, and back."""
+        pen = self.pen
+        tool, wobj, rest = self._ends()
+        name = self._point(tool, wobj, scope, named=True)
+        z = pen.pick([10, 20, 30, 50])
+        how = pen.pick([f"Offs({name},0,0,{z})", f"RelTool({name},0,0,-{z})", f"RelTool({name},0,0,-{z}\\Rz:=2)"])
+        first = pen.pick(["MoveJ", "MoveL"])
+        return [f"{first} {how}{rest}", f"MoveL {name}{rest}", *([f"MoveL {how}{rest}"] if pen.maybe(0.5) else [])]
+
+    def track(self, scope: _Scope) -> list[str]:
+        """Return a move of the track that carries the arm alone, or with it."""
+        pen = self.pen
+        alone = f"MoveExtJ [{_EXTERNAL},[150,9E9,9E9,9E9,9E9,9E9]],vrot10,fine;"
+        together = f"MoveAbsJ [{_text(np.degrees(pen.near()), 4)},[150,9E9,9E9,9E9,9E9,9E9]],v200,fine,tGrip;"
+        return [pen.pick([alone, together]), *self.move(scope)]
 
     def _joint(self, q: Array) -> list[str]:
         pen = self.pen
@@ -256,7 +275,8 @@ class Writer:
         shift = pen.rng.uniform(-40, 40)
         parts = (
             [f"{name}.tframe.trans.z:={abs(shift) + 60:.1f};", f"{name}.tframe:={pose(pen.tool())};",
-             f"{name}.tframe.rot:=OrientZYX({shift:.1f},0,0);", f"{name}:=tPen;"]
+             f"{name}.tframe.rot:=OrientZYX({shift:.1f},0,0);", f"{name}:=tPen;",
+             f'ok:=StrToVal("1",{name}.tframe.trans.z);']
             if what == "tool"
             else [f"{name}.uframe:=DefFrame(p1,p2,p3);", f"{name}.oframe.trans.x:={shift:.1f};",
                   f"{name}.uframe.trans:={_text(pen.small(), 1)};", f"{name}.oframe:=PoseMult({name}.oframe,{pose(frame(pen.small(), Rotation.identity()))});"]

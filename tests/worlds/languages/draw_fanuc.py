@@ -119,6 +119,7 @@ class Writer:
             (1.0, lambda: self.joint(text, scope, self.pen.near())),
             (0.4, lambda: self.again(text, scope)),
             (0.4, lambda: self.arc(text, scope)),
+            (0.4, lambda: self.approach(text, scope)),
             (1.0, self.harmless),
             (0.8, lambda: [*self.call(), *self.move(text, scope)]),
             (0.5, lambda: self.block(text, scope)),
@@ -221,6 +222,15 @@ class Writer:
         literal = ["  PR[3]=LPOS-LPOS", f"  PR[3,3]={pen.rng.uniform(2, 50):.1f}"] if pen.maybe(0.3) else []
         again = [f"L P[{k}] 100mm/sec FINE    "] if pen.maybe(0.6) else []
         return [*literal, *before, f"L P[{k}] 100mm/sec FINE {how}    ", *again]
+
+    def approach(self, text: _Text, scope: _Scope) -> list[str]:
+        """Return the way to a position from above, by a register whose numbers the program sets."""
+        pen = self.pen
+        k = self.position(text, scope, pen.near())
+        zeros = [f"  PR[12,{axis}]=0" for axis in (1, 2, 4, 5, 6)]
+        z = pen.pick([10, 20, 30, 50])
+        how = pen.pick([(f"  PR[12,3]={z}", "Offset,PR[12]"), (f"  PR[12,3]=(-{z})", "Tool_Offset,PR[12]")])
+        return [*zeros, how[0], f"L P[{k}] 200mm/sec FINE {how[1]}    ", f"L P[{k}] 100mm/sec FINE    "]
 
     def setting(self, what: str) -> list[str]:
         """Return what changes a tool or a frame in the controller."""

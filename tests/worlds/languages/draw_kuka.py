@@ -123,6 +123,8 @@ class Writer:
             (0.3, self.unknown),
             (0.3, lambda: self.interrupt(scope)),
             (0.2, lambda: self.jump(scope)),
+            (0.5, lambda: self.returned(scope)),
+            (0.15, lambda: self.track(scope)),
         ]
         return drawn(self.pen, plain if self.pen.plain else plain + wild)
 
@@ -227,6 +229,8 @@ class Writer:
             return pen.pick(
                 [[f"ok={name}()"], [f"IF {name}() THEN", "  WAIT SEC 0.1", "ENDIF"], [f"WAIT FOR {name}()"]]
             )
+        if name == "measure":
+            return [f"measure(BASE_DATA[{pen.pick([1, 2])}])"]
         if what == "point":
             return [f"{name}({{{self.target(_Scope(self.tools[1], self.bases[1]))}}})"]
         return [f"{name}()"]
@@ -264,6 +268,36 @@ class Writer:
             else:
                 scope.base = made
         return ["IF $IN[7] THEN", *("  " + one for one in lines), "ENDIF"] if pen.maybe(0.3) else lines
+
+    def returned(self, scope: _Scope) -> list[str]:
+        """Return calls that give something back through what they are given."""
+        pen = self.pen
+        k = pen.pick([1, 2])
+        name, data = pen.pick([("$TOOL", "TOOL_DATA"), ("$BASE", "BASE_DATA"), ("$BASE", "BASE_DATA")])
+        lines = pen.pick(
+            [[f'RET=EKI_GETFRAME("V","S/F",{data}[{k}])', f"{name}={data}[{k}]"], [f'RET=EKI_GETFRAME("V","S/F",{name})'],
+             [f'RET=EKI_GETREAL("V","S/Z",{data}[{k}].Z)', f"{name}={data}[{k}]"], [f'ok=StrToFrame("x",{name})'],
+             ['RET=EKI_GETREAL("V","S/H",height)'], [f"measure({data}[{k}])", f"{name}={data}[{k}]"]]
+        )  # fmt: skip
+        if lines[0].startswith("measure") and "measure" not in [one for one, _ in self.routines]:
+            self._put("measure", [f"f={{{aggregate(pen.user_frame())}}}"], "still", "DEF", "f:OUT")
+        if scope.points and pen.maybe(0.2):
+            lines = [f'RET=EKI_GETREAL("V","S/Z",{pen.pick(scope.points)}.Z)']
+        lines = ["IF $IN[7] THEN", *("  " + one for one in lines), "ENDIF"] if pen.maybe(0.2) else lines
+        return [*lines, *self.move(scope)]
+
+    def track(self, scope: _Scope) -> list[str]:
+        """Return a move of the track that carries the arm, and poses that name it or not."""
+        pen = self.pen
+        there = pen.pick(
+            [
+                f"PTP {{{self._axes(pen.near())},E1 150.0}}",
+                "ASYPTP {E1 150.0}",
+                f"PTP {{{self._axes(pen.near())},E1 0.0}}",
+            ]
+        )
+        lines = ["IF $IN[6] THEN", "  " + there, "ENDIF"] if pen.maybe(0.2) else [there]
+        return [*lines, *self.move(scope), *(self.joint(pen.near()) if pen.maybe(0.3) else []), *self.move(scope)]
 
     def computed(self, scope: _Scope) -> list[str]:
         pen = self.pen

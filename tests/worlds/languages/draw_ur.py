@@ -126,6 +126,10 @@ class Writer:
             (0.4, lambda: self.shifted(scope)),
             (0.3, self.unknown),
             (0.3, lambda: self.inverse(scope)),
+            (0.5, lambda: self.waypoint(scope)),
+            (0.4, lambda: self.turning_arc(scope)),
+            (0.2, self.to_joints),
+            (0.2, lambda: self.other_program(scope)),
         ]
         return drawn(self.pen, plain if self.pen.plain else plain + wild)
 
@@ -167,6 +171,46 @@ class Writer:
 
     def arc(self, scope: _Scope) -> list[str]:
         return [f"movec({self._target(scope)}, {self._target(scope)}, a=1.2, v=0.25, mode=0)"]
+
+    def waypoint(self, scope: _Scope) -> list[str]:
+        """Return moves to a waypoint with the joint angles that were taught with it, after a move to any posture."""
+        pen = self.pen
+        self.count += 1
+        name, q = f"Waypoint_{self.count}", pen.near()
+        lines = [f"{name}_p = {pose(pen.flange(q) @ scope.tool)}", f"{name}_q = [{_numbers(q)}]"]
+        by_angles = f"movej(get_inverse_kin({name}_p, qnear={name}_q), a=1.4, v=1.05)"
+        before = [f"movej([{_numbers(pen.astray() if pen.maybe(0.5) else pen.near())}], a=1.4, v=1.05)"]
+        lines += pen.pick([before, before, [by_angles], [by_angles, *before], []])
+        return [*lines, pen.pick([f"movel({name}_p, a=1.2, v=0.25)"] * 2 + [f"movej({name}_p, a=1.4, v=1.05)"])]
+
+    def turning_arc(self, scope: _Scope) -> list[str]:
+        """Return an arc of mode 1: its orientations as the mode makes them, or any."""
+        pen = self.pen
+        q = pen.near()
+        begin = pen.flange(q) @ scope.tool
+        centre = begin[:3, 3] + 50 * begin[:3, 0]
+        ends = []
+        for degrees in (25, 50):
+            turn = Rotation.from_rotvec(np.radians(degrees) * begin[:3, 2])
+            T = np.eye(4)
+            T[:3, :3], T[:3, 3] = turn.as_matrix() @ begin[:3, :3], centre + turn.apply(begin[:3, 3] - centre)
+            if pen.maybe(0.4):
+                T[:3, :3] = T[:3, :3] @ Rotation.from_rotvec(pen.rng.uniform(-0.3, 0.3, 3)).as_matrix()
+            ends.append(pose(T))
+        mode = pen.pick(["mode=1", "r=0, mode=1", "mode=0"])
+        before = [f"movej([{_numbers(q)}], a=1.4, v=1.05)"] if pen.maybe(0.8) else []
+        after = self.move(scope) if pen.maybe(0.5) else []
+        return [*before, f"movec({ends[0]}, {ends[1]}, a=1.2, v=0.25, {mode})", *after]
+
+    def to_joints(self) -> list[str]:
+        """Return a straight line to joint angles, of which it uses the pose alone."""
+        pen = self.pen
+        before = [f"movej([{_numbers(pen.astray())}], a=1.4, v=1.05)"] if pen.maybe(0.4) else []
+        return [*before, f"movel([{_numbers(pen.near())}], a=1.2, v=0.25)"]
+
+    def other_program(self, scope: _Scope) -> list[str]:
+        call = self.pen.pick(["ok = camera.find(1)", "camera.start()", "if camera.is_ready():\n  sleep(0.1)\nend"])
+        return ['camera = rpc_factory("xmlrpc", "http://127.0.0.1:33000/RPC2")', *call.split("\n"), *self.move(scope)]
 
     def harmless(self) -> list[str]:
         pen = self.pen

@@ -30,6 +30,7 @@ class _Job:
         self.outer: list[float] = []
         self.variables: list[str] = []
         self.labels = 0
+        self.robot = "RB1"
 
 
 class Writer:
@@ -107,13 +108,14 @@ class Writer:
         middle = ["//INST", "///DATE 2023/05/04 10:11", f"///ATTR {attr}"]
         if job.kind != "PULSE":
             middle.append({"USER": f"///FRAME USER {job.user}"}.get(job.kind, f"///FRAME {job.kind}"))
-        middle += [f"///GROUP1 RB1{',BS1' if job.outer else ''}", "NOP"]
+        middle += [f"///GROUP1 {job.robot}{',BS1' if job.outer else ''}", "NOP"]
         return "\n".join([*head, *middle, *job.lines, "END"]) + "\n"
 
     def _routine(self) -> None:
         pen = self.pen
         job, what = self._job(pen.name(upper=True)), pen.pick(["moves", "shift", "frame", "mixed", "off"])
         if what == "moves":
+            job.robot = pen.pick(["RB1", "RB1", "RB2"])
             job.lines = self.move(job, pen.astray(), "MOVJ")
         elif what == "mixed":
             job.lines = [one for _ in range(3) for one in self.line(job, _Scope(1))]

@@ -145,6 +145,8 @@ class Robot:
     def __init__(self, dialect: str, here: Cell, world: World, ways: Ways) -> None:
         self.dialect, self.here, self.world, self.ways = dialect, here, world, ways
         self.q = here.centre.copy()
+        self.rail_mm = 0.0
+        """Where the track stands that carries the arm along y."""
         self.reached: list[Reached] = []
         self.steps = 0
 
@@ -231,6 +233,10 @@ class Robot:
                 return None
             q = one
         return q
+
+    def begin_on_rail(self, mm: float) -> None:
+        """Stand where the program before left the track, in every second world."""
+        self.rail_mm = mm if self.world.seed % 2 else 0.0
 
     def go_astray(self, name: str) -> None:
         """Stand where something outside brings the arm: in another posture."""

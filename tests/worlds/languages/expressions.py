@@ -78,7 +78,12 @@ class Syntax:
             nxt = tokens.peek()
             if nxt == "." and tokens.kind(1) == "name":
                 tokens.take()
-                tree = ("field", tree, tokens.take())
+                name = tokens.take()
+                if self.brackets == "ur" and tokens.peek() == "(":
+                    tokens.take()
+                    tree = ("method", tree, name, self.items(tokens, ")"))
+                else:
+                    tree = ("field", tree, name)
             elif nxt == ("{" if self.brackets == "rapid" else "["):
                 tokens.take()
                 indices = self.items(tokens, "}" if self.brackets == "rapid" else "]")

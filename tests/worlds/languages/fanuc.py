@@ -47,7 +47,8 @@ class Position:
     q: Array | None
     X: Array | None
     config: str
-    rail: float
+    rail: float | None
+    """Where extended axes and other groups stand; None for a position that names none: they stay."""
     src: frozenset[Place]
 
 
@@ -163,9 +164,9 @@ def _positions(name: str, rows: list[str], begin: int) -> dict[int, Position]:
         if all(axis in numbers for axis in _AXES):
             values = [numbers[axis] for axis in _AXES]
             X = of_angles(*values)
-        rail = numbers.get("E1", 0.0)
+        rail = numbers.get("E1")
         for other in others:
-            rail += sum(float(value) for value in re.findall(rf"=\s*({_NUMBER})", other))
+            rail = (rail or 0.0) + sum(float(value) for value in re.findall(rf"=\s*({_NUMBER})", other))
         positions[int(head[1])] = Position(
             int(uf[1]) if uf and uf[1].isdigit() else None,
             int(ut[1]) if ut and ut[1].isdigit() else None,
@@ -185,6 +186,8 @@ class Machine:
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         self.program, self.world = program, world
         self.robot = Robot("fanuc", cell("fanuc"), world, ways)
+        if any(position.rail for routine in program.routines.values() for position in routine.positions.values()):
+            self.robot.begin_on_rail(world.number("rail", 50, 150))
         self.unchecked = bool(world.seed % 2)
         """Whether the controller's check of frame numbers is off ($FRM_CHKTYP): it drives in the selected ones."""
         self.uf: int | None = None
@@ -286,7 +289,7 @@ class Machine:
             if component
             else self._value(text)
         )
-        self.taught[self.running[-1], number] = Position(old.uf, old.ut, None, X, old.config, 0.0, old.src | {place})
+        self.taught[self.running[-1], number] = Position(old.uf, old.ut, None, X, old.config, None, old.src | {place})
 
     def _move(self, text: str, place: Place) -> None:
         for kind, number in re.findall(
@@ -306,6 +309,8 @@ class Machine:
                 raise Ended
         tool, user = self._frame("tool", self.ut or 0), self._frame("frame", self.uf or 0)
         relative, offset, tool_offset = self._options(text)
+        if position.rail is not None:
+            self.robot.rail_mm = position.rail
         if position.q is not None and not relative and offset is None and tool_offset is None:
             self.robot.joints(position.q, tool, place, src)
             return
@@ -323,7 +328,7 @@ class Machine:
             X = X @ tool_offset
         if self.program.routines[self.running[-1]].tracks:
             X = self.world.shift("track") @ X
-        F = shifted(user @ X @ inverted(tool), -position.rail)
+        F = shifted(user @ X @ inverted(tool), -self.robot.rail_mm)
         chosen = Config(position.config) if position.config and not relative else None
         self.robot.pose(F, tool[:3, 3], place, src, chosen, straight=text[0] != "J")
 

@@ -55,6 +55,7 @@ class Position:
 class _Job:
     positions: dict[str, Position]
     steps: list[Step]
+    robot: str = "RB1"
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,8 @@ class Program:
         begin = next(k for k, row in enumerate(rows) if row.text == "//INST")
         self._rows = [row for row in rows[begin + 1 :] if row.text and not row.text.startswith(("/", "'"))]
         self._at = 0
-        self.jobs[name] = _Job(_positions(rows[:begin]), steps_of(self._block(())))
+        robot = next((found[1] for row in rows if (found := re.match(r"///GROUP1 (\w+)", row.text))), "RB1")
+        self.jobs[name] = _Job(_positions(rows[:begin]), steps_of(self._block(())), robot)
 
     def _block(self, ends: tuple[str, ...]) -> list[Any]:
         nodes: list[Any] = []
@@ -155,6 +157,8 @@ class Machine:
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         self.program, self.world = program, world
         self.robot = Robot("yaskawa", cell("yaskawa"), world, ways)
+        if any(key.startswith("BC") for job in program.jobs.values() for key in job.positions):
+            self.robot.begin_on_rail(world.number("rail", 50, 150))
         self.frames: dict[tuple[str, int], Array] = {}
         self.variables: dict[str, Position] = {}
         self.shift: tuple[str, Array] | None = None
@@ -192,7 +196,8 @@ class Machine:
     def instruction(self, text: str, place: Place) -> None:
         """Do one instruction."""
         if found := re.match(r"(?:\+|SY|S)?(MOVJ|MOVL|MOVC|MOVS) (.*)", text):
-            self._move(found[1], found[2], text, place)
+            if self.program.jobs[self.running[-1]].robot == self.program.jobs[self.program.main].robot:
+                self._move(found[1], found[2], text, place)
         elif found := re.match(r"(?:E?IMOV) (P)0*(\d+)(.*)", text):
             self._relative(f"P{int(found[2])}", found[3], place)
         elif found := re.match(r"(?:CALL|PSTART) JOB:(\S+)", text):
@@ -256,10 +261,9 @@ class Machine:
                 raise Ended
             self.robot.q = self.robot.here.centre.copy()
             return
-        rail = 0.0
         if outer := re.search(r"\bBC0*(\d+)", rest):
             base = positions.get(f"BC{int(outer[1])}")
-            rail = base.numbers[0] / 100 if base else 0.0
+            self.robot.rail_mm = base.numbers[0] / 100 if base else 0.0
         src = position.src | {place}
         tool = self._frame("tool", position.tool)
         if position.kind == "PULSE":
@@ -275,7 +279,7 @@ class Machine:
         F = self._shifted(F, tool)
         if self.tracking or text.startswith("SY"):
             F = self.world.shift("conveyor") @ F
-        F = shifted(F, -rail)
+        F = shifted(F, -self.robot.rail_mm)
         chosen = Rconf(position.rconf[:6]) if position.rconf and position.kind != "PULSE" else None
         self.robot.pose(F, tool[:3, 3], place, src, chosen, straight=word != "MOVJ")
 

@@ -93,6 +93,10 @@ _STILL = frozenset(
 )
 
 
+_GIVES_BACK = ("EKI_GETFRAME", "EKI_GETREAL", "STRTOFRAME", "STRTOREAL")
+"""Functions of the system that return a value through their last argument."""
+
+
 @dataclass(frozen=True)
 class _Line:
     place: Place
@@ -103,6 +107,8 @@ class _Line:
 class _Routine:
     parameters: tuple[str, ...]
     steps: list[Step]
+    returned: tuple[bool, ...] = ()
+    """Which of the parameters give their value back."""
 
 
 def _lines(name: str, text: str) -> list[_Line]:
@@ -124,6 +130,8 @@ class Program:
         self.made: dict[int, dict[str, Value]] = {}
         """The data as a world makes them: no statement changes a value, it puts another in its place."""
         self.main = ""
+        every = "\n".join(files.values())
+        self.has_rail = bool(re.search(r"(?i)\bE1\s+0*[1-9]|\bE1\s*=", every))
         for name, text in sorted(files.items(), key=lambda one: one[0].lower().endswith(".src")):
             self._at, self._lines = 0, _lines(name, text)
             if name.lower().endswith(".dat"):
@@ -142,7 +150,8 @@ class Program:
         self._at += 1
         name = found[2].upper()
         parameters = tuple(one.split(":")[0].strip().upper() for one in found[3].split(",") if one.strip())
-        self.routines[name] = _Routine(parameters, steps_of(nodes))
+        returned = tuple(one.strip().upper().endswith(":OUT") for one in found[3].split(",") if one.strip())
+        self.routines[name] = _Routine(parameters, steps_of(nodes), returned)
         if begins and not self.main:
             self.main = name
 
@@ -262,7 +271,10 @@ class Machine:
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         self.program, self.world = program, world
         self.robot = Robot("kuka", cell("kuka"), world, ways)
+        self.robot.begin_on_rail(world.number("rail", 50, 150) if program.has_rail else 0.0)
         self.scopes: list[dict[str, Value]] = [{}]
+        self.left: dict[str, Value] = {}
+        """The variables of the routine that ended last."""
         self.handlers: dict[str, str] = {}
         self.armed: list[str] = []
         if world.seed in program.made:
@@ -287,7 +299,7 @@ class Machine:
         try:
             value = run_steps(self, routine.steps, len(self.scopes))
         finally:
-            self.scopes.pop()
+            self.left = self.scopes.pop()
         return (self.world.number(name), _NOWHERE) if value is None else value  # type: ignore[no-any-return]
 
     def declare(self, text: str, line: _Line) -> None:
@@ -311,6 +323,9 @@ class Machine:
                     self.instruction(handler, line)
                     break
             self._move(word, text[len(word) :], line)
+            return
+        if found := re.match(r"(?i)ASYPTP\s*\{E1\s+([\d.]+)\}", text):
+            self.robot.rail_mm = float(found[1])
             return
         if re.match(r"(?i)(GLOBAL\s+)?INTERRUPT\b|TRIGGER\b", text):
             self._interrupt(text)
@@ -432,7 +447,9 @@ class Machine:
                     return value[name], src
                 return self.world.number(str(tree)), src
             case ("call", name, arguments):
-                return self._function(name, [self.evaluate(one, line) for _, one in arguments], line)
+                value = self._function(name, [self.evaluate(one, line) for _, one in arguments], line)
+                self._give_back(name, [one for _, one in arguments], line)
+                return value
         raise NotUnderstood(str(tree))
 
     def _function(self, name: str, values: list[Value], _: _Line) -> Value:
@@ -475,6 +492,16 @@ class Machine:
                 self._unknown(name)
         return self.world.number(name), src
 
+    def _give_back(self, name: str, arguments: list[Tree], line: _Line) -> None:
+        """Write what a routine or a function of the system returns through what it was given."""
+        if routine := self.program.routines.get(name):
+            for parameter, argument, back in zip(routine.parameters, arguments, routine.returned, strict=False):
+                if back and argument[0] in ("name", "field", "index"):
+                    self.assign(argument, self.left[parameter], line)
+        elif name in _GIVES_BACK and arguments and arguments[-1][0] in ("name", "field", "index"):
+            number, moved = self.world.number(name), as_frame(self.world.shift(name))
+            self.assign(arguments[-1], (moved if name.endswith("FRAME") else number, _NOWHERE), line)
+
     def _bas(self, command: str, number: Any) -> None:
         variables = self.scopes[0]
         if command == "#TOOL":
@@ -504,6 +531,8 @@ class Machine:
         tool, base = as_matrix(state["$TOOL"]), as_matrix(state["$BASE"])
         if not isinstance(value, dict):
             raise Ended
+        if "E1" in value and not word.endswith("REL"):  # an axis that is not named stays
+            self.robot.rail_mm = float(value["E1"])
         if any(name in value for name in ("A1", "A2", "A3", "A4", "A5", "A6")):
             now = np.degrees(self.robot.q)
             given = np.array([value.get(f"A{k + 1}", 0.0 if word.endswith("REL") else now[k]) for k in range(6)])
@@ -517,19 +546,20 @@ class Machine:
         else:
             now = as_frame(X)
             X = as_matrix({**now, **{name: value[name] for name in now if name in value}})
-        rail = float(value.get("E1", 0.0))
         if state["$IPO_MODE"] == "#TCP":
             F = base @ inverted(tool @ X)
             point = (inverted(F) @ base)[:3, 3]
         else:
             F, point = base @ X @ inverted(tool), tool[:3, 3]
-        F = shifted(F, -rail)
+        F = shifted(F, -self.robot.rail_mm)
         chosen = Status(_bits(value["S"]), _bits(value.get("T"))) if "PTP" in word and "S" in value else None
         self.robot.pose(F, point, line.place, src, chosen, straight="PTP" not in word)
 
     def _unknown(self, name: str) -> None:
         if self.robot.ways.choose(2):
             self.robot.go_astray(name)
+            if self.program.has_rail:
+                self.robot.rail_mm = self.world.number(name + "rail", 20, 90)
             for setting in ("$TOOL", "$BASE"):
                 value, src = self._read(setting)
                 self.scopes[0][setting] = (as_frame(as_matrix(value) @ self.world.shift(name + setting)), src)

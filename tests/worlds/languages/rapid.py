@@ -136,6 +136,8 @@ class Machine:
     def __init__(self, program: Program, world: World, ways: Ways) -> None:
         self.program, self.world = program, world
         self.robot = Robot("abb", cell("abb"), world, ways)
+        if program.has_rail:
+            self.robot.begin_on_rail(world.number("rail", 50, 150))
         self.displaced = np.eye(4)
         self.conf = {"CONFJ": True, "CONFL": True}
         self.traps: dict[str, str] = {}
@@ -252,6 +254,9 @@ class Machine:
                 k = self._step(tree)
                 return (value[k] if isinstance(value, list) and k < len(value) else self.world.number(str(tree))), src
             case ("call", name, arguments):
+                if name == "STRTOVAL":  # which writes what it is given
+                    self.assign(arguments[1][1], (self.world.number(name, 20, 90), _NOWHERE))
+                    return True, _NOWHERE
                 return self._function(name, [(key, self.evaluate(one, where)) for key, one in arguments])
         raise NotUnderstood(str(tree))
 
@@ -318,6 +323,8 @@ class Machine:
             self.conf[name] = "OFF" not in switches
         elif name.startswith("PDISP"):
             self._displace(name, plain, keyed, switches)
+        elif name == "MOVEEXTJ":
+            self._external(plain[0][0][1])
         elif name.startswith("EOFFS") or name in _STILL:
             if name in ("STOP", "EXIT") and name == "EXIT":
                 raise Ended
@@ -362,8 +369,7 @@ class Machine:
             if not isinstance(value, list):
                 raise Ended
             if len(value) == 2:
-                if any(abs(one) < 9e8 for one in value[1]):
-                    raise Ended
+                self._external(value[1])
                 self.robot.joints(np.radians(value[0]), _frame(tool[1]), place, sources)
                 continue
             X = self.displaced @ _frame(value)
@@ -373,13 +379,18 @@ class Machine:
             else:
                 F = _frame(tool[1]) @ inverted(_wobj(wobj) @ X)
                 point = (inverted(F) @ _frame(tool[1]))[:3, 3]
-            rail = value[3][0] if len(value) > 3 and abs(value[3][0]) < 9e8 else 0.0
-            F = shifted(F, -rail)
+            self._external(value[3] if len(value) > 3 else [])
+            F = shifted(F, -self.robot.rail_mm)
             configured = self.conf["CONFJ" if name.startswith(("MOVEJ", "TRIGGJ")) else "CONFL"]
             chosen = Conf(*value[2][:4]) if configured else None
             self.robot.pose(F, point, place, sources, chosen, straight="J" not in name[4:6])
             if name == "SEARCHL":
                 self.robot.q = self.robot.q + np.radians(self.world.number("search", -3, 3))
+
+    def _external(self, axes: list[float]) -> None:
+        """Move the track to the first of external axes; one that is 9E9 stays."""
+        if axes and abs(axes[0]) < 9e8:
+            self.robot.rail_mm = float(axes[0])
 
     def _unknown(self, name: str) -> None:
         if self.robot.ways.choose(2):

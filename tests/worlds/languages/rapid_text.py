@@ -70,6 +70,7 @@ class Program:
         self.data: list[tuple[str, Callable[[Any], Value]]] = []
         self.made: dict[int, dict[str, Value]] = {}
         """The data as a world makes them: no statement changes a value, it puts another in its place."""
+        self.has_rail = any(re.search(r"(?i)MoveExtJ|\[[1-9]\d*,9E9", text) for text in files.values())
         for name, text in files.items():
             self._tokens = lined(name, text)
             self._module()

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tests.worlds.languages.arms import Array, cell, chain, placed
 from tests.worlds.languages.execution import (
@@ -37,7 +38,7 @@ _STILL = re.compile(
     r"|write_port_\w+|socket_\w+|rtde_set_watchdog|modbus_\w+|enter_critical|exit_critical|stopj|stopl|request_\w+"
     r"|set_runstate_\w+|assert|set_\w+_actions?|set_input_actions_to_default|halt|run|kill|join|tool_contact"
     r"|set_analog_\w+|set_tool_\w+|step_log|get_\w+|is_\w+|read_\w+|norm|length|size|floor|ceil|sqrt|random|str_\w+|to_num|to_str"
-    r"|interpolate_pose|wait|force|powerdown|sin|cos|tan|asin|acos|atan|atan2|log|pow|point_dist|pose_dist|inv|binary_list_to_integer|integer_to_binary_list)"
+    r"|interpolate_pose|rpc_factory|wait|force|powerdown|sin|cos|tan|asin|acos|atan|atan2|log|pow|point_dist|pose_dist|inv|binary_list_to_integer|integer_to_binary_list)"
 )
 """Names of the manual that move nothing and set nothing of what a pose depends on; a routine of the program with such a
 name is that routine."""
@@ -273,6 +274,8 @@ class Machine:
             case ("call", name, arguments):
                 values = [(key, self.evaluate(one, line)) for key, one in arguments]
                 return self._function(name, values, line)
+            case ("method", handle, name, _):  # of another program, which answers
+                return self.world.number(f"{handle}.{name}"), _NOWHERE
         raise NotUnderstood(str(tree))
 
     @staticmethod
@@ -364,13 +367,21 @@ class Machine:
         targets = plain[: 2 if name == "movec" else 1] + [
             keyed[k] for k in ("q", "pose", "pose_via", "pose_to") if k in keyed
         ]
-        for value, src in targets:
+        mode = keyed["mode"][0] if "mode" in keyed else plain[5][0] if len(plain) > 5 else 0.0
+        straight = name[4] in "lpc"
+        frames = []
+        for value, _ in targets:
             if not isinstance(value, list):
                 raise Ended
+            joints = not isinstance(value, Pose)
+            F = self.robot.flange(np.array(value, dtype=float)) if joints else value.matrix() @ inverted(self.tool)
+            frames.append(F if joints else self.shifted @ F)
+        if name == "movec" and mode:
+            frames = turned_on_arc(self.robot.pose_now(self.tool), [F @ self.tool for F in frames], self.tool)
+        for (value, src), F in zip(targets, frames, strict=True):
             sources = src | frozenset(line.places)
-            if isinstance(value, Pose):
-                F = self.shifted @ value.matrix() @ inverted(self.tool)
-                self.robot.pose(F, self.tool[:3, 3], line.places[0], sources, straight=name[4] in "lpc")
+            if isinstance(value, Pose) or straight:  # of joint angles, a line knows the pose alone
+                self.robot.pose(F, self.tool[:3, 3], line.places[0], sources, straight=straight)
             else:
                 self.robot.joints(np.array(value, dtype=float), self.tool, line.places[0], sources)
 
@@ -379,3 +390,25 @@ class Machine:
         if self.robot.ways.choose(2):
             self.robot.go_astray(name)
             self.tool = self.tool @ self.world.shift(name)
+
+
+def turned_on_arc(begin: Array, poses: list[Array], tool: Array) -> list[Array]:
+    """Return the flanges (4, 4) at the points of an arc in mode 1: the tool turns with the arc as a rigid body."""
+    if len(poses) != 2:
+        raise Ended
+    a, b, c = begin[:3, 3], poses[0][:3, 3], poses[1][:3, 3]
+    normal = np.cross(b - a, c - a)
+    if np.linalg.norm(normal) < 1e-3:
+        raise Ended
+    axis = normal / np.linalg.norm(normal)
+    # The centre has the same distance from all three points, and lies in their plane.
+    rows = np.array([2 * (b - a), 2 * (c - a), axis])
+    centre = np.linalg.solve(rows, [b @ b - a @ a, c @ c - a @ a, axis @ a])
+    x = (a - centre) / np.linalg.norm(a - centre)
+    y = np.cross(axis, x)
+    flanges = []
+    for place in (b, c):
+        angle = np.arctan2((place - centre) @ y, (place - centre) @ x) % (2 * np.pi)
+        R = Rotation.from_rotvec(axis * angle).as_matrix() @ begin[:3, :3]
+        flanges.append(placed(place, R) @ inverted(tool))
+    return flanges

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.apps.makers.abb.statements import Reader, literal_frames, read_module
+from analysis.apps.makers.abb.statements import Reader, external_axes_in, literal_frames, read_module
 from analysis.apps.makers.numbers import Decimals
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import OFF, Call, Program, Set, Unknown, Value
@@ -50,6 +50,7 @@ def parse(texts: Texts) -> Parsed:
         reader.frames |= {f"tool {name.lower()}" for name in _LAST.findall(text)}
         reader.frames |= {f"frame {name.lower()}" for name in _WOBJ.findall(text)}
     for file, text in enumerate(blank):
+        reader.points.axes |= external_axes_in(text)
         for parameters in _PARAMETERS.finditer(text):
             for word in _WORD.finditer(text, parameters.start(1), parameters.end(1)):
                 why = Unknown(file, reader.lines[file].at(word.start()), f"{word[0]} is what a routine is given")

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from analysis.apps.makers.external_axes import EXTERNAL
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import (
@@ -24,6 +25,7 @@ from analysis.apps.makers.program_machine import (
     Forget,
     Jump,
     Label,
+    Lose,
     Move,
     Ref,
     Set,
@@ -45,11 +47,24 @@ _ASSIGNED = re.compile(
     r"\s*(?P<name>[A-Za-z]\w*)(?P<part>\s*(?:\{[^{};]*\}|\.\w+)(?:\s*\{[^{};]*\}|\.\w+)*)?\s*:=(?P<right>.*)", re.DOTALL
 )
 _INSTRUCTION = re.compile(r"\s*(?P<name>[A-Za-z]\w*)(?P<rest>.*)", re.DOTALL)
+_TURN = re.compile(rf"\\\s*R([xyz])\s*:=\s*({NUMBER})", re.IGNORECASE)
 _OFFSET = re.compile(r"(Offs|RelTool)\s*\(", re.IGNORECASE)
 _DATA = re.compile(r"\s*(?:(?:LOCAL|TASK)\s+)?(?:CONST|PERS|VAR)\b", re.IGNORECASE)
 _HANDED = re.compile(r"\[\s*\[[^\[\]]*\](?:\s*,\s*\[[^\[\]]*\])+\s*\]")
 """What a literal target looks like among the arguments of a routine."""
 _SHAPE = {"robtarget": (3, 4, 4, 6), "jointtarget": (6, 6)}
+_EXTERNAL = tuple("abcdef")
+"""The external axes of a target, in their order."""
+_ANY_AXIS = "any"
+"""Stands for the axes that an instruction moves without naming them."""
+_EXTERNAL_MOVES = words("moveextj actunit deactunit eoffson eoffsoff eoffsset")
+"""Instructions that move external axes, or count their places otherwise."""
+_EXTERNAL_MOVED = re.compile(
+    r"\b(?:MoveExtJ|ActUnit|DeactUnit|EOffsOn|EOffsSet|Ind[ARCD]Move)\b|\.\s*(?:extax|eax_[a-f])\b", re.IGNORECASE
+)
+"""Where a text moves external axes, whichever these are."""
+_COORDINATES = re.compile(rf"\[((?:\s*{NUMBER}\s*,){{5}}\s*{NUMBER}\s*)\]\s*\]")
+"""The coordinates of external axes at the end of a target."""
 _NO_AXIS = 8.9e9
 """9E9 stands for an axis that is not there."""
 _HEAD = re.compile(
@@ -88,19 +103,22 @@ _NOTHING = words("""
     socketreceive socketclose socketbind socketlisten socketaccept socketsendto socketreceivefrom idelete isleep iwatch
     ienable idisable ierror isignaldi isignaldo isignalai isignalao isignalgi isignalgo itimer ipers ivarvalue connect
     triggio triggequip triggint triggcheckio triggrampao triggspeed triggdatareset triggdatacopy motionsup pathresol
-    cirpathmode actunit deactunit eoffson eoffsoff eoffsset mechunitload load unload startload checkprogref erasemodule
+    mechunitload load unload startload checkprogref erasemodule
     save aliasio aliasioreset bookerrno copyfile renamefile removefile makedir removedir setsysdata ioenable iodisable
     iobusstart iobusstate wzboxdef wzcyldef wzsphdef wzhomejointdef wzlimjointdef wzlimsup wzdoset wzenable wzdisable
     wzfree spystart spystop pathlengthreset pathlengthstart pathlengthstop procerrrecovery
-    moveextj break swapbytes egmreset egmgetid egmsetupuc egmsetupai egmsetupao egmsetupgi
+    break swapbytes egmreset egmgetid egmsetupuc egmsetupai egmsetupao egmsetupgi
     egmsetupltapp egmstreamstart egmstreamstop egmactpose egmactjoint egmactmove
     textget texttabinstall
     testsigndefine testsignreset sensdevice startmove stopmove cornerpathwarning
     """)
 """Instructions that change neither tool, work object nor displacement, nor where the arm stands: signals, waiting, the
 pendant, files, sockets, interrupts, speeds, loads, world zones."""
-_WRITES = words("strtoval unpackrawbytes testandset readrawbytes")
-"""Functions that write what they are given."""
+_WRITES = words("""
+    strtoval unpackrawbytes testandset readrawbytes defaccframe getnextmechunit getsysdata getsysinfo readstrbin readstr
+    readnum readbin uimessagebox uinumentry uinumtune uialphaentry uilistview uidnumentry uidnumtune egmgetstate
+    """)
+"""Functions that write what they are given, or can by an optional argument."""
 _SWITCHES: dict[str, tuple[str, str]] = {
     "pdispon": ("shift", "on"), "pdispset": ("shift", "on"), "pdispoff": ("shift", OFF),
     "softact": ("tracking", "on"), "softdeact": ("tracking", OFF),
@@ -204,11 +222,23 @@ class Reader:
                 return None, None
             numbers += [Number(*place, float(match[0])) for match, place in matches if match]
         line = self.lines[file].at(begin + len(text[begin:end]) - len(text[begin:end].lstrip()))
-        reason: Reason | None = "external_axes" if any(number.value < _NO_AXIS for number in numbers[-6:]) else None
+        named = zip(_EXTERNAL, (number.value for number in numbers[-6:]), strict=True)
+        external = tuple((axis, coordinate) for axis, coordinate in named if coordinate < _NO_AXIS)
+        reason: Reason | None = "external_axes" if external else None
         if kind == "jointtarget":
-            return Target(name, file, line, "joints_deg", tuple(numbers[:6])), reason
+            return Target(name, file, line, "joints_deg", tuple(numbers[:6]), external=external), reason
         flags = Flags(tuple(int(max(-99, min(99, number.value))) for number in numbers[7:11]), agreeing)
-        return Target(name, file, line, "quaternion", tuple(numbers[:7]), flags=flags), reason
+        numbers_of_pose = tuple(numbers[:7])
+        return Target(name, file, line, "quaternion", numbers_of_pose, flags=flags, external=external), reason
+
+
+def external_axes_in(text: str) -> set[str]:
+    """Return the external axes that a text moves from zero."""
+    axes = {_ANY_AXIS} if _EXTERNAL_MOVED.search(text) else set[str]()
+    for coordinates in _COORDINATES.finditer(text):
+        values = map(float, coordinates[1].split(","))
+        axes |= {axis for axis, value in zip(_EXTERNAL, values, strict=True) if value and value < _NO_AXIS}
+    return axes
 
 
 def read_module(reader: Reader, file: int) -> None:
@@ -393,6 +423,9 @@ def _statement(reader: Reader, begin: int, end: int) -> None:
         blocks.add(Jump((instruction["rest"].strip().lower(),)))
     elif name in ("return", "exit", "exitcycle"):
         blocks.add(End(halts=name != "return"))
+    elif name in _EXTERNAL_MOVES:
+        _handed(reader, instruction.start("rest"), end)
+        blocks.add(Lose(EXTERNAL, reader.why(at, f"{instruction['name']} moves external axes")))
     elif name in ("setdataval", "setalldataval"):
         reader.by_name = reader.why(at, "data are written by a name in a text")
         blocks.add(Forget(reader.by_name))
@@ -412,6 +445,9 @@ def _switch(name: str, rest: str) -> Set | None:
     if name == "singarea":
         lock = re.search(r"\\\s*LockAxis4\b", rest, re.IGNORECASE)
         return Set("switch", "on" if lock else OFF)
+    if name == "cirpathmode":
+        wrist = re.search(r"\\\s*Wrist\d\d\b", rest, re.IGNORECASE)
+        return Set("switch arcs", "on" if wrist else OFF)
     return Set(*_SWITCHES[name]) if name in _SWITCHES else None
 
 
@@ -462,7 +498,8 @@ def _move(reader: Reader, at: int, instruction: re.Match[str], move: re.Match[st
     reader.blocks.add(Set("tracking here", "on" if tracked else Ref("tracking")))
     for begin, end in places[:count]:
         line = reader.lines[reader.file].at(begin)
-        needs, trusts = ("shift", "tracking here", "switch"), "conf j" if way == "joint" else "conf l"
+        trusts = "conf j" if way == "joint" else "conf l"
+        needs = ("shift", "tracking here", "switch", *(["switch arcs"] if kind == "C" else []))
         state = Move("", way, reader.file, line, active["tool"], active["frame"], needs, trusts)
         _target(reader, begin, end, state, "jointtarget" if kind == "ABSJ" else "robtarget", instruction["name"])
     if instruction["name"].lower().endswith("sync"):
@@ -479,11 +516,8 @@ def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruc
     if wrapped := _OFFSET.match(text, begin, end):
         places = arguments(text, wrapped.end(), text.rfind(")", begin, end))
         key = text[slice(*places[0])].lower()
-        values = [_NUMBER.fullmatch(text, *place) for place in places[1:]]
         value: Value = reader.why(begin, "the offset is not written in numbers")
-        if len(values) == 3 and all(values):
-            T = np.eye(4)
-            T[:3, 3] = [float(value[0]) for value in values if value]
+        if (T := _shift(wrapped[1].lower(), [text[slice(*place)] for place in places[1:]])) is not None:
             value = as_value(T)
         offset = ("frame" if wrapped[1].lower() == "offs" else "tool", value)
         begin = places[0][0]
@@ -504,6 +538,23 @@ def _target(reader: Reader, begin: int, end: int, move: Move, kind: str, instruc
         move = replace(move, needs=())
     point_key = f"{key}@{reader.file}:{begin}" if offset else key
     reader.blocks.add(replace(move, key=point_key, base=key if offset else "", offset=offset))
+
+
+def _shift(function: str, texts: list[str]) -> Array | None:
+    """Return the frame (4, 4) in mm of the arguments of Offs or RelTool, None unless all are numbers. RelTool turns
+    about x, then the new y, then the new z."""
+    parts = [part.strip(" \n\t,") for part in re.split(r"(?=\\)", ",".join(texts))]
+    places, turns = [place.strip() for place in parts[0].split(",")], {"x": 0.0, "y": 0.0, "z": 0.0}
+    for text in parts[1:]:
+        turn = _TURN.fullmatch(text)
+        if function != "reltool" or not turn:
+            return None
+        turns[turn[1].lower()] = float(turn[2])
+    if len(places) != 3 or not all(map(_NUMBER.fullmatch, places)):
+        return None
+    T = frame_of("roll_pitch_yaw", [0, 0, 0, *(-turn for turn in turns.values())]).T  # the inverse of that turn
+    T[:3, 3] = [float(place) for place in places]
+    return T
 
 
 def _leave(reader: Reader, begin: int, reason: Reason, name: str) -> None:

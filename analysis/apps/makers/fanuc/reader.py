@@ -9,7 +9,7 @@ controller. A listing is one program; those beside it are followed where it call
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -116,6 +116,8 @@ _CONFIG = re.compile(r"CONFIG\s*:\s*'\s*([FN])?\s*([UD])?\s*([TB])?\s*,\s*(-?\d+
 _JOINT = re.compile(rf"\bJ([1-6])\s*=\s*({NUMBER})\s*deg")
 _AXIS = re.compile(rf"\b([XYZWPR])\s*=\s*({NUMBER})\s*(?:mm|deg)")
 _OTHERS = re.compile(r"\bGP[2-9]\b|\bE\d\s*=|\bJ[7-9]\s*=")
+_OTHER_AXIS = re.compile(rf"\b(E\d|J[7-9])\s*=\s*({NUMBER})|\b(GP[2-9])\s*:(?=\s*(?:[^\]\s]|\n))")
+"""An extended axis with its coordinate, or the positions of another group, which are not followed."""
 
 
 @dataclass
@@ -158,6 +160,9 @@ def parse(texts: Texts) -> Parsed:
     for name, files in reader.programs.items():
         if 0 in files:  # the program itself comes first
             reader.programs[name] = [0]
+    for text in blank:
+        positions = text[_section(text, "POS", len(text)) :]
+        reader.points.axes |= {axis for axis, coordinate in _others(positions) if coordinate}
     start = _section(blank[0], "POS", len(blank[0]))
     for position in _POSITION.finditer(blank[0], start):
         target, reason = _position(position, reader.lines[0])
@@ -193,10 +198,18 @@ def _position(position: re.Match[str], lines: Lines) -> tuple[Target, Reason | N
         letters = config[1] == "F", config[2] == "U", config[3] == "T"
         flags = Flags((*map(int, letters), *(int(config[k][:6]) for k in (4, 5, 6))), _agreeing)
     frame, tool = (frames[1], frames[2]) if frames else ("F", "F")
-    target = Target(f"P[{number}]", 0, lines.at(position.start()), form, numbers, tool, frame, flags)
+    external = tuple(_others(body))
+    line = lines.at(position.start())
+    target = Target(f"P[{number}]", 0, line, form, numbers, tool, frame, flags, external=external)
     if _OTHERS.search(body):
         return target, "external_axes"
     return target, None if len(numbers) == 6 and len(joints or axes) == 6 else "incomplete"
+
+
+def _others(text: str) -> Iterator[tuple[str, float]]:
+    """Yield the extended axes of positions with their coordinates, and other groups as ones that moved."""
+    for axis in _OTHER_AXIS.finditer(text):
+        yield (axis[3], 1.0) if axis[3] else (axis[1], float(axis[2]))
 
 
 def _agreeing(arm: Arm, q: Array, values: tuple[int, ...], slack_rad: float) -> Mask:

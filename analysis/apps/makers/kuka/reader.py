@@ -16,6 +16,7 @@ from analysis.apps.makers.kuka.statements import (
     LINES,
     LITERAL_TYPE,
     Reader,
+    external_axes_in,
     lines_in,
     read_statement,
     read_submit,
@@ -53,6 +54,7 @@ def parse(texts: Texts) -> Parsed:
     """Return the targets of a .src and, if it is given as the second text, of its .dat."""
     blank = tuple(blanked(with_newlines(text), _BLANK) for text in texts.texts)
     reader = Reader(texts.names, blank, tuple(map(lines_of, blank)), Points(texts.own))
+    reader.points.axes.update(*map(external_axes_in, blank))
     own_files = range(texts.own)
     stated: dict[str, Value] = {}
     for file in reversed(own_files):

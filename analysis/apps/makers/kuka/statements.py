@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from analysis.apps.makers.kuka.closed_lists import FUNCTIONS, NOTHING, SYSTEM, WRITING
 from analysis.apps.makers.numbers import frame_of, is_frame
 from analysis.apps.makers.points import Points, as_value
 from analysis.apps.makers.program_machine import (
@@ -54,6 +55,10 @@ from analysis.robot.kinematics.arm import Arm, Array, Mask
 
 LINES = "flags of lines"
 """The part that says whether the flags of posture count where a line ends."""
+_EXTERNAL_MOVED = re.compile(
+    rf"(?<![\w$.])(E[1-6])\s+({NUMBER})|\.\s*(E[1-6])\b|\bASYPTP\b|\$EX_AX_\w+|\$ASYNC_\w+", re.IGNORECASE
+)
+"""Where a text moves an external axis, or assigns one."""
 LITERAL_TYPE = re.compile(r"^\s*(?:E6POS|POS|FRAME|E6AXIS|AXIS)\s*:", re.IGNORECASE)
 """The type before the numbers of an aggregate, {E6POS: X …}."""
 
@@ -80,7 +85,14 @@ _CYCLICAL = re.compile(r"\s*\$CYCFLAG\b", re.IGNORECASE)
 """Its right side is evaluated again and again beside the program."""
 _BY_NUMBER = re.compile(r"(TOOL_DATA|BASE_DATA)\s*\[\s*(\d+)\s*\]", re.IGNORECASE)
 _AGGREGATE = re.compile(r"\{([^{}]*)\}")
-_HANDED = re.compile(r"\b(?:TOOL_DATA|BASE_DATA)\b|\$(?:TOOL|BASE)\b", re.IGNORECASE)
+_HANDED = re.compile(
+    r"\b(?:TOOL_DATA|BASE_DATA|FDAT_ACT)\b|\$(?:TOOL|BASE|IPO_MODE|ORI_TYPE)\b(?!\s*=(?!=))", re.IGNORECASE
+)
+"""The parts of the state of a motion that a call may write if it is given them."""
+_PARTS_OF = {
+    "$TOOL": ("tool",), "$BASE": ("base",), "$IPO_MODE": ("external_tcp",), "$ORI_TYPE": ("switch",),
+    "FDAT_ACT": ("fdat tool", "fdat base", "fdat ipo", "tool", "base"),
+}  # fmt: skip
 _BAS = re.compile(r"\s*BAS\s*\(\s*#(\w+)\s*(?:,([^()]*))?\)\s*", re.IGNORECASE)
 _ROUTINE = re.compile(r"\s*(?:GLOBAL\s+)?(?:DEF|DEFFCT\s+\w+(?:\s*\[[^\]]*\])?)\s+(\w+)\s*\(", re.IGNORECASE)
 _BESIDE = re.compile(r"\s*(?:(?:GLOBAL\s+)?INTERRUPT\s+DECL\b|TRIGGER\s+WHEN\b).*?\bDO\b(.*)", re.IGNORECASE)
@@ -90,37 +102,6 @@ _DECLARATION = re.compile(
     r"GLOBAL|CONST|DEFDAT|ENDDAT)\b.*|)",
     re.IGNORECASE,
 )
-_NOTHING = re.compile(
-    r"\s*(?:INTERRUPT\s+(?:ON|OFF|ENABLE|DISABLE)|WAIT|HALT|CONTINUE|PULSE|ANOUT|ANIN|CWRITE|CREAD|COPEN|CCLOSE|"
-    r"SREAD|SWRITE|SPLINE|ENDSPLINE|PTP_SPLINE)\b.*",
-    re.IGNORECASE,
-)
-"""Statements after which tool, base and arm are as they were, but for what a function in them does: waiting, inputs
-and outputs."""
-_SYSTEM = re.compile(
-    r"\$(?:VEL|ACC|APO|VEL_AXIS|ACC_AXIS|VEL_EXTAX|ACC_EXTAX|OV_PRO|OV_APPL|ADVANCE|OUT|ANOUT|FLAG|CYCFLAG|TIMER|"
-    r"TIMER_STOP|TIMER_FLAG|CIRC_TYPE|CIRC_MODE|SPL_ORI_JOINT_AUTO|BWDSTART|H_POS|LOAD|LOAD_A1|LOAD_A2|LOAD_A3|"
-    r"ACT_TOOL|ACT_BASE|OUT_C|GEAR_JERK|JERK|APO_DIS_PTP|CMD|MSG_T|PRO_I_O|SEN_PINT|SEN_PREA|SINT_LIST|CYCLE|TORQUE_AXIS|COLLMON_TOL_PRO|"
-    r"REDVEL|RED_VEL|VEL_AXIS_MA|LOOP_CONT|LOOP_MSG|OUTPUT|FILTER|ECO_LEVEL|OVERRIDE|ANIN|DIGIN\w*|SOFTPLCBOOL|"
-    r"SOFTPLCINT|SOFTPLCREAL)",
-    re.IGNORECASE,
-)
-"""System variables that change neither tool nor base nor where the arm goes: speeds, accelerations, blending, outputs,
-flags, timers, loads."""
-_FUNCTIONS = words("""
-    SIN COS TAN ACOS ASIN ATAN ATAN2 SQRT ABS ROUND EXP LOG MIN MAX INV_POS INVERSE FORWARD INVFRAME
-    STRADD STRCLEAR STRCOMP STRCOPY STRDECLLEN STRFIND STRLEN STRDELIM STRTOINT STRTOREAL STRTOBOOL STRTOSTRING
-    STRTOSTRUCT STRTOFRAME STRTOPOS STRTOE3POS STRTOE6POS STRTOAXIS STRTOE3AXIS STRTOE6AXIS
-    CIOCTL VARSTATE GETVARSIZE EXISTS_KRLMSG EXISTS_KRLDLG SET_KRLMSG SET_KRLDLG CLEAR_KRLMSG GET_MSGBUFFER
-    MSGNOTIFY MSGQUIT MSGSTATE MSGEVENT MSGDIALOG MSGLOOP MSGWAIT MSGTEST GET_SYSTEM_DATA KRLMSG
-    NOT AND OR EXOR B_AND B_OR B_NOT B_EXOR IF ELSEIF WHILE UNTIL SWITCH CASE FOR TO STEP THEN WAIT SEC RETURN
-    IR_STOPM SVEL_CP SVEL_PTP SVEL_JOINT SACC_CP SACC_PTP SACC_JOINT SGEAR_JERK SAPO SAPO_PTP SORI_TYP SLOAD STOOL
-    STOOL2 SBASE SIPO_MODE SJERK SET_CD_PARAMS USE_CM_PRO_VALUES
-    PULSE
-    EKI_INIT EKI_OPEN EKI_CLOSE EKI_CLEAR EKI_SEND EKI_CHECKBUFFER EKI_GETBOOL EKI_GETINT EKI_GETREAL EKI_GETSTRING
-    EKI_GETFRAME EKI_SETBOOL EKI_SETINT EKI_SETREAL EKI_SETSTRING EKI_SETFRAME
-    """)
-"""Functions of the system that compute, speak or communicate, and words of the language before a bracket."""
 _BAS_NOTHING = words("VEL_PTP VEL_CP ACC_PTP ACC_CP ACC_GLUE PTP_DAT CP_DAT OUT_SYNC OUT_ASYNC NONE INIT VEL_ACC")
 
 
@@ -210,7 +191,8 @@ class Reader:
         flags = None
         if "S" in parts and "T" in parts and all(0 <= parts[letter].value < 1 << 16 for letter in "ST"):
             flags = Flags((int(parts["S"].value), int(parts["T"].value)), agreeing)
-        target = Target(name, file, self.lines[file].at(begin), form, numbers, flags=flags)
+        external = tuple((axis, parts[axis].value) for axis in _EXTERNAL if axis in parts)
+        target = Target(name, file, self.lines[file].at(begin), form, numbers, flags=flags, external=external)
         if len(numbers) < 6:
             return target, "incomplete"
         return target, "external_axes" if any(axis in parts and parts[axis].value for axis in _EXTERNAL) else None
@@ -281,6 +263,19 @@ def read_statement(reader: Reader, file: int, begin: int, line: str) -> None:
         _other(reader, blocks, file, begin, line)
 
 
+def external_axes_in(text: str) -> set[str]:
+    """Return the external axes that a text moves from zero."""
+    axes: set[str] = set()
+    for mention in _EXTERNAL_MOVED.finditer(text):
+        if mention[3]:
+            axes.add(mention[3].upper())
+        elif not mention[1]:
+            axes.update(_EXTERNAL)
+        elif float(mention[2]):
+            axes.add(mention[1].upper())
+    return axes
+
+
 def read_submit(reader: Reader, file: int) -> None:
     """Take the tools and bases that a program of the submit interpreter, which runs beside, sets."""
     body: list[Statement] = []
@@ -290,6 +285,11 @@ def read_submit(reader: Reader, file: int) -> None:
             body += _assigned(reader, file, begin, left, assigned["right"])
             why = reader.why(file, begin, f"{reader.names[file]} runs beside and may set it at any moment")
             reader.beside.append(Call(f"\0{file}", why))
+        for call in _CALL.finditer(line):
+            if reader.defined(file, call[1]) or call[1].upper() not in FUNCTIONS:
+                why = reader.why(file, begin, f"{reader.names[file]} runs beside and may set it at any moment")
+                body_of_call = _written_by(reader, file, begin, call[1], line[call.end() :])
+                _writes_beside(reader, file, begin, why, body_of_call)
     reader.routines[f"\0{file}"] = tuple(body)
 
 
@@ -297,15 +297,24 @@ def _functions(reader: Reader, file: int, begin: int, line: str) -> None:
     """Take the calls of functions in a line; what is handed over by reference may be written, and moved to."""
     assert reader.blocks is not None  # noqa: S101 - within a routine
     for call in _CALL.finditer(line):
-        statement = reader.called(file, begin, call[1])
-        if reader.defined(file, call[1]) or call[1].upper() not in _FUNCTIONS:
-            reader.blocks.evaluated(line[: call.start()], statement)
+        if not (defined := bool(reader.defined(file, call[1]))) and call[1].upper() in FUNCTIONS:
+            continue
+        if defined or call[1].upper() not in WRITING:
+            reader.blocks.evaluated(line[: call.start()], reader.called(file, begin, call[1]))
             for handed in _AGGREGATE.finditer(line, call.end(), brackets(line).get(call.end() - 1, len(line))):
                 if reader.literal(file, begin, LITERAL_TYPE.sub("", handed[1]), "")[0]:
                     _list(reader, file, begin, "handed", handed[0])
-            if _HANDED.search(line, call.end()):
-                why = reader.why(file, begin, f"{call[1]} is given a tool or base")
-                reader.blocks.add(Lose("TOOL_DATA", why), Lose("BASE_DATA", why), Set("tool", why), Set("base", why))
+        reader.blocks.add(*_written_by(reader, file, begin, call[1], line[call.end() :]))
+
+
+def _written_by(reader: Reader, file: int, begin: int, name: str, after: str) -> list[Statement]:
+    """Return what a call may write of the state of a motion, by what it is given in its line `after` its name."""
+    statements: list[Statement] = []
+    for argument in dict.fromkeys(match[0].upper() for match in _HANDED.finditer(after)):
+        why = reader.why(file, begin, f"{name} is given {argument} and may write it")
+        parts = _PARTS_OF.get(argument, ())
+        statements += [Set(part, why) for part in parts] or [Lose(argument, why)]
+    return statements
 
 
 def _flow(reader: Reader, blocks: Blocks, file: int, begin: int, line: str, word: str) -> bool:
@@ -369,12 +378,22 @@ def _runs_beside(reader: Reader, file: int, begin: int, interrupt: re.Match[str]
 def _calls_beside(reader: Reader, file: int, begin: int, text: str) -> None:
     """Take calls that happen at any moment."""
     for call in _CALL.finditer(text):
-        statement = reader.called(file, begin, call[1])
+        statement, of_system = reader.called(file, begin, call[1]), FUNCTIONS | WRITING
         why = reader.why(file, begin, f"{call[1]} may run at any moment")
         if isinstance(statement, Call):
             reader.beside.append(Call(statement.name, why))
-        elif reader.defined(file, call[1]) or call[1].upper() not in _FUNCTIONS:
+        elif reader.defined(file, call[1]) or call[1].upper() not in of_system:
             reader.beside.append(Call(f"\0{call[1]}", why))
+        if reader.defined(file, call[1]) or call[1].upper() not in FUNCTIONS:
+            _writes_beside(reader, file, begin, why, _written_by(reader, file, begin, call[1], text[call.end() :]))
+
+
+def _writes_beside(reader: Reader, file: int, begin: int, why: Unknown, body: list[Statement]) -> None:
+    """Take statements that may run at any moment, if there are any."""
+    if body:
+        key = f"\0{file}:{begin}:{len(reader.beside)}"
+        reader.routines[key] = tuple(body)
+        reader.beside.append(Call(key, why))
 
 
 def _other(reader: Reader, blocks: Blocks, file: int, begin: int, line: str) -> None:
@@ -393,7 +412,7 @@ def _other(reader: Reader, blocks: Blocks, file: int, begin: int, line: str) -> 
     if _SPLINE.match(line):
         suffix = _WITH.search(line)
         reader.spline = _with_all(reader, file, begin, suffix[1]) if suffix else {}
-    if _NOTHING.fullmatch(line) or _CALL.match(line.strip()):
+    if NOTHING.fullmatch(line) or _CALL.match(line.strip()):
         _functions(reader, file, begin, line)
         return
     blocks.add(Forget(reader.why(file, begin, f"{line.strip()} is not known here")))
@@ -437,7 +456,7 @@ def _assigned(reader: Reader, file: int, begin: int, left: str, right: str) -> l
             why = reader.why(file, begin, "FDAT_ACT is set, and no BAS takes it")
             taken = _fdat(reader, file, begin, right.strip() if left == name else "a part of FDAT_ACT")
             return [*taken, Set("tool", why), Set("base", why)]
-    if name.startswith("$") and not _SYSTEM.fullmatch(name):
+    if name.startswith("$") and not SYSTEM.fullmatch(name):
         return [Forget(reader.why(file, begin, f"{left} is not known here"))]
     return []
 

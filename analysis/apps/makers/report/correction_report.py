@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Sequence
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from rich.text import Text
 
 from analysis.apps.makers import maker_by
 from analysis.apps.makers.correct_rig import Corrections
-from analysis.apps.makers.reading import with_remark
+from analysis.apps.makers.reading import mark_of, with_remark
 from analysis.apps.makers.report import controller_report, program_report
 from analysis.apps.makers.report.controller_report import base_note, short
 from analysis.apps.makers.target_path import corrected_columns
@@ -296,9 +296,8 @@ def write(corrections: Corrections, directory: Path) -> list[Path]:
                 raise FileError(
                     name, "would be written twice", "correct programs of one name into directories of their own"
                 )
-            files[name] = holding(
-                with_remark(maker_by(program.maker).reader.remark, name, data, ANYWAY)
-                if program.path in against
-                else data
-            )
+            remarks = [mark_of(date.isoformat())] if name in program.changed else []
+            remarks += [ANYWAY] if program.path in against else []
+            form = maker_by(program.maker).reader.remark
+            files[name] = holding(reduce(partial(with_remark, form, name), remarks, data))
     return write_all_new(directory, files)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.apps.makers.corrected_program import MOST_MM, CorrectedProgram
+from analysis.apps.makers.corrected_program import GIVEN_AWAY, MOST_MM, CorrectedProgram
 from analysis.correction.corrected_targets import WorkError
 from analysis.correction.reasons import WHY
 from analysis.robot.kinematics.arm import Array
@@ -45,6 +45,9 @@ def lines(program: CorrectedProgram) -> list[str]:
         f"--{overruling.kind}; from there its own count"
         for overruling in program.overruled[:_LISTED]
     ]
+    text_lines += [
+        f"  {_place(program, notice.file, notice.line)}: {notice.text}" for notice in program.notices[:_LISTED]
+    ]
     if program.start:
         start = ", ".join(f"{angle:g}" for angle in np.degrees(program.start).round(6))
         text_lines.append(
@@ -55,6 +58,12 @@ def lines(program: CorrectedProgram) -> list[str]:
         text_lines.append(
             f"  moved by up to {moved.max():.3f} mm, {rms(moved):.3f} mm rms; "
             f"{reached(program.u_frame_mm, program.u_mm)}"
+        )
+    if len(given_away := program.given_away_mm[np.isfinite(program.given_away_mm)]):
+        text_lines.append(
+            f"  {targets_in_words(len(given_away))} used with an offset: the places beside take the same correction "
+            f"and stay up to {given_away.max():.3f} mm off (at most {100 * GIVEN_AWAY:.0f} % of what is removed, or "
+            "its uncertainty)"
         )
     if count and program.rounded_um.max() > _SHOWN_UM:
         text_lines.append(f"  the decimals of this format put targets off by up to {program.rounded_um.max():.1f} µm")
@@ -108,7 +117,7 @@ def _left_lines(program: CorrectedProgram) -> list[str]:
 def as_object(program: CorrectedProgram) -> dict[str, Any]:
     """Return the same for scripts: lengths in mm, rounding in µm."""
     in_mm = (program.moved_mm, program.u_mm, program.u_frame_mm)
-    columns = (program.names, program.places, *in_mm, program.rounded_um, program.unknown)
+    columns = (program.names, program.places, *in_mm, program.rounded_um, program.given_away_mm, program.unknown)
     return {
         "program": program.path.name,
         "controller": program.maker,
@@ -135,6 +144,18 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
             "rms": rms(program.moved_mm) if len(program.moved_mm) else 0.0,
         },
         "rounded_um": float(program.rounded_um.max(initial=0.0)),
+        "used_with_offset": {
+            "targets": int(np.isfinite(program.given_away_mm).sum()),
+            "largest_given_away_mm": (
+                float(np.nanmax(program.given_away_mm)) if np.isfinite(program.given_away_mm).any() else None
+            ),
+            "bound_share": GIVEN_AWAY,
+        },
+        "notices": [
+            {"file": program.sources[notice.file], "line": notice.line, "text": notice.text}
+            for notice in program.notices[:_KEPT]
+        ],
+        "named": sorted(f"--{kind} {name}" for kind, name in program.named),
         "outside_driven_ranges": sum(map(bool, program.unknown)),
         "error": program.error and error_object(program.error),
         "targets": [
@@ -146,10 +167,11 @@ def as_object(program: CorrectedProgram) -> dict[str, Any]:
                 "u_mm": None if np.isnan(u) else round(float(u), 6),
                 "u_frame_mm": None if np.isnan(u_frame) else round(float(u_frame), 6),
                 "rounded_um": round(float(rounded), 3),
+                "given_away_mm": None if np.isnan(given_away) else round(float(given_away), 6),
                 "outside_driven_ranges": bool(why),
                 "unknown": why or None,
             }
-            for name, (file, line), moved, u, u_frame, rounded, why in zip(*columns, strict=True)
+            for name, (file, line), moved, u, u_frame, rounded, given_away, why in zip(*columns, strict=True)
         ],
         "left": [
             {

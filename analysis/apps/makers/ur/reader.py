@@ -2,7 +2,8 @@
 
 Source: Universal Robots, Script Manual (e-Series, 5.x). A pose counts in the base; movel and movec keep the posture in
 which the arm stands, get_inverse_kin takes the solution closest to qnear. PolyScope writes for a waypoint NAME a pose
-NAME_p and the taught joint angles NAME_q (scripts of PolyScope 5 in public repositories). A script is one file.
+NAME_p and the taught joint angles NAME_q (scripts of PolyScope 5 in public repositories), which only count as the
+qnear of a joint move. A script is one file.
 """
 
 from __future__ import annotations
@@ -32,10 +33,12 @@ from analysis.apps.makers.program_machine import (
 )
 from analysis.apps.makers.program_reader import ProgramReader, Remark
 from analysis.apps.makers.target import (
+    NUMBER,
     Form,
     Left,
     Lines,
     Named,
+    Notice,
     Number,
     Parsed,
     Target,
@@ -78,6 +81,11 @@ _WAYS: dict[str, Way] = {
     "movej": "joint", "movel": "line", "movep": "line", "movec": "line", "servoj": "joint", "servoc": "line",
     "optimovej": "joint", "optimovel": "line",
 }  # fmt: skip
+_KEEPS = "posture of the way"
+"""The part that is off, since no text says in which posture a line, or a joint move to a bare pose, ends: the arm keeps
+the one in which it stands, also on the way to a waypoint whose joint angles were taught."""
+_MODE, _MODE_PLACE = re.compile(r"mode\s*=\s*(.*)", re.DOTALL), 5
+"""The mode of movec(pose_via, pose_to, a, v, r, mode)."""
 _STREAMED = ("servoj", "servoc")
 """The arm does not stand at such a target when the next statement runs."""
 _SWITCHES = {
@@ -141,6 +149,8 @@ _NOTHING = words("""
     """)
 """What leaves the arm, its tool and its base as they are: the functions of the manual that compute, read, write
 outputs and registers, wait, or speak; `get_inverse_kin` is a target where a move has it."""
+_METHOD = re.compile(r"(?<![\w.])([A-Za-z_]\w*)[ \t]*\.[ \t]*([A-Za-z_]\w*)[ \t]*\(")
+_OF_LISTS = words("append clear excluding extend insert pop remove slice length size to_string")
 _TARGET = re.compile(r"(?:q|pose|pose_via|pose_to|x)\s*=\s*")
 _INVERSE = re.compile(r"get_inverse_kin\s*\(")
 _WORD = re.compile(r"[A-Za-z_]\w*")
@@ -190,6 +200,7 @@ def parse(texts: Texts) -> Parsed:
     events = list(_EVENT.finditer(text))
     reader.defined.update(event["name"] for event in events if event["routine"])
     _declare(reader, events)
+    _other_computers(reader)
     # List the numbers of targets that become parts of structs and lists: moves to them are computed.
     for part in _PART_DECLARED.finditer(reader.text):
         numbers = numbers_in(reader.text, part.start("list"), part.end("list"))
@@ -208,6 +219,17 @@ def parse(texts: Texts) -> Parsed:
         return "tcp" if part == "tool" else OFF
 
     return reader.points.parsed(Program(reader.routines, initial, tuple(reader.beside), kept=("tool",), starts=starts))
+
+
+def _other_computers(reader: _Reader) -> None:
+    """Notice the functions of other programs that the script calls through a handle, such as one of rpc_factory."""
+    seen: set[str] = set()
+    for call in _METHOD.finditer(reader.text):
+        name = f"{call[1]}.{call[2]}"
+        if call[2] not in _OF_LISTS and name not in seen:
+            seen.add(name)
+            fact = f"{name} is a function of another program: rig takes it to move nothing and to set no tool"
+            reader.points.notices.append(Notice(0, reader.lines.at(call.start()), fact))
 
 
 def _declare(reader: _Reader, events: list[re.Match[str]]) -> None:
@@ -336,15 +358,8 @@ def _call(reader: _Reader, event: re.Match[str]) -> None:
     elif name in _WAYS:
         if end is None:
             _leave(reader, at, "computed", name)
-            return
-        places = arguments(reader.text, event.end(), end)
-        named = [place for place in places if _TARGET.match(reader.text, *place)]
-        named.sort(key=lambda place: not reader.text.startswith("pose_via", place[0]))  # it is passed first
-        count = 2 if name == "movec" and len(places) > 1 else 1
-        for place in named or places[:count]:
-            _target(reader, name, *place)
-        if name in _STREAMED:
-            blocks.add(Elsewhere())
+        else:
+            _move(reader, name, at, arguments(reader.text, event.end(), end))
     elif name == "set_tcp":
         blocks.add(Set("tool", _tool(reader, at, event.end() - 1)))
     elif name in _SWITCHES:
@@ -356,6 +371,27 @@ def _call(reader: _Reader, event: re.Match[str]) -> None:
         for place in arguments(reader.text, event.end(), end) if end else ():
             if _list(reader.text, *place):
                 reader.points.leave(reader.left(place[0], "handed", reader.text[slice(*place)]))
+
+
+def _move(reader: _Reader, name: str, at: int, places: list[tuple[int, int]]) -> None:
+    """Take a move with its arguments."""
+    named = [place for place in places if _TARGET.match(reader.text, *place)]
+    named.sort(key=lambda place: not reader.text.startswith("pose_via", place[0]))  # it is passed first
+    count = 2 if name == "movec" and len(places) > 1 else 1
+    arc = _arc(reader, at, places) if name == "movec" else ""
+    for k, place in enumerate(named or places[:count]):
+        _target(reader, name, *place, arc=(arc, k == 0))
+    if name in _STREAMED:
+        reader.blocks.add(Elsewhere())
+
+
+def _arc(reader: _Reader, at: int, places: list[tuple[int, int]]) -> str:
+    """Return the name of movec with these arguments if it turns the tool: mode 1 keeps the orientation fixed to the
+    tangent, and a mode that is computed may be that one."""
+    texts = [reader.text[slice(*place)] for place in places]
+    named = [mode[1] for text in texts if (mode := _MODE.fullmatch(text))]
+    number = named[0] if named else texts[_MODE_PLACE] if len(texts) > _MODE_PLACE else "0"
+    return f"arc at {at}" if not re.fullmatch(NUMBER, number) or float(number) != 0 else ""
 
 
 def _leave(reader: _Reader, place: int, reason: Reason, name: str) -> None:
@@ -394,14 +430,25 @@ def _list(text: str, begin: int, end: int) -> tuple[str, tuple[Number, ...]] | N
 
 
 def _target(
-    reader: _Reader, call: str, begin: int, end: int, near: tuple[float, ...] | None = None, *, solved: bool = False
+    reader: _Reader,
+    call: str,
+    begin: int,
+    end: int,
+    near: tuple[float, ...] | None = None,
+    *,
+    solved: bool = False,
+    arc: tuple[str, bool] = ("", False),
 ) -> None:
-    """Take a target of a move; `solved` if it stands in get_inverse_kin, with the joint angles `near` (6,) rad."""
+    """Take a target of a move; `solved` if it stands in get_inverse_kin, with the joint angles `near` (6,) rad. `arc`
+    names the arc that turns the tool, and says whether it passes through the target."""
     text, line = reader.text, reader.lines.at(begin)
     if named := _TARGET.match(text, begin, end):
         begin = named.end()
     if not solved and (inverse := _INVERSE.match(text, begin, end)) and "get_inverse_kin" not in reader.defined:
-        _inverse(reader, call, inverse.end(), reader.closes.get(inverse.end() - 1))
+        if arc[0]:
+            _leave(reader, begin, "arc_turns", text[begin:end])
+        else:
+            _inverse(reader, call, inverse.end(), reader.closes.get(inverse.end() - 1))
         return
     name = text[begin:end]
     key = name
@@ -412,14 +459,18 @@ def _target(
     elif reader.points.knows(name):
         reader.spent.add(begin)
         reader.reached.add(name)
-        if near is None and name.endswith("_p"):
-            near = reader.joints.get(f"{name[:-2]}_q")
     if not reader.points.knows(key):
         _leave(reader, begin, "not_literal" if _WORD.fullmatch(name) else "computed", name)
         return
-    way = "joint" if near is not None else _WAYS[call]
-    needs = ("shift", "tracking")
-    reader.blocks.add(Move(key, way, 0, line, Ref("tool"), needs=needs, near=near))
+    way = _WAYS[call]
+    near = near if way == "joint" else None
+    by_angles = way == "joint" and (near is not None or reader.points.joints(key))
+    reader.blocks.add(
+        Move(
+            key, way, 0, line, Ref("tool"), needs=("shift", "tracking"), trusts=None if by_angles else _KEEPS,
+            near=near, arc=arc[0], through=arc[1],
+        )
+    )  # fmt: skip
 
 
 def _inverse(reader: _Reader, call: str, begin: int, end: int | None) -> None:

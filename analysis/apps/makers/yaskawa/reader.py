@@ -42,6 +42,7 @@ from analysis.apps.makers.target import (
     Flags,
     Form,
     Left,
+    Notice,
     Parsed,
     Target,
     Texts,
@@ -59,6 +60,10 @@ _BLANK = re.compile(r"\"[^\"\n]*\"|(?:^|(?<=\s))'[^\n]*", re.MULTILINE)
 _POSITION = re.compile(r"\s*([BE]?C\d{1,6}|B?P\d{1,6})\s*=(.*)")
 _MOVE = re.compile(r"(?P<kind>S?MOV[JLCS]|IMOV)\s+(?P<point>\S+)(?P<rest>.*)")
 _CALL = re.compile(r"(?P<word>CALL|PSTART)\b.*?\bJOB\s*:\s*(?P<job>\S+)(?P<rest>.*)")
+_FIRST_ROBOT = "RB1"
+_BASE_AXIS = re.compile(r"\bB[CPX]\d+")
+"""A position, or a variable, of a base axis, which moves the arm; a station (EC, EP, EX) moves the work alone."""
+_GROUP = re.compile(r"^///GROUP1[ \t]+(\w+)", re.MULTILINE)
 _NAME = re.compile(r"\b[BE]?C\d{1,6}\b")
 _MODIFIERS = re.compile(
     r"\b(?:VJ|VR|VE|V|PL|ACC|DEC|CR|P|SPD|AVP|ATT)\s*=\s*(?:L?[IDRB])?[\d.]+|\b(?:NWAIT|FPT|CONT)\b|[\s,]"
@@ -114,6 +119,10 @@ class _Reader:
     file: int = 0
     line: int = 0
     job: str = ""
+    group: str = ""
+    """The robot whose jobs are corrected: that of the first job."""
+    foreign: bool = False
+    """Whether the job that is read moves another robot."""
     frame: str | None = None
     """The frame of a relative job, in which it is repeated."""
     blocks: Blocks = field(default_factory=Blocks)
@@ -151,6 +160,12 @@ def parse(texts: Texts) -> Parsed:
                 reader.jobs.setdefault(name, []).append(f"{file}:{number}")
         if not any(line.startswith("//NAME") for line in lines):
             reader.jobs.setdefault(stem, []).append(f"{file}:")
+        reader.points.axes |= {"BC" for line in lines if _BASE_AXIS.search(line)}
+    if groups := _GROUP.findall("\n".join(blank[0])):
+        reader.group = groups[0]
+        if reader.group != _FIRST_ROBOT:
+            fact = f"the jobs move {reader.group}, not the first robot of the controller: is the rig file that robot's?"
+            reader.points.notices.append(Notice(0, 1, fact))
     for file, lines in enumerate(blank):
         _read_file(reader, file, lines)
 
@@ -172,7 +187,7 @@ def _read_file(reader: _Reader, file: int, lines: list[str]) -> None:
         if line.startswith(("/JOB", "//NAME")):
             if moving:
                 reader.routines[reader.job] = reader.blocks.done()
-            state, moving, reader.frame = _State(), False, None
+            state, moving, reader.frame, reader.foreign = _State(), False, None, False
             if line.startswith("//NAME"):
                 reader.job, reader.blocks = f"{file}:{number}", Blocks()
         elif line.startswith("//INST"):
@@ -231,9 +246,7 @@ def _instruction(reader: _Reader, text: str) -> None:
     """Take an instruction of a job."""
     blocks = reader.blocks
     if text.startswith("///") or not text:
-        if text.startswith("////FRAME"):
-            kind, user = (*text.upper().split()[1:3], "", "")[:2]
-            reader.frame = _frame(kind, user)
+        _heading(reader, text)
         return
     if move := _MOVE.match(text):
         _move(reader, move)
@@ -260,6 +273,15 @@ def _instruction(reader: _Reader, text: str) -> None:
         blocks.add(Set(*_SWITCHES[word]))
     elif not _flow(blocks, word, text) and word not in _NOTHING:
         blocks.add(Forget(reader.why(f"{text} is not known here")))
+
+
+def _heading(reader: _Reader, text: str) -> None:
+    """Take the frame of a relative job, or the robot that the job moves."""
+    if text.startswith("////FRAME"):
+        kind, user = (*text.upper().split()[1:3], "", "")[:2]
+        reader.frame = _frame(kind, user)
+    if group := _GROUP.match(text):
+        reader.foreign = reader.group not in ("", group[1])
 
 
 def _flow(blocks: Blocks, word: str, text: str) -> bool:
@@ -312,8 +334,10 @@ def _move(reader: _Reader, move: re.Match[str]) -> None:
         reason = "relative"
     elif re.search(r"\b[BE](?:C|P|X)\d+|\+\s*S?MOV", options):
         reason = "external_axes"
+    elif reader.foreign:
+        reason = "other_robot"
     if reason or not reader.points.knows(key):
-        if reader.points.knows(key):
+        if reader.points.knows(key) and reason != "other_robot":
             reader.points.change(key, 0, reader.line)
         reader.leave(name, reason or "not_literal")
         return

@@ -184,7 +184,7 @@ UR_ROWS: dict[str, tuple[str, Left]] = {
 }  # fmt: skip
 
 
-def _ur(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
+def ur_files(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
     rig = rig_of("ur10e")
     turned = (10, -75, 95, -25, 70 - 140, 15 + 180)  # the other wrist
     angles = [*UR, turned]
@@ -201,7 +201,7 @@ def _ur(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
 @pytest.mark.parametrize("row", UR_ROWS)
 def test_urscript(row: str, tmp_path: Path) -> None:
     text, left = UR_ROWS[row]
-    rig, files = _ur({"a.script": text.replace("{name}", "pose_of_part")})
+    rig, files = ur_files({"a.script": text.replace("{name}", "pose_of_part")})
     assert uncorrected(corrected_files(rig, tmp_path, files)) == left
 
 
@@ -211,10 +211,12 @@ def test_urscript(row: str, tmp_path: Path) -> None:
 )
 def test_urscript_calls_are_calls_whatever_they_are_called(name: str, tmp_path: Path) -> None:
     """After a routine that turns the wrist over, a line goes on in that posture, and without its text in none."""
-    rig, files = _ur({"a.script": f"def {name}():\nmovej({{q7}})\nend\n{TCP}movej({{q0}})\n{name}()\nmovel({{p1}})\n"})
+    rig, files = ur_files(
+        {"a.script": f"def {name}():\nmovej({{q7}})\nend\n{TCP}movej({{q0}})\n{name}()\nmovel({{p1}})\n"}
+    )
     whole = corrected_files(rig, tmp_path, files)
     assert not whole.left and len(whole.names) == 3
-    rig, files = _ur({"b.script": f"{TCP}movej({{q7}})\nmovel({{p1}})\n"})
+    rig, files = ur_files({"b.script": f"{TCP}movej({{q7}})\nmovel({{p1}})\n"})
     jumped = corrected_files(rig, tmp_path, files)
     assert whole.files["a.script"].splitlines()[-1] == jumped.files["b.script"].splitlines()[-1]
 
@@ -235,7 +237,7 @@ STARTS: dict[str, tuple[str, Left]] = {
 @pytest.mark.parametrize("row", STARTS)
 def test_a_program_begins_in_the_posture_that_a_person_states(row: str, tmp_path: Path) -> None:
     text, left = STARTS[row]
-    rig, files = _ur({"a.script": text})
+    rig, files = ur_files({"a.script": text})
     start = tuple(np.radians(UR[0]).tolist())
     assert uncorrected(corrected_files(rig, tmp_path, files))
     found = corrected_files(rig, tmp_path, files, start=start)
@@ -247,21 +249,21 @@ UNUSED = {"of one of two programs", "after a move to nowhere", "of a thread"}
 
 
 def test_a_start_at_which_the_arm_cannot_stand_is_refused(tmp_path: Path) -> None:
-    rig, files = _ur({"a.script": TCP + "movel({p1})\n"})
+    rig, files = ur_files({"a.script": TCP + "movel({p1})\n"})
     with pytest.raises(UseError, match="--start-joints: is beyond the limits"):
         corrected_files(rig, tmp_path, files, start=(7.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def test_a_stated_start_is_where_a_joint_move_would_have_led(tmp_path: Path) -> None:
     for name, joints in (("near", 0), ("turned", 7)):
-        rig, files = _ur({f"{name}.script": TCP + f"movej({{q{joints}}})\nmovel({{p1}})\n"})
+        rig, files = ur_files({f"{name}.script": TCP + f"movej({{q{joints}}})\nmovel({{p1}})\n"})
         angles = re.search(r"movej\(\[(.*)\]\)", files[f"{name}.script"])
         assert angles
         start = tuple(map(float, angles[1].split(",")))
         led = corrected_files(rig, tmp_path, files, start=start)
         assert led.start is None  # a joint move leads away from it
         moved = led.files[f"{name}.script"].splitlines()[-1]
-        rig, files = _ur({"a.script": TCP + "movel({p1})\n"})
+        rig, files = ur_files({"a.script": TCP + "movel({p1})\n"})
         found = corrected_files(rig, tmp_path, files, start=start)
         assert found.files["a.script"].splitlines()[-1] == moved
         assert any("--start-joints" in line for line in program_report.lines(found))
@@ -270,14 +272,14 @@ def test_a_stated_start_is_where_a_joint_move_would_have_led(tmp_path: Path) -> 
 
 
 def test_a_stated_tool_that_the_program_sets_otherwise_is_said(tmp_path: Path) -> None:
-    rig, files = _ur({"a.script": "movej({q0})\n" + OTHER + "movel({p1})\nmovel({p2})\n"})
+    rig, files = ur_files({"a.script": "movej({q0})\n" + OTHER + "movel({p1})\nmovel({p2})\n"})
     found = corrected_files(rig, tmp_path, files, ["tcp=0,0,145,0,0,0"])
     assert not found.left and [(one.name, one.line) for one in found.overruled] == [("tcp", 2)]
     same = corrected_files(rig, tmp_path, files, ["tcp=0,0,200,0,0,0"])
     assert not same.overruled
 
 
-def _kuka(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
+def kuka_files(files: dict[str, str]) -> tuple[Rig, dict[str, str]]:
     rig = rig_of("kuka-kr-10-r1100-2")
 
     def joints(k: int) -> str:
@@ -499,7 +501,7 @@ KUKA_STATED = (["1=0,50,200,0,20,10"], ["2=500,-100,30,0,0,45", "3=0"])
 @pytest.mark.parametrize("row", KUKA_ROWS)
 def test_kuka(row: str, tmp_path: Path) -> None:
     files, left = KUKA_ROWS[row]
-    rig, files = _kuka(files)
+    rig, files = kuka_files(files)
     if row == "flags in bits":
         status, turn = re.findall(r"[ST] (\d+)", files["a.src"])[:2]
         bits = f"S 'B{int(status):03b}',T 'B{int(turn):06b}'"
@@ -511,7 +513,7 @@ def test_kuka(row: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])
 def test_lines_end_as_they_end(ends: str, tmp_path: Path) -> None:
-    rig, files = _kuka({"a.src": HEAD + "PTP {q0}\nLIN {p1}\n$BASE.X=1\nPTP {p2}\nEND\n"})
+    rig, files = kuka_files({"a.src": HEAD + "PTP {q0}\nLIN {p1}\n$BASE.X=1\nPTP {p2}\nEND\n"})
     found = corrected_files(rig, tmp_path, files, *KUKA_STATED, ends=ends)
     assert uncorrected(found) == [(7, "unknown_frame")] and len(found.names) == 2
     data = found.files["a.src"].decode()
@@ -520,7 +522,7 @@ def test_lines_end_as_they_end(ends: str, tmp_path: Path) -> None:
 
 
 def test_a_half_corrected_program_is_said_and_held_where_a_person_wants_all_or_nothing(tmp_path: Path) -> None:
-    rig, files = _ur({"a.script": TCP + "movej({q0})\nmovel({p1})\nmovel({p2})\nset_tcp(x)\nmovel({p4})\n"})
+    rig, files = ur_files({"a.script": TCP + "movej({q0})\nmovel({p1})\nmovel({p2})\nset_tcp(x)\nmovel({p4})\n"})
     found = corrected_files(rig, tmp_path, files)
     assert uncorrected(found) == [(6, "unknown_tool")] and not found.held
     assert found.beside_left_mm.tolist() == pytest.approx([found.moved_mm[-1]])

@@ -222,7 +222,7 @@ def test_fanuc(tmp_path: Path) -> None:
         fanuc_point(3, fanuc_pose(rig, FANUC[2], FANUC_USER), "UF : 3, UT : 1,"),
         fanuc_point(4, fanuc_pose(rig, FANUC[3], FANUC_USER), "UF : 3, UT : 1,"),
         fanuc_point(5, poses[1], "UF : 0, UT : 1,"),
-        fanuc_point(6, fanuc_joints(FANUC[0]) + ",\r\n\tE1=   100.000  mm", "UF : 0, UT : 1,\t"),
+        fanuc_point(6, fanuc_joints(FANUC[0]) + ",\r\n\tE1=     0.000  mm", "UF : 0, UT : 1,\t"),
         fanuc_point(7, poses[1].replace("0, 0, 0'", "0, 0, 3'"), "UF : 0, UT : 1,"),
         fanuc_point(8, poses[1], "UF : 0, UT : 2,"),
     ]
@@ -460,7 +460,7 @@ def test_abb(tmp_path: Path) -> None:
         tool=quaternion(ABB_TOOL),
         object=quaternion(ABB_OBJECT),
         pick=robtarget_of(rig, ABB[1], ABB_OBJECT),
-        rail=robtarget_of(rig, ABB[1], ABB_OBJECT, "125.5"),
+        rail=robtarget_of(rig, ABB[1], ABB_OBJECT, "0.0"),
         inline=robtarget_of(rig, ABB[2], np.eye(4)),
         other=robtarget_of(rig, ABB[3], np.eye(4)),
     )

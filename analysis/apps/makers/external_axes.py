@@ -1,0 +1,68 @@
+"""External axes (tracks, positioners, other groups) as parts of the state of a program.
+
+A pose counts from the base of the arm, which a track moves. So a pose is corrected only if every external axis that the
+texts of the program move stands at zero when the arm arrives. Programs that move none are not affected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from analysis.apps.makers.program_machine import (
+    OFF,
+    Elsewhere,
+    Lose,
+    Move,
+    Program,
+    Set,
+    Statement,
+    Unknown,
+    Value,
+    family_of,
+)
+
+EXTERNAL = "external"
+"""The family of the parts that say where the external axes stand: off at zero."""
+_AT_BEGIN = Unknown(0, 0, "nothing in these files says where the external axes stand")
+_ELSEWHERE = Unknown(0, 0, "a move to a place that is not known may move the external axes")
+_CHANGED = "the point is used or assigned elsewhere, and may have other coordinates of the external axes"
+
+
+@dataclass(frozen=True)
+class PointAxes:
+    """The coordinates of external axes that a point names, None if the program may change them, and whether the point
+    is a pose."""
+
+    coordinates: Mapping[str, float] | None
+    is_pose: bool
+
+
+def with_external_axes(program: Program, axes: frozenset[str], point: Callable[[str], PointAxes | None]) -> Program:
+    """Return the program with `axes` as parts of the state; `point` looks up a point by its key.
+
+    An axis that a point does not name stays where it stands."""
+    if not axes:
+        return program
+    parts = tuple(f"{EXTERNAL}[{axis}]" for axis in sorted(axes))
+
+    def initial(part: str) -> Value:
+        return _AT_BEGIN if family_of(part) == EXTERNAL else program.initial(part)
+
+    def followed(statement: Statement) -> Iterator[Statement]:
+        if isinstance(statement, Elsewhere):
+            yield Lose(EXTERNAL, _ELSEWHERE)
+        elif isinstance(statement, Move) and (of := point(statement.base or statement.key)):
+            if of.coordinates is None:
+                yield Lose(EXTERNAL, Unknown(statement.file, statement.line, _CHANGED))
+            for axis, coordinate in (of.coordinates or {}).items():
+                if axis in axes:
+                    yield Set(f"{EXTERNAL}[{axis}]", "moved" if coordinate else OFF)
+            statement = replace(statement, needs=(*statement.needs, *parts)) if of.is_pose else statement
+        yield statement
+
+    routines = {
+        name: tuple(added for statement in body for added in followed(statement))
+        for name, body in program.routines.items()
+    }
+    return replace(program, routines=routines, initial=initial)
