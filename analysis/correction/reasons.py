@@ -47,7 +47,7 @@ WHY: dict[Reason, str] = {
     "handed": "is given to a routine, which may move to it in a tool, a frame or a posture of its own",
     "array": "is in an array, whose elements are not followed",
     "arc": "is of an arc of a number of degrees, which does not end at its target",
-    "arc_turns": "is on an arc along which the tool turns with the tangent: the orientation reached is not the one written, "
+    "arc_turns": "is on an arc along which the tool turns with the tangent: the orientation there is not as written, "
     "or is unknown",
     "changed": "is also used, or assigned, elsewhere in the program",
     "offset": "is used with an offset that is not known, or whose place may need another correction than the point",
