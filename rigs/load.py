@@ -25,7 +25,7 @@ from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 from rigs.schema.effect import size_field
 from rigs.schema.part import Part, Vector
-from rigs.text import the_same
+from rigs.text import as_argument, the_same
 from rigs.yaml_text import read_yaml
 
 _REMEDY = "restore both files of one diagnosis, or diagnose again"
@@ -235,11 +235,33 @@ _MOST_KEPT = 16
 
 
 def _parsed(text: str, where: str) -> Rig:
+    _refuse_other_texts(text, where)
     root, data = read_yaml(text, where)
     try:
         return Rig.model_validate(data)
     except ValidationError as error:
         raise RigFileError(where, problems_of(error, data, root)) from None
+
+
+_SEPARATORS = (",", ";", "\t")
+
+
+def _refuse_other_texts(text: str, where: str) -> None:
+    """Raise FileError for a text that is empty, or a table, and says so."""
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "---"))]
+    if not lines:
+        raise FileError(where, "is empty, and no rig file", "write one with rig init cell.yaml")
+    for separator in _SEPARATORS:
+        columns = lines[0].count(separator)
+        if columns > 1 and ":" not in lines[0] and all(line.count(separator) == columns for line in lines[:_LOOKED_AT]):
+            names = [name.strip() for name in lines[0].split(separator)]
+            shown = f"{', '.join(names[:3])} …"
+            remedy = f"make a run of it: rig import {as_argument(where)} --rig RIG --test TEST -o RUN"
+            raise FileError(where, f"is a table of {columns + 1} columns ({shown}), and no rig file", remedy)
+
+
+_LOOKED_AT = 3
+"""Lines of a table that have as many columns."""
 
 
 def load_hidden(name: str | Path) -> Hidden:

@@ -201,8 +201,9 @@ def diagnose(
     tests = naming_tests(further, result, verdicts.budget, named, (sound, elsewhere)) if asks else []
     place = JudgedPlace(verdicts.accuracy.place, fitted, elsewhere or judges or sound, stages, gaps.judged)
     diagnosis = replace(
-        verdicts, calibrated=calibrated, remains=remains, staircase=staircase, next_test=next_test, doubts=tuple(doubts)
-    )
+        verdicts, calibrated=calibrated, remains=remains, staircase=staircase, next_test=next_test,
+        doubts=tuple(doubts), only_commanded=any(run.has_only_commanded_angles for run in used),
+    )  # fmt: skip
     acts = acts_of(diagnosis, place, tests, _before(used) if early else ())
     return replace(diagnosis, acts=acts, seconds=time.perf_counter() - begin_s)
 

@@ -29,6 +29,8 @@ _OF_ROBOTS = "tcp tool ee eef flange robot cartesian controller fk wrist hand gr
 _CONTROLLER = frozenset(_OF_ROBOTS.split())
 """Words of a pose that the robot says of itself, unless an instrument is named beside them: of columns, of topics, and
 of the children of transforms."""
+_SPOTS = frozenset(["spot", "spots", "floor", "mark", "marks", "punch", "socket", "sockets"])
+"""Words of places that the tool touches, which no instrument measured."""
 _ROLES: dict[Role, frozenset[str]] = {role: frozenset(words.split()) for role, words in _ROLE_WORDS.items()}
 _UNITS = {
     "mm": "mm", "millimeter": "mm", "millimetre": "mm", "m": "m", "meter": "m", "metre": "m", "cm": "cm", "um": "um",
@@ -109,6 +111,11 @@ def is_of_controller(name: str) -> bool:
     """Return whether a name, as of a topic or the child of a transform, sounds like what a robot says of itself."""
     words = set(_name(name, "").words)
     return bool(words & _CONTROLLER) and not words & _INSTRUMENT
+
+
+def is_of_spot(column: str) -> bool:
+    """Return whether a column, by its name, is of a spot that the tool touches."""
+    return bool(set(_name(column, "").words) & _SPOTS)
 
 
 def groups_of(raw: RawTable, axis_names: Sequence[str]) -> Groups:

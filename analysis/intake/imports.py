@@ -19,9 +19,9 @@ from analysis.intake.table_map import MAPPED, TableMap, map_text
 from analysis.procedures.checks.check_runs import doubts_of, refuse_impossible
 from analysis.procedures.shared.evaluate import hold_alive
 from analysis.robot.geometry.iso_cube import cube_of
-from analysis.runs.loading import Measured, measured_of
+from analysis.runs.loading import ONLY_COMMANDED, Measured, measured_of
 from analysis.runs.table_format import kind_named
-from analysis.runs.table_layout import PLACE, JointSource
+from analysis.runs.table_layout import MEASURED, PLACE, JointSource
 from daq.store import Run, table_run
 from rigs.errors import FileError, UseError
 from rigs.load import load
@@ -56,6 +56,7 @@ def read_table(
         source=source.name,
         source_sha256=read.sha256,
         placement=placement,
+        assumed=() if joints == "measured" or MEASURED[0] in read.table.column_names else (ONLY_COMMANDED,),
     )
     return _held(run, rig, str(source), read.doubts)
 
@@ -69,7 +70,8 @@ def is_plain(path: Path, test: TestName) -> bool:
         name.strip().strip('"') for name in data[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace").split(",")
     }
     ours = names & set(kind_named(test).layout().required)
-    return len(ours) > 1 and (test != MAPPED or bool(ours - set(PLACE)))
+    # Rig's own joints beside a place in other columns, as tvec_x … of OpenCV, are read by a map like any others.
+    return len(ours) > 1 and (test != MAPPED or bool(ours - set(PLACE) and ours & set(PLACE)))
 
 
 def propose_map(files: Sequence[Path], rig_file: str | Path, join: str = "", topic: str = "") -> Proposal:
@@ -152,7 +154,7 @@ def read_mapped(  # noqa: PLR0913 - what a run is labelled with
     if len(files) != len(table_map.files):
         fact = f"describes {len(table_map.files)} files, and {len(files)} are given"
         raise FileError("the map", fact, "give the files of one measurement, in its order; several are joined (--join)")
-    if joints == "commanded":
+    if joints == "commanded" and ONLY_COMMANDED not in table_map.assumed:
         if table_map.commanded is None:
             raise FileError("the map", "names no commanded joints, which --joints commanded reads", "add `commanded`")
         table_map = table_map.model_copy(update={"joints": table_map.commanded, "commanded": None})

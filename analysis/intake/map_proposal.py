@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from analysis.intake.cells import TableFileError
-from analysis.intake.column_groups import Group, Groups, Seen, groups_of, is_of_controller
+from analysis.intake.column_groups import Group, Groups, Seen, groups_of, is_of_controller, is_of_spot
 from analysis.intake.cube_stops import with_joints
 from analysis.intake.mapped import MappedPoses, fits_in_parts, meant, poses_of, spread_of
 from analysis.intake.raw_table import RawTable
@@ -25,6 +25,7 @@ from analysis.procedures.checks.place import NO_INSTRUMENT_MM, OF_CONTROLLER, SP
 from analysis.robot.geometry.iso_cube import cube_of
 from analysis.robot.geometry.pose_setup import fit_arm, fit_setup, position_error
 from analysis.robot.kinematics.arm import Arm, arm_of, forward, without_setup
+from analysis.runs.loading import ONLY_COMMANDED
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -162,6 +163,7 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
         finding = "no joints: its rows are stops of the ISO 9283 cube of the rig file, each known by its place"
         table_map = proposal.table_map.model_copy(update={"stops": "of the cube"})
         return replace(proposal, table_map=table_map, checked=(finding, *proposal.checked))
+    groups = _without_spots(raw, groups)
     _refuse_missing(raw, groups, len(names))
     bare = without_setup(arm_of(rig.robot))
     judge = _Judge(raw.evenly(_JUDGED), bare, tuple(layouts), join)
@@ -173,6 +175,8 @@ def propose(raw: RawTable, layouts: Sequence[Layout], join: str, rig: Rig) -> Pr
     )
     # Joints to read, and those that were commanded beside them.
     joints, commanded = (measured or unsaid, commanded) if measured or unsaid else (commanded, [])
+    if all(group.role == "commanded" for group in joints):
+        judge.assumed.append(ONLY_COMMANDED)
     seen, residual = _places(groups)
     table_map, chosen = _placed(judge, joints, seen, residual)
     if commanded and table_map.joints and len(commanded) == 1:
@@ -210,6 +214,17 @@ def _stops_of_cube(raw: RawTable, groups: Groups, rig: Rig) -> RawTable | None:
     if failed is not None:
         raise failed
     return None
+
+
+def _without_spots(raw: RawTable, groups: Groups) -> Groups:
+    """Return groups without the places of spots. Raises FileError if a table has no other places."""
+    spots = [pose.place.columns for pose in groups.seen if all(map(is_of_spot, pose.place.columns))]
+    seen = tuple(pose for pose in groups.seen if pose.place.columns not in spots)
+    if spots and not seen:
+        problem = f"has the places of spots ({_short(spots[0])}), which the tool touched and no instrument measured"
+        remedy = "name the spot of each row in a column socket, and import the table with --test touch"
+        raise FileError(raw.where, problem, remedy)
+    return replace(groups, seen=seen)
 
 
 def _refuse_missing(raw: RawTable, groups: Groups, axes: int) -> None:

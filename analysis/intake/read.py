@@ -36,6 +36,7 @@ from analysis.runs.table_format import kind_named, kinds
 from analysis.runs.table_layout import (
     COMMANDED,
     JOINTS,
+    MEASURED,
     RAIL,
     SOCKET,
     TIME_U,
@@ -325,8 +326,7 @@ def _names(header: list[str], where: str, joints: JointSource) -> list[str]:
     if missing := [name for name in COMMANDED if name not in names]:
         problem = f"has no {', '.join(missing)}, which --joints commanded reads"
         raise FileError(where, problem, "rename the columns of the commanded joints, or leave --joints out")
-    measured = [name.replace("_deg", "_measured_deg") for name in JOINTS]
-    renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
+    renamed = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *MEASURED), strict=True))
     return [renamed.get(name, name) for name in names]
 
 

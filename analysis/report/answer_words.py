@@ -119,7 +119,8 @@ class AnswerWords:
         sentence = f"{clauses[:1].upper()}{clauses[1:]}." if clauses else ""
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
-        return " ".join(filter(None, parts))
+        commanded = self.texts("says_only_commanded") if diagnosis.only_commanded else ""
+        return " ".join(filter(None, (*parts, commanded)))
 
     @property
     def accuracy(self) -> str:

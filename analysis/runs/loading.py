@@ -16,6 +16,7 @@ from analysis.robot.kinematics.arm import Array
 from analysis.runs.align import align, robot_alone
 from analysis.runs.batch.fetched import fetched
 from analysis.runs.csv_tables import columns_of, table_from, u_lag_s_of
+from analysis.runs.joint_turns import beyond_limits, without_whole_turns
 from analysis.runs.noise.certificate import (
     NO_CERTIFICATE,
     Systematic,
@@ -37,6 +38,11 @@ from rigs.load import calibrated_beside, parse
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
 
+ONLY_COMMANDED = (
+    "only commanded joint angles are known: an angle that was not reached, by deflection under gravity or by a "
+    "following error, cannot be told from an error of zeros, lengths, compliance or gears"
+)
+"""What is assumed of a run without measured angles; kept in its manifest."""
 SIMULATED = "simulated, "
 """What the source of a simulated table begins with; the seed follows."""
 
@@ -68,6 +74,12 @@ class Measured(Tabular):
         """Whether no robot was measured: a simulated table, or a run of an emulated cell."""
         table = self.run.manifest.table
         return self.rig.emulated or (table is not None and table.file.startswith(SIMULATED))
+
+    @property
+    def has_only_commanded_angles(self) -> bool:
+        """Whether its joint angles are commands, and no measured ones are known."""
+        table = self.run.manifest.table
+        return table is not None and ONLY_COMMANDED in table.assumed
 
     def to_table(self) -> pa.Table:
         """The columns of docs/tables.md: the imported ones as they came, or those of the aligned table."""
@@ -115,7 +127,8 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
         kind, direction = kind_named(run.manifest.test), run.manifest.direction
         table, of_stands = kind.recorded(replace(data, g_mm=g_mm), rig, direction, str(path))
         condition = condition_of(run.streams["robot"]) if "robot" in run.streams else NOT_SHOWN
-        return measured_as(run, rig, table, data.u_lag_s, [*doubts, *of_stands], condition)
+        doubts = [*doubts, *of_stands, *beyond_limits(table, rig)]
+        return measured_as(run, rig, table, data.u_lag_s, doubts, condition)
     doubts = [*known_doubts(run, rig), *_taken_as_corrected(run, rig)]
     table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
     if RAIL in table.kind.layout(rail=True).known and table.rail != (rig.robot.rail is not None):
@@ -124,7 +137,8 @@ def measured_of(run: Run, rig: Rig | None = None) -> Measured:
             raise FileError(str(path), problem, "add robot.rail to it")
         problem = f"has no {RAIL}, and the arm of the rig file stands on a rail"
         raise FileError(str(path), problem, f"add {RAIL}, where the rail stood in each row")
-    table = one_row_a_stand(table)
+    table, counted_further = without_whole_turns(one_row_a_stand(table), rig)
+    doubts += [*counted_further, *beyond_limits(table, rig)]
     return Measured(path, run, rig, table, u_lag_s_of(run.table), tuple(doubts), _systematic(rig, table))
 
 

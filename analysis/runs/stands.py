@@ -207,4 +207,13 @@ def _begins(table: Table) -> Mask | None:
     if differs is None:
         return None
     moved = (np.abs(np.diff(table.q, axis=0)) > STANDS_RAD).any(axis=1) | differs
+    if table.kind.of_places and not _neighbours_are_stands(table.q, moved):
+        return np.ones(len(table.q), dtype=bool)
     return np.concatenate([[True], moved])
+
+
+def _neighbours_are_stands(q: Array, moved: Mask) -> bool:
+    """Return whether most rows that repeat a posture of joints q (n, axes) rad stand next to each other. Only then does
+    the order of rows without times state that they are readings of one stand, and not visits in any order."""
+    postures = len(np.unique(np.round(q / STANDS_RAD), axis=0))
+    return 2 * int(np.count_nonzero(~moved)) > len(q) - postures

@@ -15,6 +15,8 @@ JOINTS = joint_columns(6)
 """The joints of the tests with a ball link."""
 COMMANDED = tuple(f"q{axis}_commanded_deg" for axis in range(1, 7))
 """Joints as they were commanded, beside those of JOINTS."""
+MEASURED = tuple(f"q{axis}_measured_deg" for axis in range(1, 7))
+"""Joints as they were measured, next to commanded ones that are used."""
 JointSource = Literal["measured", "commanded"]
 PLACE = ("x_mm", "y_mm", "z_mm")
 TURN = ("rx_deg", "ry_deg", "rz_deg")

@@ -6,8 +6,8 @@ Angles are radians and lengths mm here; in files (`analysis.runs.csv_tables`) de
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self, cast
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,6 +133,9 @@ class TouchTable(Table):
         return np.zeros((len(self.q), 3))
 
 
+P = TypeVar("P", PoseTable, TouchTable)
+
+
 @dataclass(frozen=True)
 class PathTable(Table):
     """What a tracker wrote while the tool followed paths: t_s (n,); xyz_mm (n, 3) in the tracker's frame."""
@@ -145,6 +148,25 @@ class PathTable(Table):
     def q(self) -> Array:
         """No joints (n, 0): a tracker reads none, and its clock is not the robot's."""
         return np.empty((len(self.t_s), 0))
+
+
+def content_order(table: Table) -> Integers:
+    """Return the rows (n,) of a table sorted by what they say. Equal tables in another order of rows are sorted alike,
+    so that sums, random draws, neighbourhoods and ties do not depend on that order."""
+    columns = [values.reshape(len(values), -1).T for name, values in vars(table).items() if _is_content(name, values)]
+    keys = [column for of_field in reversed(columns) for column in of_field[::-1]]
+    return np.asarray(np.lexsort(keys), dtype=np.int64)
+
+
+def _is_content(name: str, values: object) -> bool:
+    return name != "row" and isinstance(values, np.ndarray)
+
+
+def in_content_order(table: P) -> P:
+    """Return a table of places sorted by `content_order`; each row keeps its number in the file."""
+    order = content_order(table)
+    columns = {name: values[order] for name, values in vars(table).items() if _is_content(name, values)}
+    return replace(table, **columns, row=table.rows[order])
 
 
 TargetTable = RadialTable | RepeatabilityTable

@@ -25,7 +25,7 @@ from rigs.schema.effect import (
     size,
 )
 from rigs.schema.part import Axis
-from rigs.schema.scene import S, plays
+from rigs.schema.scene import S, plays, plays_of_visits
 from rigs.schema.vocabulary import Build
 
 _SPREAD = np.linspace(-0.9, 0.9, 7)
@@ -60,11 +60,12 @@ class Backlash(Effect):
     FREE = (FreeShape("transit", 0.2, 0.4, tried=(1.0,)), FreeShape("preload", 0.0, 0.15, tried=(1.0,)))
 
     def apply(self, scene: S) -> S:
-        """The joint lags; the trace begins in the middle of the play."""
+        """The joint lags; the trace, or each visit without a time, begins in the middle of the play."""
         half = np.radians(self.width_deg) / 2
         q = scene.q[:, self.axis - 1]
         widths = half * (1 + self.transit * _SPREAD) if self.transit else np.array([half])
-        deviation = np.mean(plays(q, widths), axis=0) - q
+        visit = scene.samples_per_visit
+        deviation = np.mean(plays_of_visits(q, widths, visit) if visit else plays(q, widths), axis=0) - q
         if self.preload:
             side = self.preload * np.tanh(scene.torques()[:, self.axis - 1] / _FIRM_NM)
             deviation = (1 - np.abs(side)) * deviation + side * half

@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from rigs.schema.part import Angle, Part, Vector
+from rigs.schema.part import MM_PER_M, Angle, Part, Vector
 from rigs.schema.robot import Pose, Posture
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest
 
@@ -48,6 +48,15 @@ class _AboutTheBall(Part):
         return self
 
 
+def not_in_metres(value: object) -> object:
+    """Return a length in mm as it is. Raises ValueError for one below 1 mm, which was meant in metres."""
+    if isinstance(value, int | float) and 0 < abs(value) < 1:
+        raise ValueError(
+            f"{value:g} mm is too short; it looks like metres: multiply it by {MM_PER_M}, {MM_PER_M * value:g}"
+        )
+    return value
+
+
 class Circle(_AboutTheBall):
     """A circle about the base-ball, driven acw and cw with the tool pointing at its centre.
 
@@ -64,6 +73,8 @@ class Circle(_AboutTheBall):
     """Arc driven before the lap to come to speed, and after it to stop; not analysed."""
     eccentricity_mm: Vector = (0.0, 0.0, 0.0)
     """Base-ball less circle centre, in the world: known only where the cell is emulated or simulated."""
+
+    _in_mm = field_validator("radius_mm", mode="before")(not_in_metres)
 
     @model_validator(mode="after")
     def _ends_today(self) -> Circle:
@@ -89,6 +100,8 @@ class Hemisphere(_AboutTheBall):
     visits: int = Field(default=2, ge=1, le=20)
     """How often the program goes through all targets and orientations: what differs between visits is the scatter."""
 
+    _in_mm = field_validator("radius_mm", mode="before")(not_in_metres)
+
 
 class Repeatability(Part):
     """Targets of the hemisphere approached from outside and from inside along the radius."""
@@ -109,6 +122,8 @@ class SocketDistance(Part):
     distance_mm: float = Field(gt=0, le=10_000)
     u_mm: float = Field(default=0.05, gt=0, le=100)
     """Its standard uncertainty."""
+
+    _in_mm = field_validator("distance_mm", mode="before")(not_in_metres)
 
     @model_validator(mode="after")
     def _of_two(self) -> SocketDistance:

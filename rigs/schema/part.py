@@ -10,6 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+MM_PER_M = 1000
+"""By how much a length is too small that was written in metres."""
+
 LONGEST_MM = 1e5
 """No cell is longer than 100 m. What is meant to be wrong by orders of magnitude is refused where it stands."""
 Length = Annotated[float, Field(ge=-LONGEST_MM, le=LONGEST_MM)]

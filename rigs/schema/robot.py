@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from rigs.schema.part import Angle, Length, Part, Vector
+from rigs.schema.part import MM_PER_M, Angle, Length, Part, Vector
 from rigs.schema.vocabulary import DRIVEN_AXES, FEWEST_AXES, MOST_AXES, Build
 
 
@@ -77,6 +77,10 @@ _NUMBERED = re.compile(r"(a|j|axis|joint)?[ _.-]?a?\d")
 """Names that hold a number alone: `J4`, `joint_4`, `joint_a4`, `4`."""
 
 
+_SHORTEST_MM = 20.0
+"""All lengths of an arm together: hobby arms have some 300 mm, and the longest industrial ones 6 m, which is 6 in metres."""
+
+
 class Robot(Part):
     """Four to seven revolute axes. `theta = coupling @ q + offset`, with q what the controller reports."""
 
@@ -93,6 +97,16 @@ class Robot(Part):
     build: Build | None = Field(default=None, exclude_if=lambda value: value is None)
     """How the arm is built; where it is not stated, an arm of seven axes has sensors of torque, and one of four or five
     is light."""
+
+    @model_validator(mode="after")
+    def _in_mm(self) -> Robot:
+        sum_mm = sum(abs(axis.a_mm) + abs(axis.d_mm) for axis in self.axes)
+        if 0 < sum_mm < _SHORTEST_MM:
+            raise ValueError(
+                f"a_mm and d_mm of all axes together are {sum_mm:.4g} mm, which is no arm; they look like metres: "
+                f"multiply them by {MM_PER_M}"
+            )
+        return self
 
     @property
     def built(self) -> Build:

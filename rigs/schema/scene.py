@@ -47,6 +47,10 @@ class Scene(Protocol):
         """Where the base of the arm stands in the world (3,) mm."""
 
     @property
+    def samples_per_visit(self) -> int:
+        """Samples of each visit of a table without times, whose visits do not follow each other; 0 for one trace."""
+
+    @property
     def contact(self) -> Array:
         """Angles (n,) rad around the ball at which the link touches it."""
 
@@ -111,6 +115,17 @@ class Scene(Protocol):
 
 S = TypeVar("S", bound=Scene)
 """The scene that an effect is given and gives back."""
+
+
+def plays_of_visits(x: Array, half: Array, samples: int) -> Array:
+    """Return the followers (w, n) of visits of so many samples each, x (n,), in gaps of ± half (w,). Each visit begins
+    in the middle of the gap, so that the order of the visits has no influence."""
+    visits = x.reshape(-1, samples)
+    followers: Array = np.repeat(visits[None], len(half), axis=0)
+    gap = half[:, None]
+    for k in range(1, samples):
+        followers[:, :, k] = np.clip(followers[:, :, k - 1], visits[:, k] - gap, visits[:, k] + gap)
+    return followers.reshape(len(half), -1)
 
 
 def play(x: Array, half: float, begin: float = 0.0) -> Array:

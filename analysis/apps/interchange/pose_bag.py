@@ -32,7 +32,7 @@ from analysis.apps.interchange.bags import (
     joint_state,
     messages_of,
 )
-from analysis.apps.interchange.ros_bag import newest
+from analysis.apps.interchange.ros_bag import newest, uneven_header
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.runs.stands import stands_of
 from rigs.errors import FileError
@@ -234,6 +234,8 @@ def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Int
     sent = {name: np.array(track.sent_ns) for name, track in tracks.items()}
     stamped = [name for name in tracks if (sent[name] != NO_STAMP).all() and np.ptp(sent[name]) > 0]
     late_s = [float(np.median(log[name] - sent[name])) / 1e9 for name in stamped]
+    uneven = {name: uneven_header(log[name], sent[name]) for name in stamped}
+    doubts += [f"{name}: {words}" for name, words in uneven.items() if words]
     by = sent
     if len(stamped) < len(tracks):
         without = " and ".join(name for name in tracks if name not in stamped)
@@ -242,6 +244,8 @@ def _timed(tracks: dict[str, _Track]) -> tuple[tuple[Integers, Array], tuple[Int
     elif abs(late_s[0] - late_s[1]) > _APART_S:
         fact = f"stamps of joints and {stamped[1]} lie {late_s[1] - late_s[0]:+.3f} s apart, so their clocks differ"
         doubts.append(f"{fact}; times are those at which the bag received them")
+        by = log
+    elif any(uneven.values()):
         by = log
     timed = []
     for name, track in tracks.items():

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from analysis.apps.interchange.bags import JOINT_STATE, NO_STAMP, NUMBER, Bag, bag_of, joint_state, messages_of, number
-from analysis.robot.kinematics.arm import Integers, Mask
+from analysis.robot.kinematics.arm import Array, Integers, Mask
 from analysis.runs.align import align_streams
 from analysis.runs.clocks import Columns
 from rigs.errors import FileError
@@ -101,8 +101,10 @@ def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str
     ns, sent_ns = (np.array(times, dtype=np.int64)[order] for times in (track.ns, track.sent_ns))
     values = np.array(track.values)[order]
     has_clock = bool((sent_ns != NO_STAMP).all() and np.ptp(sent_ns) > 0)
-    fresh = newest(ns, sent_ns) if has_clock else np.ones(len(ns), dtype=bool)
     doubts = []
+    if has_clock and (uneven := uneven_header(ns, sent_ns)):
+        has_clock, doubts = False, [f"{topic}: {uneven}"]
+    fresh = newest(ns, sent_ns) if has_clock else np.ones(len(ns), dtype=bool)
     total = len(ns) + track.lacking
     if track.lacking:
         doubts.append(f"{topic}: left out {track.lacking} of {total} messages, which lack a joint or a finite number")
@@ -124,6 +126,38 @@ def _stream(topic: str, track: _Track, begin_ns: int) -> tuple[Columns, list[str
         "device_time_s": device_s,
     }
     return {**fixed, **dict(zip(track.columns, values.T, strict=True))}, doubts
+
+
+_EVEN, _UNEVEN = 0.2, 0.5
+"""Spread of the steps between messages, from the 5th to the 95th percentile, as a share of the median step: up to here
+they are even, and from here on uneven. Chosen: a network makes receive times uneven, and never evens them out."""
+
+
+def uneven_header(ns: Integers, sent_ns: Integers) -> str:
+    """Return what to say of messages (n,) that came evenly although their headers have uneven stamps: the clock of the
+    header is at fault. Empty if it is not, or if two publishers explain the stamps, each of which is even."""
+    fresh = newest(ns, sent_ns)
+    if np.count_nonzero(fresh) < _FEWEST_STEPS:
+        return ""
+    came, stamped = np.diff(ns) / 1e6, np.diff(sent_ns[fresh]) / 1e6
+    if _spread(came) > _EVEN or _spread(stamped) < _UNEVEN:
+        return ""
+    low, high = np.percentile(np.diff(sent_ns) / 1e6, [5, 95])
+    return (
+        f"the clock of its header is uneven: stamps are {low:.3g} to {high:.3g} ms apart, while the messages came "
+        f"evenly, {np.median(came):.3g} ms apart; times are those at which the bag received them; check which clock "
+        "stamps them at the sender"
+    )
+
+
+_FEWEST_STEPS = 20
+"""Messages from which percentiles of their steps mean something."""
+
+
+def _spread(steps: Array) -> float:
+    """Return the spread of steps (n,) as a share of their median."""
+    low, middle, high = np.percentile(steps, [5, 50, 95])
+    return float((high - low) / middle) if middle > 0 else np.inf
 
 
 def newest(ns: Integers, sent_ns: Integers) -> Mask:

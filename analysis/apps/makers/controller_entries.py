@@ -307,6 +307,7 @@ def controller_entries(
     if after_um >= before_um:
         entries, effects, twins, after_um = [], (), (), before_um
     lengths = (CHECK_LENGTH,) if any(entry.now is not None for entry in entries) else ()
+    steps = (*controller.steps, *lengths, controller.check) if entries else ()
     return ControllerEntries(
         name,
         controller,
@@ -319,7 +320,7 @@ def controller_entries(
         rms_um(doubt_mm),
         (rms_um(_apart_mm(rig, used, (), spread)), rms_um(_apart_mm(rig, used, effects, spread))),
         base_u_um(in_base_mm, u_mm),
-        (*controller.steps, *lengths, controller.check),
+        steps,
     )
 
 
@@ -346,14 +347,20 @@ def _significant(
 
 
 def _certain(rig: Rig, used: Sequence[Effect], every: Projection, q: Array, moves: Array) -> tuple[Projection, Array]:
-    """Return a projection without the changes that take away no error over the work q (n, 6) rad for certain, all of
-    them together, the least certain first, and the standard uncertainties (m,) of the others. `moves` (k, n and more,
-    6) are independent displacements of the tool by one standard uncertainty each."""
+    """Return a projection without changes that are smaller than their uncertainty or that do not reduce the error for
+    certain, and the standard uncertainties (m,) of the others.
+
+    The work has joint angles q (n, 6) rad. Changes go one after the other, the least certain first. `moves` (k, n and
+    more, 6) are independent displacements of the tool by one standard uncertainty each.
+    """
     changes, needed, out = every.changes(moves), list[int](), list[int]()
     while True:
         projection, u = every.without(out, changes)
         kept = np.setdiff1d(np.arange(len(every.constants)), out)
         times_u = np.where(u > 0, np.abs(projection.values) / np.where(u > 0, u, 1.0), np.inf)
+        if (times_u < 1.0).any():  # without others, it is no longer larger than its uncertainty
+            out.append(int(kept[np.argmin(times_u)]))
+            continue
         undecided = [k for k in kept[np.argsort(times_u)].tolist() if k not in needed]
         if not undecided:
             return projection, u

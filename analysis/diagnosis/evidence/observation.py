@@ -20,7 +20,7 @@ from analysis.robot.model.predict import Model, Path, SetUp, moved
 from analysis.robot.model.scene import Scene
 from analysis.runs.laps import laps_of
 from analysis.runs.noise.readings import is_wild, step_of
-from analysis.runs.tables import CircleTable, Table
+from analysis.runs.tables import CircleTable, Table, content_order
 from rigs.effects import Effect
 
 if TYPE_CHECKING:
@@ -130,6 +130,16 @@ def part(run: ObservedRun, keep: Mask) -> ObservedRun:
     """Return a run with the readings (m, k) of the mask `keep` (m,); the path, and with it the approach to each pose,
     stays complete."""
     return replace(run, rows=run.rows[keep], values=run.values[keep])
+
+
+def in_content_order(run: ObservedRun) -> ObservedRun:
+    """Return places with their readings (m, 3) mm sorted by what the rows say, so that nothing depends on the order of
+    a table without times; other runs unchanged. The table keeps the order of its file."""
+    if not run.table.kind.of_places:
+        return run
+    rank = np.argsort(content_order(run.table))
+    order = np.argsort(rank[run.rows], kind="stable")
+    return replace(run, rows=run.rows[order], values=run.values[order])
 
 
 def thinned(run: ObservedRun, most: int) -> ObservedRun:

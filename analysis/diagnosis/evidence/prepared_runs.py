@@ -10,6 +10,7 @@ import numpy as np
 from analysis.diagnosis.evidence.observation import (
     ObservedRun,
     by_socket,
+    in_content_order,
     observe_run,
     part,
     residual_of,
@@ -73,7 +74,7 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     for number in range(len(uses)):
         of_use = [run for (k, _), run in zip(pieces, split_up, strict=True) if use_of[k] == number]
         enough, too_few = with_enough_readings(of_use) if of_use else ([], [])
-        parts.append([of_use[k] for k in enough])
+        parts.append([in_content_order(of_use[k]) for k in enough])
         doubts += too_few
     return parts, doubts
 

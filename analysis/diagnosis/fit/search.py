@@ -27,6 +27,7 @@ from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import SetUp
+from analysis.runs.tables import PoseTable
 from rigs.effects import Effect
 from rigs.schema.vocabulary import Build
 
@@ -220,7 +221,8 @@ def _starting_setups(
 # A link that moves on after its joint was read is ahead of the reported angle, and a play holds it back, so the sign
 # distinguishes the two. The reversal errors of a healthy arm have the same shape and could absorb this error with a
 # wrong sign, so their share is added back. The direction of travel correlates with the joint angle, so whatever
-# varies with each joint's angle is removed first.
+# varies with each joint's angle is removed first. Only poses that state where their joints came from can show it: the
+# order of rows in a table is not the order in which they were measured.
 
 _SURE_SIGMA = 5.0
 """Smallest size of a joint's error, in standard deviations, that is reported. Among six joints, chance exceeds 5 sigma
@@ -242,7 +244,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     """Return a message with the remedy if the joints of poses were read too early, and an empty tuple otherwise. The N
     entries of the search result are whitened; the fitted joint errors are (axes,) rad."""
     linear = result.linear
-    rows = linear.at_entries([np.full(len(block.y_mm), block.table.kind.of_tracker) for block in linear.blocks])
+    rows = linear.at_entries([np.full(len(block.y_mm), _states_way(block)) for block in linear.blocks])
     if not rows.any():
         return ()
     taken = basis_of(np.concatenate([linear.U, *_by_angle(linear, _smooth)], axis=1))
@@ -281,6 +283,11 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     axes = ", ".join(f"axis {k + 1} {words.format(unit * ahead[k], unit * sd[k])}" for k in np.flatnonzero(early))
     message = f"poses were read before the joints came to rest: links are ahead in the direction of travel ({axes})"
     return (f"{message}, unlike with a play; wait longer before reading a pose, or import with --joints commanded",)
+
+
+def _states_way(block: Block) -> bool:
+    """Return whether the rows of a block are poses that state from where their joints came."""
+    return isinstance(block.table, PoseTable) and block.table.came_from is not None
 
 
 def _by_angle(linear: Linearisation, shape: Callable[[Array], Array]) -> list[Array]:
@@ -328,11 +335,10 @@ def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Ar
     path, and zero for other tests."""
 
     def samples(block: Block) -> Array:
-        path = block.path
+        path, table = block.path, block.table
         columns = np.zeros((len(path.q), 1))
-        if block.table.kind.of_tracker:
-            came = np.diff(path.q[path.rows, joint], prepend=path.q[path.rows[0], joint])
-            columns[path.rows, 0] = off(came)
+        if isinstance(table, PoseTable) and table.came_from is not None:
+            columns[path.rows, 0] = off(table.q[:, joint] - table.came_from[:, joint])
         return columns
 
     return samples

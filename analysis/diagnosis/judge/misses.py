@@ -28,7 +28,6 @@ from analysis.diagnosis.judge.result import Looked, Remains, Subject
 from analysis.diagnosis.judge.validation import Stages, noise_shown
 from analysis.robot.kinematics.arm import Array, Integers
 from analysis.robot.model.predict import SetUp
-from analysis.runs.table_format import SAME_RAD
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Places that had no part in a model: those of other runs, and those used, left out.
@@ -270,8 +269,6 @@ _UNIT_RAD = np.radians(1e-3)
 """Unit of an error of a joint. It has no effect on the result, because the strength is scaled."""
 _STRENGTHS = 4.0 ** np.arange(-8, 7)
 """Squares of a form's strength in this unit; the one that leaves least is taken. From a 256th of a unit to 64."""
-_SLOW = 4
-"""Half waves over the duration of a run, or one beside it. Chosen: warming, a shift of an instrument, a day's cycle."""
 _FEWEST_GROUPS = 4
 """Neighbourhoods below which nothing is said: one left out of three leaves too little to fit."""
 _Functions = Callable[[Block], Array]
@@ -283,7 +280,6 @@ def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Arra
     linear = result.linear
     if left_out is None or len(np.unique(left_out.group)) < _FEWEST_GROUPS:
         return None
-    half_waves = np.pi * np.arange(1, _SLOW + 1)
     warmth: Array | None = None
     one_table = len({id(block.table) for block in linear.blocks if block.table.kind.of_places}) == 1
     if temperature is not None and one_table and np.ptp(temperature) > 0:
@@ -291,8 +287,8 @@ def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Arra
     # What places may go with, each as functions (n, c) rad at a block's samples, None where the runs do not have it.
     subjects: dict[Subject, _Functions | None] = {
         "posture": _of_places(lambda block: np.concatenate([f(block.table.q) for f in (np.cos, np.sin)], axis=1)),
-        "approach": _of_places(_sides),
-        "time": _of_places(lambda block: np.cos(half_waves * np.linspace(0.0, 1.0, len(block.table.q))[:, None])),
+        "approach": _of_places(_sides) if any(_states_sides(block) for block in linear.blocks) else None,
+        "time": None,  # tables of places have no times, and the order of their rows states none
         "temperature": None if warmth is None else _of_places(lambda _: warmth),
         "speed": None,  # a robot that stands has none
     }
@@ -324,13 +320,14 @@ def _of_places(of_rows: Callable[[Block], Array]) -> _Functions:
 
 
 def _sides(block: Block) -> Array:
-    """Return the way (n, axes) in which each joint came: as the rows say, or else from the row before."""
-    table = block.table
-    sides = table.kind.sides(table)
-    if sides is not None:
-        return sides.astype(float)
-    way = np.diff(table.q, axis=0, prepend=table.q[:1])
-    return np.where(np.abs(way) > SAME_RAD, np.sign(way), 0.0)
+    """Return the way (n, axes) in which each joint came, zero if the rows do not state it."""
+    sides = block.table.kind.sides(block.table)
+    return np.zeros(block.table.q.shape) if sides is None else sides.astype(float)
+
+
+def _states_sides(block: Block) -> bool:
+    """Return whether the rows of a block state from where each joint came."""
+    return block.table.kind.of_places and block.table.kind.sides(block.table) is not None
 
 
 def _share_left_out(columns: Array, off: Array, left_out: LeftOut) -> float:

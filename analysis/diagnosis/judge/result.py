@@ -423,6 +423,8 @@ class Diagnosis(Tabular):
     staircase: Staircase | None = None
     remains: Remains | None = None
     """What stays of places after the calibrated model, and what it was held against; None without places."""
+    only_commanded: bool = False
+    """Whether measured joint angles are missing in some run, so that a name may be an angle that was not reached."""
     acts: tuple[Act, ...] = ()
     """What follows from it, the first act first; every output prints from here."""
 
@@ -502,6 +504,7 @@ class Diagnosis(Tabular):
                 "next_test": asdict(self.next_test) if self.next_test else None,
                 "staircase": self.staircase.to_dict([part.label for part in self.budget]) if self.staircase else None,
                 "repeats_measured": self.repeated,
+                "only_commanded": self.only_commanded,
                 "level": self.level,
                 "doubts": self.doubts,
                 "seconds": self.seconds,

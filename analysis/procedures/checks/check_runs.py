@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from analysis.procedures.checks.commanded_angles import COMMANDS, command_errors, command_findings
 from analysis.procedures.checks.finding import Convention, Finding
 from analysis.procedures.checks.gauge_sign import ORDER, SIGN, repeat_findings, sign_findings
 from analysis.procedures.checks.lost_poses import DUPLICATES, WILDNESS
 from analysis.procedures.checks.meanings import JOINTS, joint_findings
 from analysis.procedures.checks.place import PLACE, SOURCE, STAMPS, STANDS, stand_findings
-from analysis.procedures.checks.units import UNITS, unit_findings
+from analysis.procedures.checks.units import UNITS, unit_findings, unsigned_findings
 from analysis.runs.loading import Measured
 from rigs.errors import FileError
 
@@ -98,6 +99,13 @@ def _by_kind(convention: str) -> Callable[[Runs], Iterator[Finding]]:
     return _each(lambda run: run.table.kind.findings(convention, run.table, run.rig))
 
 
+def _of_joints(run: Measured) -> Iterator[Finding]:
+    """The findings about the joints of a run; a map has questioned poses that miss the arm already."""
+    source = run.run.manifest.table
+    mapped = source is not None and bool(source.map)
+    return (finding for finding in joint_findings(run.table, run.rig) if not (mapped and finding.strength == "likely"))
+
+
 def _gauges(runs: Runs) -> Iterator[Finding]:
     """The findings about the order and the sign of gauges: against their repeats, against what no joint does, and by
     the ball's place; the surest of each run."""
@@ -131,6 +139,10 @@ def _no_stops(runs: Runs) -> str:
     return "" if imported else "no imported targets or poses are among the runs"
 
 
+def _no_commands(runs: Runs) -> str:
+    return "" if any(map(command_errors, runs)) else "no commanded angles stand next to measured ones"
+
+
 _no_yaw = _without(STAMPS, "no circle is among the runs")
 _no_poses = _without(SOURCE, "no poses are among the runs")
 _no_targets = _without(PLACE, "no targets are among the runs")
@@ -143,6 +155,7 @@ CONVENTIONS = (
     Convention(STAMPS, "is t_s in seconds, by the speed of the circle", _no_yaw),
     Convention(PLACE, "was each target where the rig file has it", _no_targets),
     Convention(STANDS, "is each row a visit of its own", _no_stops),
+    Convention(COMMANDS, "were the commanded angles reached", _no_commands),
     Convention(WILDNESS, "did the tracker have its target", _no_poses),
     Convention(DUPLICATES, "is a place or a row written again", _no_poses),
 )
@@ -152,13 +165,15 @@ _SHOWN_BY_PATHS = (WILDNESS, DUPLICATES)
 _OF_PATHS = tuple(map(_by_kind, _SHOWN_BY_PATHS))
 _FINDERS: tuple[Callable[[Runs], Iterable[Finding]], ...] = (
     _each(lambda run: unit_findings(run.table, run.rig)),
-    _each(lambda run: joint_findings(run.table, run.rig)),
+    _each(lambda run: unsigned_findings(run.table, run.rig)),
+    _each(_of_joints),
     _gauges,
     # Places of an arm that was simulated are meant to be computed.
     lambda runs: _by_kind(SOURCE)([run for run in runs if not run.is_simulated]),
     _by_kind(STAMPS),
     _by_kind(PLACE),
     _each(stand_findings),
+    _each(command_findings),
     _by_kind(WILDNESS),
     _by_kind(DUPLICATES),
 )

@@ -258,7 +258,7 @@ def far_touches(table: TouchTable, T: Array) -> Far:
 
 def left_out(table: Table, out: Mask, far_mm: Array) -> str:
     """Return which poses (n,) were left out, and how far (n,) mm they are from the arm."""
-    rows = table.rows[out].tolist()
+    rows = np.sort(table.rows[out]).tolist()
     shown = listed(rows)
     far = _length(far_mm[out].max())
     called, where, check = table.kind.rows_called, table.kind.away_from, table.kind.when_far

@@ -122,7 +122,10 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
     if table.kind.cannot_tell(table, rig):
         return
     best, as_labelled, as_good = table.kind.judged_joints(table, rig)
-    if best is None or as_labelled < _NOTHING_MM:
+    if best is None:
+        yield from _far_off(table, as_labelled)
+        return
+    if as_labelled < _NOTHING_MM:
         return
     rows = table.kind.joints_fit
     words = " or ".join(judged.meaning.words for judged in (best, *as_good))
@@ -138,6 +141,24 @@ def joint_findings(table: Table, rig: Rig) -> Iterator[Finding]:
             "; or correct robot.rail.direction, which a rail that leads or counts another way asks for, and looks alike"
         )
     yield Finding(JOINTS, "decisive", best.meaning.columns, words, fact, remedy, misfit)
+
+
+def _far_off(table: Table, left_mm: float) -> Iterator[Finding]:
+    """Whether places of a tracker leave more, rms mm, than the nominal constants of an arm do, in every reading."""
+    if not table.kind.of_tracker:
+        return
+    places = table.kind.readings(table)
+    places = places[(places != 0).any(axis=1)]
+    apart_mm = float(np.sqrt(3)) * rms(places - places.mean(axis=0))  # of places, not of coordinates
+    if left_mm <= min(RIGHT_MM, RIGHT_SHARE * apart_mm):
+        return
+    fact = (
+        f"these poses miss the arm of the rig file by {_length(left_mm)} of {_length(apart_mm)}; the nominal constants "
+        f"of an arm leave at most {RIGHT_MM:g} mm and {100 * RIGHT_SHARE:g} %, and no other order, sign or zero of the "
+        "joints fits clearly better"
+    )
+    remedy = "check that the rig file is that of this arm; else a zero or a length of it is far wrong"
+    yield Finding(JOINTS, "likely", (), "another arm, or a zero or length far off", fact, remedy)
 
 
 PLACE_UNKNOWN = "the rig file does not say where the test was driven"

@@ -26,6 +26,8 @@ from analysis.robot.kinematics.arm import Array, arm_of, forward, rail_mm, witho
 from analysis.robot.kinematics.joint_limits import impossible_rad
 from analysis.runs.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
+from rigs.schema.modbus import ValueRegister
+from rigs.signedness import unsigned_readings
 
 _ECCENTRIC_MM = 0.2
 """A smaller eccentricity may differ between the two by the robot's own errors."""
@@ -228,6 +230,17 @@ def unit_findings(table: Table, rig: Rig) -> Iterator[Finding]:
         yield from table.kind.unit_findings(table, rig, forward(arm, degrees))
         return
     yield from table.kind.unit_findings(table, rig, places)
+
+
+def unsigned_findings(table: Table, rig: Rig) -> Iterator[Finding]:
+    """Gauges whose signed values were read as unsigned ones."""
+    readings, gauges = table.kind.readings(table), table.kind.gauges
+    for name, column in zip(gauges, readings.T, strict=False):
+        value = getattr(dict(rig.gauges).get(name), "value", None)
+        shown = unsigned_readings(column, [value.scale] if isinstance(value, ValueRegister) else [])
+        if shown is not None:
+            fact, remedy = f"{name}_mm: {shown.words} mm", f"{shown.remedy} for {name}, and read it again"
+            yield Finding(UNITS, "decisive", (f"{name}_mm",), "signed values", fact, remedy)
 
 
 def impossible(mistakes: Iterable[tuple[str, str]]) -> Iterator[Finding]:

@@ -64,7 +64,7 @@ from analysis.runs.noise.target_scatter import Scatter, scatter_of
 from analysis.runs.noise.wild import FITTED_SPREADS
 from analysis.runs.stands import STANDS_MM
 from analysis.runs.table_layout import PLACE, RAIL, RAIL_FROM, TURN, Layout, came_from_columns, joint_columns
-from analysis.runs.tables import PoseTable
+from analysis.runs.tables import PoseTable, content_order, in_content_order
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Instrument
@@ -129,6 +129,7 @@ def evaluate(
     (`analysis.procedures.checks.lost_poses`). Raises FileError.
     """
     _hold(table, where)
+    order, table = content_order(table), in_content_order(table)
     bare = without_setup(arm)
     kept = without_lost(table, bare, partial(_errors, bare))
     table = kept.table
@@ -138,6 +139,7 @@ def evaluate(
     rotation = None
     if table.rpy is not None:
         setup, rotation = _orientation(T, table.rpy, setup)
+    shown = np.argsort(order[kept.rows])
     group = groups(table.q, same_rad, rail=table.rail)
     if (sides := table.kind.sides(table)) is not None:  # a pose that is reached from two sides is two
         group = np.unique(np.column_stack([group, sides]), axis=0, return_inverse=True)[1].ravel()
@@ -152,7 +154,7 @@ def evaluate(
     if len(again):
         pose = poses_of_cube(table.q, cube)
         figures, notes, place, turn = _of_visits(placed, twisted, group, pose, instrument)
-        figures |= distance_figures(pose, table.xyz_mm, cube)
+        figures |= distance_figures(pose[shown], table.xyz_mm[shown], cube)  # of cycles, which the order states
     figures = _position_figures(position, setup, _noise(place, group, again, u_mm, TARGET_MM)) | figures
     if rotation is not None:
         of_turn = _noise(turn, group, again, np.nan)
@@ -164,7 +166,11 @@ def evaluate(
     axes, of_axes = ((), {}) if sides is None else axis_curves(table.q, sides, table.xyz_mm, arm.axes)
     figures |= of_axes
     notes = [*kept.notes, *_doubts(figures["rms_mm"], setup), *notes]
-    return PoseResult(setup, position, rotation, placed, group, figures, len(T), tuple(notes), kept.rows, axes)
+    rotation = None if rotation is None else rotation[shown]
+    return PoseResult(
+        setup, position[shown], rotation, placed[shown], group[shown], figures, len(T), tuple(notes),
+        order[kept.rows][shown], axes,
+    )  # fmt: skip
 
 
 def _in_frame(arm: Arm, table: PoseTable, instrument: Instrument) -> tuple[Array, Array | None]:
@@ -445,7 +451,7 @@ class Pose(PlaceKind[PoseTable]):
         )
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> PoseTable:
-        return PoseTable(*simulated_cube(rig, run.seed, run.effects), None)
+        return simulated_cube(rig, run.seed, run.effects)
 
     def far(self, table: PoseTable, arm: Arm) -> Far:
         return far_poses(table, without_setup(arm))

@@ -17,7 +17,7 @@ from analysis.procedures.shared.simulated_gauges import Simulation, hold_gauged,
 from analysis.robot.geometry.driven_programs import hemisphere_of
 from analysis.robot.geometry.hemisphere import hemisphere_frame, target_angles
 from analysis.robot.kinematics.arm import Array, Integers, Mask
-from analysis.robot.model.predict import Model, Path, SetUp, gauged, stops
+from analysis.robot.model.predict import Model, Path, SetUp, gauged, stops, visits
 from analysis.robot.model.scene import Scene, apply
 from analysis.runs.csv_tables import Rows, joint_cells
 from analysis.runs.stands import STANDS_MM
@@ -165,7 +165,7 @@ class PlaceKind(Kind[P]):
         return SetUp(np.zeros(3), np.zeros(1), np.eye(4), np.eye(4))
 
     def path(self, model: Model, table: P) -> Path:
-        return replace(stops(table.q, came_from=table.came_from), alone=True)
+        return visits(table.q, table.came_from)
 
     def sides(self, table: P) -> Integers | None:
         if table.came_from is None:

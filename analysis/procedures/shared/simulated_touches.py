@@ -13,7 +13,7 @@ import numpy as np
 
 from analysis.robot.geometry.pose_setup import moved_by
 from analysis.robot.kinematics.arm import Arm, Array, arm_of, forward, forward_and_jacobian
-from analysis.robot.model.predict import model_of, moved, stops
+from analysis.robot.model.predict import model_of, moved, visits
 from analysis.runs.noise.cell_noise import SEAT_MM
 from analysis.runs.tables import TouchTable
 from rigs.effects import Effect
@@ -59,8 +59,8 @@ def simulated_touches(rig: Rig, seed: int | None, effects: Sequence[Effect] | No
     for _ in range(_STEPS):
         # Where a model has the ball (n, 3) mm of each touch, on the tool of an arm.
         with_ball = replace(model, arm=arm)
-        path = stops(table.q, came_from=table.came_from)
-        away = places - np.asarray(moved(with_ball, path).T[path.rows, :3, 3])
+        path = visits(table.q, table.came_from)
+        away = places - np.asarray(moved(with_ball, path).T[:, :3, 3])
         if np.abs(away).max() < _THERE_MM:
             break
         _, jacobian = forward_and_jacobian(arm, table.q)

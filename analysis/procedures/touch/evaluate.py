@@ -36,7 +36,7 @@ from analysis.runs.noise.cell_noise import SEAT_MM, TARGET_MM
 from analysis.runs.noise.readings import rms
 from analysis.runs.noise.spectrum import DRAWS
 from analysis.runs.table_layout import RAIL, RAIL_FROM, SOCKET, Layout, came_from_columns, joint_columns
-from analysis.runs.tables import TouchTable
+from analysis.runs.tables import TouchTable, in_content_order
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
@@ -86,6 +86,7 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
         problem = f"has {len(table.q)} touches of {count} socket{'s' * (count > 1)}, too few to fit their places"
         raise FileError(where, problem, f"give at least {max(_FEWEST, count + 2)}, in postures that differ")
     hold_joints(where, table.q, "touch each socket in many postures")
+    table = in_content_order(table)
     T = forward(model.arm, table.q) if not model.effects else moved(model, path_of(model, table)).T
     far = far_touches(table, T)
     notes = (left_out(table, far.wild, far.far_mm),) if far.wild.any() else ()
@@ -116,7 +117,8 @@ def evaluate(table: TouchTable, model: Model, where: str = "the touch table") ->
     notes = (*notes, *known_otherwise(distances))
     if once := ", ".join(names[np.bincount(socket.ravel()) < 2].tolist()):
         notes = (*notes, f"{once} touched once only, which shows nothing: touch each in many postures")
-    return TouchResult(off, terms[:3], sockets, distances, figures, len(off), notes, rows)
+    shown = np.argsort(rows)
+    return TouchResult(off[shown], terms[:3], sockets, distances, figures, len(off), notes, rows[shown])
 
 
 def _plain(off: Array, socket: Integers, sockets: int) -> dict[str, Array]:

@@ -23,14 +23,21 @@ _NONE: Integers = np.empty(0, dtype=np.intp)
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Reported angles q (n, axes) rad at t_s (n,). Where its joints turn back is computed once and shared."""
+    """Reported angles q (n, axes) rad at t_s (n,). Where its joints turn back is computed once and shared.
+
+    `samples_per_visit`: 0 for one trace in order of time. Otherwise each so many samples are a visit by itself: the
+    time between visits and their order are unknown.
+    """
 
     t_s: Array
     q: Array
+    samples_per_visit: int = 0
     _reversals: dict[int, list[tuple[float, float]]] = field(default_factory=dict, init=False, repr=False)
 
     def reversals(self, axis: int) -> list[tuple[float, float]]:
-        """When a joint (from 1) turns back, s, and the direction (±1) it takes then."""
+        """When a joint (from 1) turns back, s, and the direction (±1) it takes then; never within a visit."""
+        if self.samples_per_visit:
+            return []
         if axis not in self._reversals:
             self._reversals[axis] = turns(self.t_s, self.q[:, axis - 1], self._stand_ends)
         return self._reversals[axis]

@@ -93,8 +93,9 @@ def model_of(rig: Rig, effects: Sequence[Effect] | None = None) -> Model:
 
 
 def stops(q: Array, t_s: Array | None = None, came_from: Array | None = None) -> Path:
-    """The motion of a robot that stands at each reading, at joints q (n, axes) rad and, where they are known, times t_s
-    (n,) s; came_from (n, axes) rad: where the joints were before, None where each comes from the reading before."""
+    """The motion of a robot that stands at each reading, in their order, at joints q (n, axes) rad and times t_s (n,) s
+    if they are known; came_from (n, axes) rad: where the joints were before, None if each comes from the reading
+    before."""
     t = _VISIT_S * np.arange(1.0, len(q) + 1) if t_s is None or len(t_s) < 2 or np.diff(t_s).min() <= 0 else t_s
     beat = _VISIT_S if len(t) < 2 else float(np.diff(t).min())
     places = [q] * 3 if came_from is None else [came_from, q, q, q]
@@ -103,6 +104,16 @@ def stops(q: Array, t_s: Array | None = None, came_from: Array | None = None) ->
     path_t = (t[:, None] + times).ravel()
     path_q = np.stack(places, axis=1).reshape(-1, q.shape[1])
     return Path(Motion(path_t, path_q), count * np.arange(len(q)) + count - 2, stands=True)
+
+
+def visits(q: Array, came_from: Array | None = None) -> Path:
+    """Return the motion of a robot that stands at joints q (n, axes) rad in an unknown order; came_from (n, axes) rad:
+    where each joint was before, None if it is unknown. Each visit has the same times, since the table has none."""
+    places = [q, q] if came_from is None else [came_from, q, q]
+    samples = len(places)
+    t_s = np.tile(_VISIT_S * np.linspace(0.0, 1.0, samples), len(q))
+    motion = Motion(t_s, np.stack(places, axis=1).reshape(-1, q.shape[1]), samples)
+    return Path(motion, samples * np.arange(len(q)) + samples - 1, stands=True, alone=True)
 
 
 def gauged(model: Model, path: Path, scene: Scene, setup: SetUp, g_mm: Array) -> Array:
@@ -129,7 +140,8 @@ def moved(model: Model, path: Path) -> Scene:
 def posed(model: Model, path: Path, scene: Scene) -> Scene:
     """The scene up to where the tool is, from one up to where the joints are."""
     if path.alone:
-        motion = Motion(scene.motion.t_s[path.rows], scene.motion.q[path.rows])
+        visit = min(path.motion.samples_per_visit, 1)
+        motion = Motion(scene.motion.t_s[path.rows], scene.motion.q[path.rows], visit)
         scene = replace(scene, motion=motion, link_q=scene.link_q[path.rows], form_mm=scene.form_mm[path.rows])
     return apply(model.effects, "tool", replace(scene, T=forward(scene.arm, scene.link_q)))
 

@@ -115,6 +115,11 @@ class Scene:
         return self.motion.q
 
     @property
+    def samples_per_visit(self) -> int:
+        """Samples of each visit of a table without times; 0 for one trace in order of time."""
+        return self.motion.samples_per_visit
+
+    @property
     def base_mm(self) -> Array:
         """Where the base of the arm stands in the world (3,) mm."""
         return self.arm.T_world_base[:3, 3]
@@ -123,9 +128,12 @@ class Scene:
         """Reported angles (n, axes) rad at instants t_s (n,), the ends held.
 
         By cubics with the slopes of the samples: straight lines would be wrong by more than a millisecond's lag does.
-        A joint that stands beside a sample has no slope there.
+        A joint that stands beside a sample has no slope there. In a table without times the robot stands at each
+        reading, so that other instants have the same angles.
         """
         t = self.t_s
+        if self.samples_per_visit:
+            return self.q
         if len(t) == 1:
             return np.repeat(self.q, len(t_s), axis=0)
         k = np.clip(np.searchsorted(t, t_s) - 1, 0, len(t) - 2)

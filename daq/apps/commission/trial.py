@@ -24,6 +24,7 @@ from daq.wire.links import Link, LinkLost
 from rigs.errors import CellError
 from rigs.schema.condition import CONDITION
 from rigs.schema.links import Line
+from rigs.signedness import unsigned_readings
 
 _LISTEN_S = 2.0
 _TALK_S, _LONGEST_WAIT_S = 1.0, 5.0
@@ -161,7 +162,17 @@ def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = tr
     yield answers(stream, trial, search)
     if trial.understood and trial.samples:
         yield from filter(None, (pace(stream, trial) if serial else None, pace_of_clock(stream.name, trial.samples)))
+        yield from _of_signs(stream, trial)
         yield from of_condition(stream.name, condition_in(stream.columns, trial.samples[-1]))
+
+
+def _of_signs(stream: Stream, trial: Trial) -> Iterator[Finding]:
+    """Check whether gauges of a link show negative values as large positive ones."""
+    values = samples_of(trial.items).values
+    for name, column in zip(stream.columns, values.T, strict=True):
+        shown = unsigned_readings(column) if name.endswith("_mm") else None
+        if shown is not None:
+            yield wrong(stream.name, f"{name}: {shown.words}", shown.remedy)
 
 
 def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> Finding:

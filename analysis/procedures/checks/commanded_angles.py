@@ -1,0 +1,111 @@
+"""Commanded joint angles next to the measured ones: by how much the joints missed their commands, and why.
+
+A difference that goes with the torque of gravity is a drive that yields or a controller without an integral part. One
+that goes with the speed is a following error. The measured angles are the ones that rig uses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.procedures.checks.finding import Finding
+from analysis.robot.kinematics.arm import Array, arm_of
+from analysis.robot.model.scene import load_of, pull
+from analysis.runs.csv_tables import Rows
+from analysis.runs.loading import Measured
+from analysis.runs.tables import CircleTable
+
+COMMANDS = "commands"
+_LEAST_DEG = 0.01
+"""Difference, rms, that is reported: a joint that misses by less moves a tool at a metre by less than 0.2 mm."""
+_FEWEST = 6
+"""Rows from which a correlation means anything."""
+
+
+@dataclass(frozen=True)
+class CommandError:
+    """How an axis missed its commands: measured less commanded, in degrees, and how that correlates with the torque of
+    gravity and with the speed; None if either hardly changes."""
+
+    axis: int
+    mean_deg: float
+    rms_deg: float
+    with_load: float | None
+    with_speed: float | None
+
+    @property
+    def words(self) -> str:
+        """The figures of one axis in a sentence."""
+        reasons = [("load", self.with_load), ("speed", self.with_speed)]
+        known = [f"{name} {value:+.2f}" for name, value in reasons if value is not None]
+        correlation = f", correlation with {', with '.join(known)}" if known else ""
+        return f"axis {self.axis} mean {self.mean_deg:+.4f}°, rms {self.rms_deg:.4f}°{correlation}"
+
+
+def command_errors(run: Measured) -> tuple[CommandError, ...]:
+    """Return how each axis missed its commands; empty if the run does not have both sets of angles."""
+    source = run.run.table
+    both = None if source is None else _both(Rows(source))
+    if both is None:
+        return ()
+    measured, commanded = both
+    off = np.degrees(measured - commanded)
+    axes = off.shape[1]
+    load = (
+        pull(arm_of(run.rig.robot), load_of(run.rig.robot), measured).torque
+        if axes == len(run.rig.robot.axes)
+        else None
+    )
+    swept = isinstance(run.table, CircleTable) and len(run.table.t_s) == len(off)
+    speed = np.gradient(measured, run.table.t_s, axis=0) if swept and isinstance(run.table, CircleTable) else None
+    return tuple(
+        CommandError(
+            axis=k + 1,
+            mean_deg=float(off[:, k].mean()),
+            rms_deg=float(np.sqrt((off[:, k] ** 2).mean())),
+            with_load=None if load is None else _correlation(off[:, k], load[:, k]),
+            with_speed=None if speed is None else _correlation(off[:, k], speed[:, k]),
+        )
+        for k in range(axes)
+    )
+
+
+def command_findings(run: Measured) -> Iterator[Finding]:
+    """The axes that missed their commands by more than hardly anything."""
+    large = [error for error in command_errors(run) if error.rms_deg > _LEAST_DEG]
+    if not large:
+        return
+    which = "commanded" if _has(run, "q1_measured_deg") else "measured"
+    fact = f"measured less commanded angles: {'; '.join(error.words for error in large)}; the {which} angles are used"
+    remedy = "a difference that goes with load or speed is of the drives, and no error of the arm's geometry"
+    columns = tuple(f"q{error.axis}_deg" for error in large)
+    yield Finding(COMMANDS, "likely", columns, "angles that were not reached", fact, remedy)
+
+
+def _has(run: Measured, name: str) -> bool:
+    return run.run.table is not None and name in run.run.table.column_names
+
+
+def _both(rows: Rows) -> tuple[Array, Array] | None:
+    """Return measured and commanded angles (n, axes) rad of a table; None if it does not have both."""
+    axes = range(1, rows.axes + 1)
+    for other, is_measured in (("measured", True), ("commanded", False)):
+        names = tuple(f"q{axis}_{other}_deg" for axis in axes)
+        if not rows.has(names):
+            continue
+        try:
+            angles = np.radians(np.array([rows.columns[name].to_pylist() for name in names], dtype=float).T)
+        except ValueError:  # a column of text
+            return None
+        return (angles, rows.q) if is_measured else (rows.q, angles)
+    return None
+
+
+def _correlation(off: Array, cause: Array) -> float | None:
+    """Return the correlation of a difference with a cause (n,); None if either hardly changes."""
+    if len(off) < _FEWEST or np.ptp(off) < 1e-9 or np.ptp(cause) < 1e-9:
+        return None
+    return float(np.corrcoef(off, cause)[0, 1])
