@@ -101,7 +101,7 @@ def arms_apart(rig: Rig, second: Rig) -> ArmsApart:
     places = [arm.forward(q_deg).T[:, :3, 3] for arm in nominal]
     if rms(np.linalg.norm(places[1] - places[0], axis=1)) > _OTHER_MODEL_MM:
         problem = f"its arm is built otherwise than that of {rig.name}: {second.robot.name}, not {rig.robot.name}"
-        raise FileError(second.name, problem, "compare arms of one model")
+        raise FileError(second.name, problem, "compare arms of one model, or add RUN… to see which of both fits runs")
     stands = [arm.forward(q_deg) for arm in arms]
     difference, u_mm = pose_error(stands[0].T, stands[1].T), np.hypot(stands[0].u_mm, stands[1].u_mm)
     doubts = [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import time
 from collections.abc import Callable, Sequence
@@ -16,7 +15,8 @@ from analysis.diagnosis.evidence.link_swing import find_vibration
 from analysis.diagnosis.evidence.observation import ObservedRun, rms
 from analysis.diagnosis.evidence.prepared_runs import prepare_runs, without_wild
 from analysis.diagnosis.evidence.setups import FittedRuns, fit_run_setups, with_effects, without_a_fold
-from analysis.diagnosis.fit.refine import size_limits
+from analysis.diagnosis.fit.out_of_range import OutOfRange, find_out_of_range
+from analysis.diagnosis.fit.refine import ended_at_limit
 from analysis.diagnosis.fit.responses import limits_um
 from analysis.diagnosis.fit.search import SearchResult, early_readings, fit_given, search
 from analysis.diagnosis.judge.act_list import EARLY, EARLY_COMMANDED, JudgedPlace, acts_of
@@ -24,14 +24,17 @@ from analysis.diagnosis.judge.acts import Act
 from analysis.diagnosis.judge.budget import Budget, EffectChange, Measure, effect_changes
 from analysis.diagnosis.judge.calibrated_model import calibrated_model
 from analysis.diagnosis.judge.disagreement import staircase_of
-from analysis.diagnosis.judge.misses import places_left_out, remains_of, widening_of
+from analysis.diagnosis.judge.misses import LeftOut, places_left_out, remains_of, widening_of
 from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
-from analysis.diagnosis.judge.result import Accuracy, Diagnosis, Gap, Named, NextTest
+from analysis.diagnosis.judge.result import Accuracy, Diagnosis, Gap, Named, NextTest, Unexplained
+from analysis.diagnosis.judge.unexplained import unexplained_of
 from analysis.diagnosis.judge.validation import Stages, gap, held_out_gains, shows_noise, stages_of
 from analysis.diagnosis.judge.verdict import (
     Gaps,
     accuracy_of,
+    alone_out_of_range,
     ambiguous_names,
+    as_scatter,
     condition_of,
     doubts_of_phases,
     judged_of,
@@ -54,7 +57,7 @@ from rigs.effects import Effect
 from rigs.effects import swing as vibration_at
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.effect import label_of, name_of, size_field
+from rigs.schema.effect import label_of, name_of
 
 # ----------------------------------------------------------------------------------------------------------------------
 # Doubts: what a person should know before trusting a diagnosis.
@@ -101,10 +104,7 @@ def doubts_of_limits(names: Sequence[Named]) -> tuple[str, ...]:
     """Return a message for each name that stands whose size ended at the limit of fits."""
     doubts = []
     for named in names:
-        size = float(getattr(named.effect, size_field(named.effect)))
-        if named.stands and any(
-            limit and math.isclose(size, limit, rel_tol=1e-6) for limit in size_limits(named.effect)
-        ):
+        if named.stands and ended_at_limit(named.effect):
             doubts.append(
                 f"{label_of(named.effect)} ended at the limit of its size, so it is not to be trusted: check the rig "
                 "file, the cables of the gauges and the placements, and diagnose again"
@@ -161,10 +161,9 @@ def diagnose(
     if not judges:
         runs, judges = without_a_fold(runs)
     _hold_enough(runs)
-    result = search(runs, progress) if given is None else fit_given(runs, given, progress)
+    result, beyond = _found_in(runs, given, progress)
     progress("validating on held-out runs")
-    effects = result.effects
-    sound, wild = without_wild(runs, effects, "the runs used")
+    sound, wild = without_wild(runs, result.effects, "the runs used")
     fitted = FittedRuns(sound)
     stages = stages_of(fitted, result)
     # Beside the calibrated model: what names alone leave hides readings that are 1 mm wrong on an arm that leaves 0.1.
@@ -177,14 +176,17 @@ def diagnose(
     gaps = _gaps(judged_runs, stages, result) if whole.names_do_better else whole
     changes = effect_changes(result)
     named, at_limits = _named_in(result, fitted, (runs, judges), changes, gaps.train, given=given is not None)
+    named = alone_out_of_range(named, beyond, fitted) if beyond else named
     early = early_readings(result)
     standing = standing_of(rig, used) if tolerance_um is None else standing_within(tolerance_um, fitted)
-    verdicts = _verdicts_of(rig, result, (whole, gaps), named, changes, accuracy_of(gaps, *standing), early=bool(early))
+    accuracy = accuracy_of(gaps, *standing)
+    verdicts = _verdicts_of(rig, result, (whole, gaps), named, changes, accuracy, early=bool(early))
     verdicts = replace(verdicts, given=given is not None)
     left_out = places_left_out(result)
+    verdicts = _completed(verdicts, result, left_out, beyond)
     wider = widening_of(left_out, judges, elsewhere, stages, result)
     judged = judged_of(verdicts, whole, gaps, wider.unexplained_mm)
-    calibrated = calibrated_model(verdicts, result, used, runs, stages, wider, judged)
+    calibrated = None if beyond else calibrated_model(verdicts, result, used, runs, stages, wider, judged)
     remains = remains_of(result, left_out, _temperature(used))
     staircase = staircase_of(verdicts, result, stages, sound, judges, elsewhere)
     doubts = [*placed, *early, *wild, *wild_judges, *wild_elsewhere, *at_limits]
@@ -197,7 +199,7 @@ def diagnose(
         progress("choosing a test that separates the rivals")
         next_test, why_none = _next_test(named, further)
         doubts += why_none
-    asks = verdicts.condition not in ("not_testable_here", "undecided") and given is None
+    asks = verdicts.condition not in ("not_testable_here", "undecided", "out_of_range") and given is None
     tests = naming_tests(further, result, verdicts.budget, named, (sound, elsewhere)) if asks else []
     place = JudgedPlace(verdicts.accuracy.place, fitted, elsewhere or judges or sound, stages, gaps.judged)
     diagnosis = replace(
@@ -206,6 +208,18 @@ def diagnose(
     )  # fmt: skip
     acts = acts_of(diagnosis, place, tests, _before(used) if early else ())
     return replace(diagnosis, acts=acts, seconds=time.perf_counter() - begin_s)
+
+
+def _found_in(
+    runs: Sequence[ObservedRun], given: Sequence[Effect] | None, progress: Callable[[str], None]
+) -> tuple[SearchResult, OutOfRange | None]:
+    """Return the result of a search in runs, of (m, k) mm, or of the fit of `given` effects. If a search finds that one
+    parameter is out of range, the result is the fit of that one, without a limit."""
+    if given is not None:
+        return fit_given(runs, given, progress), None
+    result = search(runs, progress)
+    beyond = find_out_of_range(result, runs)
+    return (fit_given(runs, [beyond.effect], progress, frozenset({beyond.name})) if beyond else result), beyond
 
 
 _TEMPERATURE = re.compile(r"(?<![a-z])temp(erature)?(?![a-z])")
@@ -321,6 +335,21 @@ def _verdicts_of(
         maps=maps_of(linear.blocks, *drawn),
         seconds=0.0,
     )
+
+
+def _completed(
+    verdicts: Diagnosis, result: SearchResult, left_out: LeftOut | None, beyond: OutOfRange | None
+) -> Diagnosis:
+    """Return verdicts with what the unexplained part of the readings (N,) follows, if there is much of it. If it
+    follows nothing and no target was visited twice, it is scatter; if a parameter is `beyond` its limit, that is the
+    condition."""
+    if beyond and verdicts.is_testable:
+        verdicts = replace(verdicts, condition="out_of_range", runs_to_decide=None, groups=())
+    if verdicts.condition != "outside_library":
+        return replace(verdicts, unexplained=Unexplained(verdicts.remainder.um))
+    unexplained = unexplained_of(result, left_out, verdicts.remainder.um)
+    verdicts = replace(verdicts, unexplained=unexplained)
+    return as_scatter(verdicts) if unexplained.scatter_um and not verdicts.standing else verdicts
 
 
 def _hold_enough(runs: Sequence[ObservedRun]) -> None:

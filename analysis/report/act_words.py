@@ -64,6 +64,8 @@ class ActWords:
         key = f"act_repair_{act.why}" if act.kind == "repair" and act.why != "fault" else f"act_{act.kind}"
         if act.kind == "mount" and act.effect.part == "gravity":
             key = "act_mount_base"
+        if act.kind == "check" and act.effect.part in ("gauges", "clocks"):
+            key = "act_check_gauges"
         if act.kind == "approach" and self.diagnosis.rig.takes_programs and self.diagnosis.rig.gauges.recorded:
             key = "act_approach_session"
         axis = getattr(act.effect, "axis", None)
@@ -77,11 +79,14 @@ class ActWords:
         )
 
     def removes(self, act: Act) -> str:
-        """What the error falls to, ± its standard uncertainty, and where; empty for acts that remove nothing."""
+        """What the error falls to, ± its standard uncertainty, and where, or that it was not computed; empty for acts
+        that remove nothing."""
+        if act.kind == "approach" and act.removes_um is None:
+            return self.texts("act_not_computed")
         if act.kind in ("none", "measure", "approach") or (act.effect is None and act.kind != "load"):
             return ""
-        before = act.removes_um + act.remains_um
-        change = act.removes_um / before if before > 0 else 0.0
+        before = act.gain_um + act.remains_um
+        change = act.gain_um / before if before > 0 else 0.0
         falls = f"act_{'load_' * (act.kind == 'load' and self.diagnosis.rig.takes_programs)}changes"
         key = "hardly" if abs(change) < LEAST_SHARE else "may_change" if change > 0 else "grows"
         sentences = []
@@ -135,10 +140,11 @@ class ActWords:
         if act.why in ("few_runs", "one_lap"):
             cause = self.noun(act.effect) if act.effect else ""
             return texts("next_repeat" if act.why == "few_runs" else "act_one_lap", cause=cause, count=act.runs)
-        if act.why == "not_visible":
-            return texts(self._of_places("next_plan"))
-        if act.why == "elsewhere":
-            return texts("act_elsewhere")
+        if act.why in ("elsewhere", "revisit", "not_visible"):
+            return texts(self._of_places("next_plan") if act.why == "not_visible" else f"act_{act.why}")
+        if act.why == "follows" and (found := self.diagnosis.unexplained) and (followed := found.likeliest):
+            joint = texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
+            return texts(f"act_follows_{followed.what}", joint=joint)
         if test is None:
             key = "next_elsewhere" if act.why == "rivals" else self._of_places("act_group_no_test")
             return texts(key, parts=self.parts(act))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from analysis.diagnosis.fit.refine import size_limits
 from analysis.diagnosis.judge.act_list import LEAST_SHARE
 from analysis.diagnosis.judge.result import (
     CERTAIN_ODDS,
@@ -23,6 +24,7 @@ from analysis.diagnosis.judge.result import (
     is_there,
     likely_rivals,
 )
+from analysis.procedures.shared.quantity import quantity_of
 from analysis.report.diagnosis_words import (
     LEAST_ODDS,
     micrometres,
@@ -34,7 +36,7 @@ from analysis.report.diagnosis_words import (
 )
 from analysis.report.texts import Texts, texts_of
 from rigs.effects import Effect
-from rigs.schema.effect import name_of, whole_order
+from rigs.schema.effect import name_of, size_field, whole_order
 
 SMALL_SHARE = 0.001
 """Share of the error below which parts that are not unusual are counted together."""
@@ -109,6 +111,8 @@ class AnswerWords:
         """What is wrong, in a sentence: what makes most of the error before what makes less, what is sure before what
         is open, and then what these runs do not show."""
         diagnosis = self.diagnosis
+        if diagnosis.condition == "out_of_range":
+            return self._out_of_range()
         (faults, open_too), large = self._faults(), [self._large_part(part) for part in large_parts(self.diagnosis)]
         share = sum(part.share for named in diagnosis.standing if (part := part_of(diagnosis, named)))
         first = any(part.share > share for part in large_parts(diagnosis))
@@ -132,6 +136,8 @@ class AnswerWords:
         if is_complete(self.diagnosis) and accuracy.place == "used":
             return now
         which = f"calibrated_{accuracy.place}" if self.diagnosis.is_testable else "calibrated_unknown"
+        if self.diagnosis.condition == "out_of_range":
+            which, values = "calibrated_out_of_range", {"left": micrometres(self.diagnosis.train.after_um)}
         return f"{now} {self.texts(which, **values)}"
 
     @property
@@ -202,10 +208,32 @@ class AnswerWords:
             values |= {"count": str(len(diagnosis.where)), "largest": micrometres(largest)}
             repeated = "nearly_complete" if diagnosis.where else "nothing_missing"
             which = repeated if diagnosis.repeated and len(diagnosis.runs) > 1 else "nothing_shows"
+        if diagnosis.unexplained and (scatter_um := diagnosis.unexplained.scatter_um):
+            which, values = "scatter", {"um": _length(scatter_um)}
         # What the rig file names already, so that nothing found means nothing more; empty where it names nothing
         nouns = list(dict.fromkeys(map(self.noun, self.diagnosis.rig.effects)))
         already_held = self.texts("already_held", effects=self._listed(nouns)) if nouns else ""
-        return " ".join(filter(None, [texts(f"says_{which}", **values), already_held]))
+        return " ".join(filter(None, [texts(f"says_{which}", **values), self._follows(), already_held]))
+
+    def _follows(self) -> str:
+        """What the unexplained part follows, if it was looked for and there is an unknown cause."""
+        unexplained = self.diagnosis.unexplained
+        if unexplained is None or not unexplained.follows or self.diagnosis.condition != "outside_library":
+            return ""
+        if (followed := unexplained.likeliest) is None:
+            return self.texts("says_follows_nothing")
+        joint = self.texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
+        subject = self.texts(f"follows_{followed.what}", joint=joint)
+        return self.texts("says_follows", subject=subject, share=percent(followed.share))
+
+    def _out_of_range(self) -> str:
+        """The parameter that is out of range, its estimate and the limit."""
+        (named,) = self.diagnosis.effects
+        effect = named.effect
+        limit = min((abs(limit) for limit in size_limits(effect) if limit), default=math.inf)
+        unit = quantity_of(effect, size_field(effect), {}).sign
+        nouns = self.texts("or").join(map(self.noun, (effect, *named.twins)))
+        return self.texts("says_out_of_range", parameter=nouns, size=size(named), limit=f"{limit:.4g} {unit}".rstrip())
 
     def _faults(self) -> tuple[list[str], list[str]]:
         """The faults as a part of a sentence, and those that have rivals where others are sure as another."""
@@ -257,6 +285,11 @@ class AnswerWords:
             return []
         share = self.texts("share_of_error", share=percent(min(max(part.share, 0.0), 1.0)))
         return [self._with_cancelled(part, share)]
+
+
+def _length(um: float) -> str:
+    """A length in mm from a tenth on, below that in µm."""
+    return f"{1e-3 * um:.2f} mm" if um >= 100 else micrometres(um)
 
 
 def part_of(diagnosis: Diagnosis, named: Named) -> BudgetPart | None:

@@ -115,14 +115,18 @@ def write(diagnosis: Diagnosis, text: str, directory: Path, *, in_session: bool 
         "diagnosis.json": holding((json.dumps(diagnosis.to_dict(), indent=2) + "\n").encode()),
         "diagnosis.png": lambda file: picture(pictured, in_session=in_session).savefig(file, format="png", dpi=130),
     }
-    if diagnosis.is_testable:
+    if diagnosis.is_modelled:
         files |= extended_files(text, _origins(diagnosis), rig_file, diagnosis.calibrated)
     return write_all_new(directory, files)
 
 
 def write_model(diagnosis: Diagnosis, text: str, output: Path) -> list[Path]:
     """The calibrated model as a rig file, the text with the faults added, of rivals the likeliest, and its calibration
-    beside it; their paths, the rig file's last. Raises FileError where one exists."""
+    beside it; their paths, the rig file's last. Raises FileError if one exists or a parameter is out of range."""
+    if diagnosis.condition == "out_of_range":
+        (named,) = diagnosis.effects
+        problem = f"is not written: {name_of(named.effect)} is further off than rig corrects"
+        raise FileError(str(output), problem, "check the rig file, the variant of the arm and its mastering")
     return write_extended(text, _origins(diagnosis), output, diagnosis.calibrated)
 
 

@@ -57,6 +57,7 @@ def places_table(where: Sequence[Place]) -> list[RenderableType]:
 _COLOUR: dict[Condition, str] = {
     "named": "bold yellow",
     "ambiguous": "bold yellow",
+    "out_of_range": "bold red",
     "outside_library": "bold red",
     "undecided": "bold yellow",
     "uncalibrated": "bold green",
@@ -132,12 +133,12 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
         Text(f"no fault, {texts_of('en')(f'doubt_{why}')}: {', '.join(names)}", style="dim")
         for why, names in by_reason.items()
     ]
-    if not diagnosis.written:
+    if not (diagnosis.written or diagnosis.standing):
         return list(doubted)
     times, bound = (2.0, "± 2u") if diagnosis.condition == "ambiguous" else (1.0, "± u")
     numbers = (f"size {bound}", "µm rms", "how sure", "alone leaves")
     table = bare_table("effect", *map(right, numbers))
-    for named in diagnosis.written:
+    for named in diagnosis.written or diagnosis.standing:
         name = " + ".join([name_of(named.effect), *(name_of(twin) for twin in named.twins)])
         odds = "" if diagnosis.given else sure(named.posterior)
         row = (size(named, times), f"{named.worth_um:.1f}", odds, _number(named.alone_um))
@@ -153,13 +154,13 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
 
 def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
     effects = bool(diagnosis.standing)
-    last = ("calibrated", "noise floor") if diagnosis.is_testable else ("noise floor",)
+    last = ("calibrated", "noise floor") if diagnosis.is_modelled else ("noise floor",)
     headings = ("before", "after", *last, "closed") if effects else ("rms", *last)
     table = bare_table("µm rms", *map(right, headings))
     places = (("runs used", diagnosis.train), ("held-out runs", diagnosis.held_out), ("unseen place", diagnosis.unseen))
     for name, gap in places:
         if gap is not None:
-            ends = (gap.calibrated_um, gap.noise_floor_um) if diagnosis.is_testable else (gap.noise_floor_um,)
+            ends = (gap.calibrated_um, gap.noise_floor_um) if diagnosis.is_modelled else (gap.noise_floor_um,)
             cells = (gap.before_um, gap.after_um, *ends) if effects else (gap.before_um, *ends)
             how = "" if gap.keeps_setup else ", own set-up"
             share = closed(gap)

@@ -11,6 +11,7 @@ from rich.console import Group, RenderableType
 from rich.table import Column, Table
 from rich.text import Text
 
+from analysis.report.diagnosis_words import micrometres
 from analysis.report.plain_console import right
 from rigs.calibration import verdict_of
 from rigs.text import counted, plain
@@ -18,6 +19,7 @@ from rigs.text import counted, plain
 if TYPE_CHECKING:
     from analysis.correction.arms_apart import ArmsApart
     from analysis.correction.versions import Version
+    from analysis.diagnosis.evidence.fitting_arm import FittingArm
     from daq.store import RunInfo
     from rigs.arms import Arm
     from rigs.interfaces import Interface
@@ -80,6 +82,22 @@ def arms_apart_tables(apart: ArmsApart) -> RenderableType:
         plays = [f"{width[axis]:.4f}" if axis in width else "" for width in apart.play_deg]
         table.add_row(str(axis), *differences, *plays)
     return Group(Text(head), where, table, *(Text(doubt, style="yellow") for doubt in apart.doubts))
+
+
+def fitting_arm_table(found: FittingArm) -> RenderableType:
+    """Which arm fits the runs and by how much, in a line, and what each leaves."""
+    better = found.better
+    head = "These runs do not tell the two arms apart."
+    if better is not None:
+        (worse,) = (fit for fit in found.fits if fit is not better)
+        head = (
+            f"{better.file} fits: it leaves {micrometres(better.rms_um)} rms of the readings, and {worse.file} "
+            f"{micrometres(worse.rms_um)} rms, {found.times:.3g} times as much."
+        )
+    table = Table("arm", right("µm rms left"), right("at most"), header_style="bold")
+    for fit in found.fits:
+        table.add_row(fit.file, f"{fit.rms_um:.1f}", f"{fit.largest_um:.1f}")
+    return Group(Text(head), table, *(Text(doubt, style="yellow") for doubt in found.doubts))
 
 
 _STYLE = {"confirmed": "green", "weak": "yellow", "unconfirmed": "red"}

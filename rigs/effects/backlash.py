@@ -77,9 +77,11 @@ class Backlash(Effect):
         return at_each_axis(cls, scope)
 
     def usual_times(self, build: Build) -> float:
-        """Servos show ten times as much: data sheets allow 0.25° (ROBOTIS XM430 to XM540) and 0.5° (Feetech STS3215, of
-        which 0.8 to 0.9° was measured, robonine.com, 2025). More than a data sheet allows is a fault."""
-        return 10.0 if build == "servo" else 1.0
+        """Servos show thirty times as much, so that more than 1.5° is a fault. New Feetech STS3215, as in an SO-101,
+        show 0.87° (robonine.com, test of 2025), about 1° (TheRobotStudio/SO-ARM100, issue 134), 1.30° (robonine.com,
+        backlash compensation) and up to 1.49° in logs of whole arms, although their data sheet allows 0.5°. A test
+        stand with its logs: doi.org/10.5281/zenodo.19261714."""
+        return 30.0 if build == "servo" else 1.0
 
     def plain(self, joint: str) -> str:
         return f"play of {joint}"

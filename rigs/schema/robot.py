@@ -78,7 +78,7 @@ _NUMBERED = re.compile(r"(a|j|axis|joint)?[ _.-]?a?\d")
 
 
 _SHORTEST_MM = 20.0
-"""All lengths of an arm together: hobby arms have some 300 mm, and the longest industrial ones 6 m, which is 6 in metres."""
+"""Lengths of an arm in all: some 300 mm for hobby arms, 6 m for the longest industrial arms, which is 6 in metres."""
 
 
 class Robot(Part):

@@ -53,6 +53,14 @@ ZERO = Named(
     times_usual=3.1,
     alone_um=3.4,
 )
+FAR = replace(
+    ZERO,
+    effect=ZERO.effect.model_copy(update={"offset_deg": 9.8132}),
+    posterior=1.0,
+    rivals=(),
+    twins=(LinkGeometry(axis=5, field="a"),),
+)
+"""A zero beyond the bound of a rig file."""
 SMALL = replace(ZERO, worth_um=0.9, posterior=0.999, rivals=(), doubt="usual", times_usual=0.4)
 PLACES = (
     Place("yaw", "cw", "angle", 231.4, 243.0, 1, "reversal", 14.21, 22.4),
@@ -133,6 +141,7 @@ REMASTER = Act(
 ACTS: dict[Condition, tuple[Act, ...]] = {
     "named": (REPAIR,),
     "ambiguous": (APART, REMASTER),
+    "out_of_range": (Act("check", "out_of_range", (0,), 5.1, 0.2, "used", 1.0, 0.2, effect=FAR.effect, u=0.0041),),
     "outside_library": (Act("mount", "unexplained"), REPAIR),
     "undecided": (REPEAT,),
     "uncalibrated": (LOAD,),
@@ -144,7 +153,7 @@ ACTS: dict[Condition, tuple[Act, ...]] = {
 def diagnosis(condition: Condition = "named", **changed: Any) -> Diagnosis:
     """A diagnosis of a condition, with everything that it can have unless `changed`."""
     known: dict[Condition, tuple[Named, ...]] = {
-        "named": (PLAY,), "ambiguous": (ZERO,), "outside_library": (PLAY, ZERO)
+        "named": (PLAY,), "ambiguous": (ZERO,), "out_of_range": (FAR,), "outside_library": (PLAY, ZERO)
     }  # fmt: skip
     effects = changed.get("effects", known.get(condition, ()))
     after = 1.91 if effects else 6.12

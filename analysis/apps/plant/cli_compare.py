@@ -1,13 +1,13 @@
 """`rig compare RUN…`: simulation and measurement laid over each other; `--against RUN…`: before and after a repair.
 
-Two rig files in the place of runs: two arms of one model, pose by pose.
+Two rig files in the place of runs: two arms of one model, pose by pose; with runs after them: which of both fits these.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,10 +15,15 @@ from analysis.cli import completion
 from analysis.cli.commands import Command, app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow
-from rigs.errors import UseError
+from rigs.errors import FileError, UseError
+
+if TYPE_CHECKING:
+    from analysis.runs.loading import Measured
+    from rigs.rig import Rig
 
 _AGAINST = "--against"
 _ARMS = 2
+_ARM_FILES = (".yaml", ".yml", ".urdf")
 
 
 class _ManyAgainst(Command):
@@ -66,13 +71,16 @@ def compare(
     With --against: show by how much each figure differs from runs before a repair, and whether the spread explains it.
 
     With two rig files in place of runs: show how far apart two arms of one model are, pose by pose.
+
+    With two rig files or URDFs and then runs: show which of the two arms fits the runs, and by how much.
     """
     from analysis.cli.several import runs_below
 
-    if len(runs) == _ARMS and all(path.suffix in (".yaml", ".yml") and path.is_file() for path in runs):
+    if len(runs) >= _ARMS and all(path.suffix in _ARM_FILES and path.is_file() for path in runs[:_ARMS]):
         if against or rig_file or plot or unseen:
-            raise UseError("ARM ARM", "two arms are compared without runs", "leave the options but --json out")
-        _arms(runs[0], runs[1], as_json)
+            raise UseError("ARM ARM", "takes runs and --json alone", "leave the other options out")
+        arms, runs = runs[:_ARMS], runs[_ARMS:]
+        (_which_fits(arms, runs_below(runs), as_json) if runs else _arms(arms[0], arms[1], as_json))
         return
     runs = runs_below(runs)
     if against:
@@ -129,3 +137,36 @@ def _arms(first: Path, second: Path, as_json: bool) -> None:
         say_json(apart.to_dict())
     else:
         PlainConsole().print(arms_apart_tables(apart))
+
+
+def _which_fits(arms: Sequence[Path], runs: Sequence[Path], as_json: bool) -> None:
+    import analysis
+    from analysis.cli.console import progress_of
+    from analysis.diagnosis.evidence.fitting_arm import fitting_arm
+    from analysis.report.listings import fitting_arm_table
+    from analysis.report.plain_console import PlainConsole
+
+    with progress_of() as progress:
+        measured = [analysis.load_run(path) for path in runs]
+        progress("fitting both arms to the runs")
+        found = fitting_arm(measured, [(str(arm), _rig_of(arm, measured)) for arm in arms])
+    if as_json:
+        say_json(found.to_dict())
+    else:
+        PlainConsole().print(fitting_arm_table(found))
+
+
+def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:
+    """Return the rig file of an arm; of a URDF, or a file with a section robot alone, that of the runs with this robot.
+    Raises FileError for one of these with runs of gauges: it does not know where the ball link sits on its flange."""
+    from analysis.apps.commission.rig_file_text import chosen_arm
+    from analysis.apps.interchange.urdf import import_urdf
+    from rigs.load import load
+    from rigs.yaml_text import read_yaml
+
+    if arm.suffix != ".urdf" and "name" in read_yaml(arm.read_text(encoding="utf-8"), str(arm))[1]:
+        return load(arm)[0]
+    if not all(run.table.kind.of_places for run in runs):
+        raise FileError(str(arm), "has no tool, which runs of gauges need", "give the rig file of this arm")
+    robot = import_urdf(arm).section.robot if arm.suffix == ".urdf" else chosen_arm(str(arm), "tracker").robot
+    return runs[0].rig.model_copy(update={"robot": robot, "effects": ()}).with_calibration(None, None)

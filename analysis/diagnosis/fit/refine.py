@@ -19,8 +19,8 @@ from analysis.diagnosis.fit.background import Background, FittedTerms, MarginalV
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, alike_columns, departure_columns, fewest_columns
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.robot.kinematics.arm import Array
-from rigs.effects import Effect, bounds, healthy_size, size_field
-from rigs.schema.effect import PHASE, is_wave
+from rigs.effects import Effect, bounds, healthy_size, one_sided, size_field
+from rigs.schema.effect import PHASE, is_wave, name_of
 
 FIT_ROUNDS = 8
 """Largest number of Gauss-Newton rounds. Chosen: more than a fit near its optimum needs, since it stops by `_ENOUGH`.
@@ -36,6 +36,9 @@ decision depends on."""
 _NEARBY = 0.005
 """Part of the size of an effect, and of the spread of a shape, over which its derivatives and departures are not
 computed again. Chosen: at 2 % the uncertainty of a play of 0.1° was 28 % too large, at 0.5 and 0.2 % it is right."""
+
+_AT_LIMIT = 1e-6
+"""Share of its limit within which a size is at the limit: rounding."""
 
 _One = TypeVar("_One")
 
@@ -131,7 +134,7 @@ def refine(
     """
     before = fitted or no_effects(linear)
     old = len(before.effects)
-    effects = [*effects[:old], *map(_within_limits, effects[old:])]
+    effects = [*effects[:old], *(_within_limits(linear, effect) for effect in effects[old:])]
     unknowns = (*before.unknowns, *_unknowns(linear, effects, old))
     free_terms = before.free if free is None else Response(free)
 
@@ -308,7 +311,7 @@ class _Problem:
             if unknown.field == PHASE:
                 limits[:, k] = -np.inf, np.inf
             elif unknown.field == size_field(effect):
-                limits[:, k] = size_limits(effect)
+                limits[:, k] = size_limits(effect, unlimited=name_of(effect) in self.linear.unlimited)
             else:
                 (low, high), reach = bounds(effect, unknown.field), _FURTHEST * unknown.spread
                 limits[:, k] = max(low, unknown.low, unknown.expected - reach), min(high, unknown.expected + reach)
@@ -334,15 +337,26 @@ def slopes_of(linear: Linearisation, effect: Any, unknowns: Sequence[Unknown]) -
     return (columns[:, 1:] - columns[:, :1]) / steps
 
 
-def size_limits(effect: Effect) -> tuple[float, float]:
-    """Return the smallest and the largest size that a fit may give an effect, in the unit of its size."""
+def size_limits(effect: Effect, *, unlimited: bool = False) -> tuple[float, float]:
+    """Return the smallest and the largest size that a fit may give an effect, in the unit of its size; if `unlimited`,
+    only the sign is limited."""
+    if unlimited:
+        return 0.0 if one_sided(effect) else -np.inf, np.inf
     (low, high), most = bounds(effect, size_field(effect)), effect.MOST * healthy_size(effect)
     return max(low, -most), min(high, most)
 
 
-def _within_limits(effect: Effect) -> Effect:
-    size = float(getattr(effect, size_field(effect)))
-    return effect.model_copy(update={size_field(effect): float(np.clip(size, *size_limits(effect)))})
+def ended_at_limit(effect: Effect) -> bool:
+    """Return whether the size of a fitted effect is at the limit of its search, or beyond it."""
+    size, (low, high) = float(getattr(effect, size_field(effect))), size_limits(effect)
+    near = _AT_LIMIT * max(abs(low), abs(high))
+    return size >= high - near or (low != 0 and size <= low + near)
+
+
+def _within_limits(linear: Linearisation, effect: Effect) -> Effect:
+    limits = size_limits(effect, unlimited=name_of(effect) in linear.unlimited)
+    size = float(np.clip(getattr(effect, size_field(effect)), *limits))
+    return effect.model_copy(update={size_field(effect): size})
 
 
 def step_within(limits: Array, H: Array, gradient: Array) -> tuple[Array, Array]:

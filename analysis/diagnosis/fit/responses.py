@@ -105,10 +105,11 @@ _FITS = 16
 class Linearisation:
     """Blocks simulated about a model and its set-ups, and the residual `y_mm` (n,) of each; N counts the entries of all
     blocks and then the known distances of sockets, in standard deviations of the noise. `near` keeps what fits have
-    computed of effects."""
+    computed of effects, and `unlimited` names the effects whose size a fit does not limit."""
 
     simulated: tuple[SimulatedBlock, ...]
     y_mm: tuple[Array, ...]
+    unlimited: frozenset[str] = frozenset()
     near: NearResponses = field(default_factory=NearResponses, init=False, repr=False)
     _fits: dict[tuple[Effect, ...], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
 
@@ -392,11 +393,17 @@ class Linearisation:
         return whole
 
 
-def linearise(blocks: Sequence[Block], setups: Mapping[str, SetUp], effects: Sequence[Effect] = ()) -> Linearisation:
+def linearise(
+    blocks: Sequence[Block],
+    setups: Mapping[str, SetUp],
+    effects: Sequence[Effect] = (),
+    unlimited: frozenset[str] = frozenset(),
+) -> Linearisation:
     """Return the linearisation of blocks about set-ups. `effects` are those found so far, which the model
-    contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them."""
+    contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them. The sizes of
+    effects of `unlimited` names have no limit."""
     simulated = tuple(SimulatedBlock(block, tuple(effects), setups[block.setup]) for block in blocks)
-    return Linearisation(simulated, tuple(block.y_mm for block in blocks))
+    return Linearisation(simulated, tuple(block.y_mm for block in blocks), unlimited)
 
 
 def beside(shared: Sequence[SharedBlock], blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Linearisation:

@@ -30,6 +30,7 @@ from analysis.robot.model.predict import SetUp
 from analysis.runs.tables import PoseTable
 from rigs.effects import Effect
 from rigs.schema.vocabulary import Build
+from rigs.text import counted
 
 # ----------------------------------------------------------------------------------------------------------------------
 # The search: set-ups fitted, noise estimated and names selected, repeated until the names leave the set-ups where
@@ -165,14 +166,19 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
     return SearchResult(selection, state, odds)
 
 
-def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: Callable[[str], None]) -> SearchResult:
+def fit_given(
+    runs: Sequence[ObservedRun],
+    effects: Sequence[Effect],
+    progress: Callable[[str], None],
+    unlimited: frozenset[str] = frozenset(),
+) -> SearchResult:
     """Return the fit of given effects to runs of (m, k) mm, beside a healthy arm's share of everything else; nothing
-    else is named, and nothing is a rival."""
+    else is named, and nothing is a rival. The sizes of effects of `unlimited` names have no limit."""
     so_far: tuple[Effect, ...] = ()
     setups, previous = _starting_setups(runs, progress)
     for turn in range(_GIVEN_TURNS):
-        progress(f"fitting {len(effects)} effects" + " again" * (turn > 0))
-        selection = _selection(runs, setups, so_far)
+        progress(f"fitting {counted(len(effects), 'effect')}" + " again" * (turn > 0))
+        selection = _selection(runs, setups, so_far, unlimited)
         begun = (selection.initial_state if turn else selection.state_with)(effects, previous)
         # A fit with the strengths of the noise alone leaves much of a large effect to the background.
         state = previous = selection.settled(*beginnings(begun))
@@ -185,9 +191,14 @@ def fit_given(runs: Sequence[ObservedRun], effects: Sequence[Effect], progress: 
     return SearchResult(selection, state, odds)
 
 
-def _selection(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], effects: tuple[Effect, ...] = ()) -> Selection:
+def _selection(
+    runs: Sequence[ObservedRun],
+    setups: Mapping[str, SetUp],
+    effects: tuple[Effect, ...] = (),
+    unlimited: frozenset[str] = frozenset(),
+) -> Selection:
     """Return a selection among all that may explain runs, about set-ups and beside effects that are in the model."""
-    linear = linearise(blocks_of(runs, setups, effects), setups, effects)
+    linear = linearise(blocks_of(runs, setups, effects), setups, effects, unlimited)
     return Selection(linear, columns_for(linear, candidates_for(linear)))
 
 

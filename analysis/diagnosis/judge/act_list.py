@@ -81,6 +81,8 @@ def acts_of(
         return ()
     if diagnosis.condition == "not_testable_here":
         return (*before, Act("measure", "not_visible", command=("plan", _model(diagnosis))))
+    if diagnosis.condition == "out_of_range":
+        return (*before, _check(diagnosis, judged))
     repairs, following = _repairs(diagnosis, judged)
     if diagnosis.condition == "nothing_unusual" and diagnosis.accuracy.standing == "pass" and not repairs:
         # Within its limits: a correction, or an approach from one side, would change programs for nothing.
@@ -100,18 +102,27 @@ def acts_of(
     return (*before, *(acts or [Act("none", "sound")]))
 
 
+def _check(diagnosis: Diagnosis, judged: JudgedPlace) -> Act:
+    """Return the act for a parameter that is out of range, which no correction may carry: check where it comes from."""
+    (named,) = diagnosis.effects
+    parts = tuple(k for k, part in enumerate(diagnosis.budget) if part.index == 0)
+    figures = judged.removed([named.effect])
+    u = named.sd.get(size_field(named.effect))
+    return replace(figures, kind="check", why="out_of_range", parts=parts, effect=named.effect, u=u)
+
+
 def in_order(acts: Sequence[Act], now_um: float) -> list[Act]:
     """Return acts, what removes most first, and an approach from one side, whose gain is unknown beforehand, by what
     the error now would lose without its part. What is usual is corrected for today, and repaired where that is not
     enough: its repair stands behind its correction."""
     corrected = {k for act in acts if act.kind in ("load", "approach") for k in act.parts}
     late = [act for act in acts if act.why == "sure_and_large" and act.kind == "repair" and {*act.parts} <= corrected]
-    late.sort(key=lambda act: -act.removes_um)
+    late.sort(key=lambda act: -act.gain_um)
     ordered: list[Act] = []
 
     def weight_um(act: Act) -> float:
         without_um = math.sqrt(max(now_um**2 - act.remains_um**2, 0.0))
-        return now_um - without_um if act.kind == "approach" else act.removes_um
+        return now_um - without_um if act.kind == "approach" else act.gain_um
 
     by_weight = sorted(acts, key=weight_um, reverse=True)
     for act in [act for act in by_weight if act not in late]:
@@ -131,7 +142,7 @@ def one_after_the_other(acts: Sequence[Act], judged: JudgedPlace) -> list[Act]:
         by_hand = act.effect if act.kind != "approach" else None
         if by_hand is not None:
             done.append(by_hand)
-            square_um2 += act.removes_u_um**2
+            square_um2 += (act.removes_u_um or 0.0) ** 2
         is_later = by_hand is not None and len(done) > 1
         um = judged.removed(done).remains_um if is_later else None
         ordered.append(replace(act, with_before_um=um, with_before_u_um=math.sqrt(square_um2) if is_later else 0.0))
@@ -157,10 +168,10 @@ def _repairs(diagnosis: Diagnosis, judged: JudgedPlace) -> tuple[list[Act], list
     others."""
     served = [(k, named) for k, part in enumerate(diagnosis.budget) for named in _by_hand(diagnosis, part)]
     acts = [_repair(diagnosis, judged, k, named, ()) for k, named in served]
-    done = [act.effect for act in acts if act.removes_um > 0 and act.effect is not None]
+    done = [act.effect for act in acts if act.gain_um > 0 and act.effect is not None]
     first, following = list(acts), []
     for (k, named), act in zip(served, acts, strict=True):
-        if done and act.removes_um <= 0 and named.stands:
+        if done and act.gain_um <= 0 and named.stands:
             after = _repair(diagnosis, judged, k, named, done)
             if after.removes:
                 first.remove(act)
@@ -230,7 +241,7 @@ def _corrections(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Act]:
     if not effects:
         return []
     figures = judged.removed(effects)
-    before_um, fails = figures.removes_um + figures.remains_um, diagnosis.accuracy.standing in ("watch", "fail")
+    before_um, fails = figures.gain_um + figures.remains_um, diagnosis.accuracy.standing in ("watch", "fail")
     if not figures.removes or (figures.remains_um >= _WORTH * before_um and not fails):
         return []
     parts = tuple(
@@ -260,6 +271,9 @@ def _measurements(
 ) -> list[Act]:
     """Return what is to be measured: what distinguishes rivals, names a group, decides, or judges elsewhere."""
     acts = []
+    if diagnosis.unexplained and diagnosis.unexplained.scatter_um:
+        parts = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "scatter")
+        acts.append(Act("measure", "revisit", parts=parts))
     slow = [named for named in diagnosis.effects if named.doubt == "one_lap"]
     if slow:
         labels = {label_of(named.effect) for named in slow}
@@ -288,6 +302,8 @@ def _measurements(
             acts.append(test_of("group", k))
     if diagnosis.condition == "outside_library":
         parts = tuple(k for k, part in enumerate(diagnosis.budget) if part.kind == "unexplained")
+        if diagnosis.unexplained and diagnosis.unexplained.likeliest:
+            acts.append(Act("measure", "follows", parts=parts, place=judged.place))
         acts.append(Act("mount", "unexplained", parts=parts, place=judged.place))
     if judged.place == "used":
         acts.append(Act("measure", "elsewhere", place="used"))
@@ -297,10 +313,12 @@ def _measurements(
 def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) -> bool:
     """Return whether a measurement comes before every act that removes something: where nothing may be corrected, where
     too few runs decide nothing, or where rivals of the largest part leave open what is to be repaired."""
-    if measurement.why == "unexplained":
+    if measurement.why == "revisit":
+        return True
+    if measurement.why in ("unexplained", "follows"):
         return not any(act.kind == "load" for act in acts)
     if measurement.why == "one_lap":
-        return not any(act.why == "fault" and act.removes_um > measurement.remains_um for act in acts)
+        return not any(act.why == "fault" and act.gain_um > measurement.remains_um for act in acts)
     if measurement.why == "few_runs":
         return not any(act.kind == "load" and act.place != "used" for act in acts)
     if measurement.why == "rivals":

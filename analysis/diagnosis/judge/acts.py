@@ -13,10 +13,12 @@ from typing import Any, Literal
 from rigs.effects import Effect
 from rigs.schema.effect import label_of
 
-ActKind = Literal["repair", "remaster", "enter", "load", "approach", "measure", "mount", "wait", "convert", "none"]
+ActKind = Literal[
+    "repair", "remaster", "enter", "load", "approach", "measure", "mount", "wait", "convert", "check", "none"
+]
 """What a person does: repair a cause; re-master a joint; enter a constant; load corrected programs or entries;
 approach targets from one side; measure what decides; mount ball, gauges or base again; wait until the arm is warm;
-convert readings that were taken in another way; or nothing."""
+convert readings that were taken in another way; check the rig file and the variant of the arm; or nothing."""
 JudgedOn = Literal["unseen", "held_out", "used"]
 """Where a figure was found: at another place, on held-out runs, or on the runs used."""
 Doubt = Literal[
@@ -32,14 +34,16 @@ Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unex
 known cause explains; or the rig file declares no further test."""
 Reason = Literal[
     "fault", "sure_and_large", "not_enough", "correction", "rivals", "group", "few_runs", "one_lap", "unexplained",
-    "not_visible", "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early",
+    "not_visible", "elsewhere", "scatter", "too_small", "history", "gauges", "sound", "early", "out_of_range",
+    "follows", "revisit",
 ]  # fmt: skip
 """Why an act stands in the list: a fault; a usual error that makes much of the whole and that nothing else takes away;
 such an error, where its correction for today is not enough; that correction; rivals are to be separated; a group is to
 be named; the runs are too few; one lap each way shows nothing slow; an unknown cause; the tests do not show it; how
-accurate the arm is elsewhere is not known; joints were read too early. And why there is none: it differs from run to
-run; what a correction gains is too small; no target holds what depends on the way a joint came; it belongs to the
-gauges; nothing is wrong."""
+accurate the arm is elsewhere is not known; joints were read too early; a parameter is out of range; a test shows what
+the unexplained part follows; places visited once do not tell scatter from error. And why there is none: it differs from
+run to run; what a correction gains is too small; no target holds what depends on the way a joint came; it belongs to
+the gauges; nothing is wrong."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,8 @@ class NamingTest:
 @dataclass(frozen=True)
 class Act:
     """One act. `parts` are indices into the budget. `removes_um` is what it removes alone at the `place`, and
-    `remains_um` what is then left there, rms of the readings in µm, each with its standard uncertainty.
+    `remains_um` what is then left there, rms of the readings in µm, each with its standard uncertainty. What an act
+    removes is None if it was not computed, as of an approach from one side, and of acts that remove nothing themselves.
 
     `with_before_um` is what is left there in µm, with its standard uncertainty, once what hands do before it in the
     list is done too; None where there is nothing before.
@@ -94,8 +99,8 @@ class Act:
     kind: ActKind
     why: Reason
     parts: tuple[int, ...] = ()
-    removes_um: float = 0.0
-    removes_u_um: float = 0.0
+    removes_um: float | None = None
+    removes_u_um: float | None = None
     place: JudgedOn = "used"
     remains_um: float = 0.0
     remains_u_um: float = 0.0
@@ -112,7 +117,12 @@ class Act:
     @property
     def removes(self) -> bool:
         """Whether it takes away error for certain: by more than two standard uncertainties."""
-        return self.removes_um > 2 * self.removes_u_um and self.removes_um > 0
+        return self.gain_um > 2 * (self.removes_u_um or 0.0) and self.gain_um > 0
+
+    @property
+    def gain_um(self) -> float:
+        """What it removes in µm, 0 if that was not computed."""
+        return self.removes_um or 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types; the effect by its label."""

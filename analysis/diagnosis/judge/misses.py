@@ -287,7 +287,7 @@ def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Arra
     # What places may go with, each as functions (n, c) rad at a block's samples, None where the runs do not have it.
     subjects: dict[Subject, _Functions | None] = {
         "posture": _of_places(lambda block: np.concatenate([f(block.table.q) for f in (np.cos, np.sin)], axis=1)),
-        "approach": _of_places(_sides) if any(_states_sides(block) for block in linear.blocks) else None,
+        "approach": _of_places(sides_of) if any(_states_sides(block) for block in linear.blocks) else None,
         "time": None,  # tables of places have no times, and the order of their rows states none
         "temperature": None if warmth is None else _of_places(lambda _: warmth),
         "speed": None,  # a robot that stands has none
@@ -298,7 +298,8 @@ def remains_of(result: SearchResult, left_out: LeftOut | None, temperature: Arra
         share = None
         if functions is not None:
             axes = [linear.by_joint(axis, functions)[left_out.rows] for axis in range(1, linear.axes + 1)]
-            share = _share_left_out(np.sqrt(left_out.robust)[:, None] * np.concatenate(axes, axis=1), off, left_out)
+            weighted = np.sqrt(left_out.robust)[:, None] * np.concatenate(axes, axis=1)
+            share = share_left_out(weighted, off, left_out.group)
         looked.append(Looked(subject, share))
     mean_squares = [np.average(square, weights=left_out.robust) for square in (left_out.missed_mm2, left_out.noise_mm2)]
     whole, noise = (1e3 * float(np.sqrt(3 * square)) for square in mean_squares)
@@ -319,7 +320,7 @@ def _of_places(of_rows: Callable[[Block], Array]) -> _Functions:
     return functions
 
 
-def _sides(block: Block) -> Array:
+def sides_of(block: Block) -> Array:
     """Return the way (n, axes) in which each joint came, zero if the rows do not state it."""
     sides = block.table.kind.sides(block.table)
     return np.zeros(block.table.q.shape) if sides is None else sides.astype(float)
@@ -330,11 +331,11 @@ def _states_sides(block: Block) -> bool:
     return block.table.kind.of_places and block.table.kind.sides(block.table) is not None
 
 
-def _share_left_out(columns: Array, off: Array, left_out: LeftOut) -> float:
-    """Return the share of the square of what stays (n,) that columns (n, c) explain at neighbourhoods left out, at the
-    strength that explains most: 0 where none explains anything."""
-    order = np.argsort(left_out.group, kind="stable")
-    ends = [0, *(np.flatnonzero(np.diff(left_out.group[order])) + 1).tolist(), len(order)]
+def share_left_out(columns: Array, off: Array, group: Integers) -> float:
+    """Return the share of the square of a residual (n,) that columns (n, c) explain where each group (n,) is left out,
+    at the strength that explains most; 0 if none explains anything."""
+    order = np.argsort(group, kind="stable")
+    ends = [0, *(np.flatnonzero(np.diff(group[order])) + 1).tolist(), len(order)]
     groups = [order[begin:end] for begin, end in pairwise(ends)]
     normal, right = columns.T @ columns, columns.T @ off
     squares = np.zeros(len(_STRENGTHS))

@@ -28,11 +28,12 @@ from rigs.schema.vocabulary import WITHOUT_GAUGES, TestName
 # Words are made of them at the edge, for a screen, a page or another language; nothing decides by comparing words.
 
 Condition = Literal[
-    "named", "ambiguous", "outside_library", "undecided", "uncalibrated", "nothing_unusual", "not_testable_here"
-]
-"""Whether something is worn, loose or shifted: effects are named; they are, but a rival may be meant; what explains the
-readings is in no library; the runs are too few to decide it; many usual errors that a calibration was shown to remove;
-nothing unusual; or the runs cannot show it."""
+    "named", "ambiguous", "out_of_range", "outside_library", "undecided", "uncalibrated", "nothing_unusual",
+    "not_testable_here",
+]  # fmt: skip
+"""Whether something is worn, loose or shifted: effects are named; they are, but a rival may be meant; one parameter is
+further off than rig corrects, which is the only name; what explains the readings is in no library; the runs are too few
+to decide it; many usual errors that a calibration was shown to remove; nothing unusual; or the runs cannot show it."""
 Rank = Literal["unusual", "usual", "undecided"]
 """Whether an effect is larger than healthy arms, and this arm elsewhere, show."""
 
@@ -371,6 +372,43 @@ class Remains:
     looked: tuple[Looked, ...]
 
 
+What = Literal["angle", "load", "approach", "speed", "time", "place"]
+"""Something that the unexplained part may follow: the angle of a joint, its torque of gravity, the side from which it
+came, its speed; the time; the place of the target."""
+FOLLOWED = 0.2
+"""Share from which the unexplained part is said to follow something. Chosen: the best of twenty subjects explains up to
+a tenth of plain noise of 40 poses."""
+
+
+@dataclass(frozen=True)
+class Followed:
+    """Something that the unexplained part follows: what, of which joint (None for time and place), and the share of its
+    variance that this explains where it was left out."""
+
+    what: What
+    axis: int | None
+    share: float
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """What no name and no usual error explains, rms in µm, and what it `follows`, the likeliest first. `scatter_um` is
+    the scatter of a coordinate of poses, if that alone explains it and no target was visited twice; else None."""
+
+    rms_um: float
+    follows: tuple[Followed, ...] = ()
+    scatter_um: float | None = None
+
+    @property
+    def likeliest(self) -> Followed | None:
+        """What it follows for certain."""
+        return next((followed for followed in self.follows if followed.share >= FOLLOWED), None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types."""
+        return asdict(self)
+
+
 @dataclass(frozen=True)
 class NextTest:
     """The shortest test that distinguishes the rivals, and the sigma to expect."""
@@ -425,6 +463,8 @@ class Diagnosis(Tabular):
     """What stays of places after the calibrated model, and what it was held against; None without places."""
     only_commanded: bool = False
     """Whether measured joint angles are missing in some run, so that a name may be an angle that was not reached."""
+    unexplained: Unexplained | None = None
+    """What no name explains, and what it follows if it is much."""
     acts: tuple[Act, ...] = ()
     """What follows from it, the first act first; every output prints from here."""
 
@@ -434,13 +474,22 @@ class Diagnosis(Tabular):
         return self.condition != "not_testable_here"
 
     @property
+    def is_modelled(self) -> bool:
+        """Whether a calibrated model follows from it, as a file and in its figures: not from runs that cannot show
+        effects, nor if a parameter is out of range."""
+        return self.is_testable and self.condition != "out_of_range"
+
+    @property
     def next_act(self) -> Act | None:
         """What to do next; None where fits of given effects ask for nothing."""
         return self.acts[0] if self.acts else None
 
     @property
     def written(self) -> tuple[Named, ...]:
-        """The effects that go into a rig file: the faults, and all effects where they were given to be fitted."""
+        """The effects that go into a rig file: the faults, and all effects where they were given to be fitted; none
+        that is out of range."""
+        if self.condition == "out_of_range":
+            return ()
         return self.effects if self.given else self.standing
 
     @property
@@ -475,7 +524,7 @@ class Diagnosis(Tabular):
         outside = {"held_out": self.held_out, "unseen_place": self.unseen}
         gaps = {"train": self.train.to_dict()} | {name: gap and gap.to_dict() for name, gap in outside.items()}
         accuracy = self.accuracy.to_dict()
-        if not self.is_testable:
+        if not self.is_modelled:
             for figures, key in ((accuracy, "calibrated_um"), *((gap, "calibrated") for gap in gaps.values() if gap)):
                 figures[key] = None
         plain: dict[str, Any] = for_json(
@@ -493,6 +542,7 @@ class Diagnosis(Tabular):
                 "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
                 "left": [asdict(band) for band in self.left],
                 **({"remains": asdict(self.remains)} if self.remains else {}),
+                **({"unexplained": self.unexplained.to_dict()} if self.unexplained else {}),
                 "setup": {
                     name: {"T_instrument_world": setup.T_instrument_world, "T_tool_target": setup.T_tool_target}
                     if name.startswith(WITHOUT_GAUGES)

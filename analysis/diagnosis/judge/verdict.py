@@ -14,6 +14,7 @@ from analysis.diagnosis.evidence.link_swing import FoundVibration
 from analysis.diagnosis.evidence.setups import FittedRuns
 from analysis.diagnosis.fit.background import best_free_form, free_forms_of
 from analysis.diagnosis.fit.candidates import order_of
+from analysis.diagnosis.fit.out_of_range import OutOfRange
 from analysis.diagnosis.fit.responses import LEAST_MATERIAL_UM, Worth, plain_worth, worth
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import DRIVEN_WAVES, FAULT, series_among
@@ -25,6 +26,7 @@ from analysis.diagnosis.judge.result import (
     CERTAIN_SIGMA,
     ODDS,
     Accuracy,
+    BudgetPart,
     Condition,
     Diagnosis,
     Gap,
@@ -211,6 +213,12 @@ def named_effects(
     return [replace(name, doubt="series") if name_of(name.effect) in series else name for name in named]
 
 
+def alone_out_of_range(named: Sequence[Named], beyond: OutOfRange, fitted: FittedRuns) -> list[Named]:
+    """Return the parameter that is out of range as the only name, which stands, with what explains as much."""
+    effect = next(name for name in named if name_of(name.effect) == beyond.name)
+    return [replace(effect, doubt=None, twins=beyond.twins, alone_um=fitted.residual_um([effect.effect]))]
+
+
 def without_useless(named: Sequence[Named], train: Gap) -> list[Named]:
     """Return names, none of which stands where the calibrated model explains the runs used no better than without
     them: they are something that is no effect, such as exchanged gauges. Where the names alone explain no more than
@@ -369,6 +377,18 @@ def condition_of(
     if is_undecided(named):
         return "undecided"
     return "uncalibrated" if gaps.gains_elsewhere else "nothing_unusual"
+
+
+def as_scatter(diagnosis: Diagnosis) -> Diagnosis:
+    """Return a diagnosis of an unknown cause as one of scatter: nothing repeats in what no cause explains, as far as
+    places that were visited once can show."""
+    merged = [part for part in diagnosis.budget if part.kind in ("unexplained", "scatter")]
+    um = float(np.sqrt(sum(part.um**2 for part in merged)))
+    scatter = BudgetPart("scatter", um, 0.0, sum(part.share for part in merged))
+    parts = [*(part for part in diagnosis.budget if part not in merged), scatter]
+    remainder = replace(diagnosis.remainder, um=0.0, share=0.0, words="it follows nothing, as scatter does")
+    budget = tuple(sorted(parts, key=lambda part: -part.share))
+    return replace(diagnosis, condition="nothing_unusual", budget=budget, remainder=remainder)
 
 
 def _is_testable(result: SearchResult, *, early: bool) -> bool:

@@ -77,10 +77,9 @@ def test_what_stays_is_held_against_places_that_had_no_part() -> None:
     group = np.repeat(np.arange(20), 15)
     columns = RNG.normal(size=(300, 12))
     noise = RNG.normal(size=300)
-    share_of = misses._share_left_out  # private: the page shows it of real cells alone
-    assert share_of(columns, noise, left_out(noise, group)) < 0.02
+    assert misses.share_left_out(columns, noise, group) < 0.02
     with_some = noise + columns[:, :2] @ [1.0, 1.0]
-    assert share_of(columns, with_some, left_out(with_some, group)) == pytest.approx(2 / 3, abs=0.1)
+    assert misses.share_left_out(columns, with_some, group) == pytest.approx(2 / 3, abs=0.1)
 
 
 def test_a_pose_that_is_reached_from_two_sides_is_no_repeat() -> None:

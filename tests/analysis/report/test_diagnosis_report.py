@@ -170,7 +170,7 @@ def test_the_object_has_the_keys_of_the_documents(condition: Condition) -> None:
     assert told["condition"] == condition and told.keys() >= KEYS
     assert told["accuracy"]["standing"] == "not_judged"
     assert told.keys() >= {"groups", "left", "doubts", "runs", "level", "repeats_measured", "seconds"}
-    assert bool(told["effects"]) == (condition in ("named", "ambiguous", "outside_library"))
+    assert bool(told["effects"]) == (condition in ("named", "ambiguous", "out_of_range", "outside_library"))
     assert told["remainder"].keys() >= {"um", "share", "words"} and told["remainder"]["share"] == 0.05
     assert told["gap"]["unit"] == "um" and told["gap"]["unseen_place"] is None
     assert told["gap"]["held_out"].keys() >= {"before", "after", "calibrated", "noise_floor"}

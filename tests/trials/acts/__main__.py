@@ -139,7 +139,7 @@ class Scored:
 
     def __str__(self) -> str:
         act = self.act
-        stated = f"{act.removes_um + act.remains_um:.1f} to {act.remains_um:.1f} ± {act.remains_u_um:.1f}"
+        stated = f"{act.gain_um + act.remains_um:.1f} to {act.remains_um:.1f} ± {act.remains_u_um:.1f}"
         verdict = {True: "as stated", False: "NOT as stated", None: "states nothing"}[self.fell_as_stated]
         named = {True: "named", False: "NOT NAMED", None: "-"}[self.is_named]
         return (

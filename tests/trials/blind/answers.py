@@ -10,6 +10,7 @@ from typing import Any
 CONDITIONS = (
     "named",
     "ambiguous",
+    "out_of_range",
     "outside_library",
     "undecided",
     "uncalibrated",

@@ -29,6 +29,7 @@ FEW_PERCENT = 0.04
 EXAMPLES: list[tuple[str, dict[str, Any], dict[str, float], float]] = [
     ("joint_offset", {"axis": 2}, {}, 0.02),
     ("joint_offset", {"axis": 5}, {}, -0.02),
+    ("joint_scale", {"axis": 2}, {}, 1e-3),
     ("link_geometry", {"axis": 2, "field": "a"}, {}, 0.2),
     ("link_geometry", {"axis": 3, "field": "beta"}, {}, 0.02),
     ("link_geometry", {"axis": 4, "field": "d"}, {}, 0.2),

@@ -24,10 +24,13 @@ HEALTHY = {
     "clock_rate": 20.0,
     "vibration": 0.002,
     "link_bending": 1e-4,
+    "joint_scale": 5e-5,
 }
-"""Sizes of a good arm (effects.md), in the unit of the size; the page has none for link_bending: 0.05 mm at 500 Nm."""
+"""Sizes of a good arm (effects.md), in the unit of the size; the page has none for link_bending, 0.05 mm at 500 Nm, nor
+for joint_scale."""
 SIZE = {
     "joint_offset": "offset_deg",
+    "joint_scale": "relative",
     "link_geometry": "delta",
     "backlash": "width_deg",
     "transmission_error": "amplitude_deg",
@@ -52,6 +55,7 @@ SIZE = {
 """The parameter that says how large an effect is."""
 SIGNED = {
     "joint_offset",
+    "joint_scale",
     "link_geometry",
     "wrist_coupling",
     "thermal_growth",

@@ -53,6 +53,11 @@ def joint_offset(fault: Fault, trace: Trace) -> Array:
     return np.full(len(trace.t), np.radians(fault.size))
 
 
+def joint_scale(fault: Fault, trace: Trace) -> Array:
+    """A share of the joint's own angle."""
+    return fault.size * trace.q[:, int(fault.keys["axis"]) - 1]
+
+
 def backlash(fault: Fault, trace: Trace) -> Array:
     """A play, rounded; where gravity loads the joint and holds the flank, that share of it shows no reversal."""
     axis = int(fault.keys["axis"]) - 1
@@ -110,6 +115,7 @@ def servo_lag(fault: Fault, trace: Trace) -> Array:
 
 ON_JOINT: MappingProxyType[str, Form] = MappingProxyType({
     "joint_offset": joint_offset,
+    "joint_scale": joint_scale,
     "backlash": backlash,
     "transmission_error": transmission_error,
     "compliance": compliance,

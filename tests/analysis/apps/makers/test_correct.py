@@ -294,7 +294,7 @@ def _of_size(name: str, value: float, **sd: float) -> Effect:
 def test_each_effect_is_corrected_only_where_a_target_can_and_the_uncertainty_allows(name: str) -> None:
     field = size_field(_of_size(name, 0.0))
     postural = {"joint_offset", "link_geometry", "compliance", "link_bending", "transmission_error", "wrist_coupling"}
-    postural |= {"rail_line", "base_yields", "base_sags"}
+    postural |= {"joint_scale", "strain_wave", "rail_line", "base_yields", "base_sags"}
     (sure,) = supports(_rig(_of_size(name, 0.004, **{field: 0.001})))
     assert (sure.use != "none") == (name in postural)
     for doubtful in (_of_size(name, 0.004, **{field: 0.004}), _of_size(name, 0.004)):

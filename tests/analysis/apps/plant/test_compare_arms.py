@@ -10,6 +10,7 @@ import pytest
 
 from rigs.load import find
 from tests.support.command_line import ran
+from tests.worlds.arms.independent_arm import cell, none, postures
 
 
 def arm(directory: Path, name: str, effects: str = "", shipped: str = "ur10e") -> Path:
@@ -63,3 +64,32 @@ def test_arms_of_two_models_are_refused_in_a_line(tmp_path: Path) -> None:
     done = ran("compare", arm(tmp_path, "one"), arm(tmp_path, "other", shipped="paper-fanuc"))
     assert done.returncode == 3
     assert "compare arms of one model" in " ".join(done.stderr.split())
+
+
+def test_with_runs_it_says_which_of_a_rig_file_and_a_urdf_fits(tmp_path: Path) -> None:
+    """Two URDFs of one arm that differed by 41 mm were refused."""
+    good, other, wrong = arm(tmp_path, "good"), tmp_path / "other.yaml", tmp_path / "wrong.urdf"
+    other.write_text(good.read_text().replace("a_mm: -612.7", "a_mm: -571.7"))
+    assert ran("export-urdf", other, "-o", wrong).returncode == 0
+    rng = np.random.default_rng(2)
+    seen = cell("ur10e", none(), rng).seen(postures("ur10e", 30, rng), rng)
+    header = ",".join([*(f"q{k}_deg" for k in range(1, 7)), "x_mm", "y_mm", "z_mm"])
+    rows = np.column_stack([np.degrees(seen.q), seen.xyz_mm])
+    np.savetxt(tmp_path / "poses.csv", rows, delimiter=",", header=header, comments="")
+    run = tmp_path / "poses"
+    assert ran("import", tmp_path / "poses.csv", "--rig", good, "--test", "pose", "-o", run).returncode == 0
+    found = json.loads(ran("compare", wrong, good, run, "--json").stdout)
+    assert found["better"] == str(good) and found["times"] > 10
+    assert "good.yaml fits: it leaves" in " ".join(ran("compare", wrong, good, run).stdout.split())
+    assert ran("compare", wrong, good, run, "--plot", tmp_path / "p").returncode == 2
+
+
+def test_circles_tell_two_rig_files_apart_and_a_urdf_has_no_tool_for_them(tmp_path: Path) -> None:
+    good, wrong = arm(tmp_path, "good"), tmp_path / "wrong.yaml"
+    wrong.write_text(good.read_text().replace("a_mm: -612.7", "a_mm: -610.7"))
+    assert ran("simulate", good, "--test", "yaw", "--seed", "1", "-o", tmp_path / "runs").returncode == 0
+    runs = sorted((tmp_path / "runs").iterdir())
+    found = json.loads(ran("compare", wrong, good, *runs, "--json").stdout)
+    assert found["better"] == str(good) and found["times"] > 3
+    assert ran("export-urdf", wrong, "-o", tmp_path / "wrong.urdf").returncode == 0
+    assert "has no tool" in ran("compare", tmp_path / "wrong.urdf", good, *runs).stderr

@@ -293,3 +293,13 @@ def test_a_test_that_separates_rivals_is_looked_for_from_the_shortest_on() -> No
     assert best is not None and (best[0].test, best[0].expected_sigma) == ("better", 25)
     assert set(asked) == {"weak", "enough", "better"}
     assert NamingTests(tests[1:2]).for_rivals(effect, rival) is None
+
+
+def test_a_gain_that_was_not_computed_is_none_and_said_so() -> None:
+    """The approach from one side removed 0.0 µm in the JSON, of an error that it removes almost whole."""
+    acts = one_play().acts
+    approach = next(act for act in acts if act.kind == "approach")
+    assert approach.to_dict()["removes_um"] is None and approach.to_dict()["removes_u_um"] is None
+    assert "not computed" in ActWords(one_play()).sentence(approach)
+    assert all(act.removes_um is None for act in acts if act.kind in ("approach", "measure", "none"))
+    assert all(act.removes_um is not None for act in acts if act.effect and act.kind != "approach")

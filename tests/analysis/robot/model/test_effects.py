@@ -45,6 +45,8 @@ EXAMPLES: list[Effect] = [
     VOCABULARY[name].model_validate(fields)
     for name, fields in {
         "joint_offset": {"axis": 2},
+        "joint_scale": {"axis": 2},
+        "strain_wave": {"axis": 2, "loss": 0.3},
         "link_geometry": {"axis": 3, "field": "beta"},
         "backlash": {"axis": 1, "preload": 0.5, "transit": 0.5},
         "transmission_error": {"axis": 4, "order": 2},

@@ -1,0 +1,95 @@
+"""Which of two arms fits runs: what each leaves of the same readings, with the set-ups fitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from analysis.diagnosis.evidence.observation import by_socket, rms
+from analysis.diagnosis.evidence.placements import observe_runs, split_by_frame, split_by_target
+from analysis.diagnosis.evidence.setups import fit_run_setups
+from analysis.runs.loading import Measured
+from analysis.runs.tabular import Tabular, for_json, table_of_rows
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+_CLEARLY = 0.97
+"""Ratio of the residuals below which one arm fits better: 3 % of the rms is more than a fitted set-up gains by chance.
+"""
+
+
+@dataclass(frozen=True)
+class ArmFit:
+    """What an arm leaves of runs, µm of the readings: root mean square and at most. `file` is where it comes from."""
+
+    file: str
+    rms_um: float
+    largest_um: float
+
+
+@dataclass(frozen=True)
+class FittingArm(Tabular):
+    """Two arms held against the same runs, and doubts in words."""
+
+    fits: tuple[ArmFit, ArmFit]
+    runs: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def better(self) -> ArmFit | None:
+        """The arm that fits clearly better; None if the runs do not tell them apart."""
+        best, other = sorted(self.fits, key=lambda fit: fit.rms_um)
+        return best if best.rms_um < _CLEARLY * other.rms_um else None
+
+    @property
+    def times(self) -> float:
+        """How many times as much the worse arm leaves as the better one."""
+        best, other = sorted(fit.rms_um for fit in self.fits)
+        return other / best if best > 0 else np.inf
+
+    def to_table(self) -> pa.Table:
+        """A row for each arm: file, rms_um, largest_um."""
+        return table_of_rows(("file", "rms_um", "largest_um"), [asdict(fit) for fit in self.fits])
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types: what `rig compare ARM ARM RUN… --json` prints."""
+        plain: dict[str, Any] = for_json(
+            {
+                "fits": [asdict(fit) for fit in self.fits],
+                "better": self.better.file if self.better else None,
+                "times": self.times,
+                "runs": self.runs,
+                "doubts": self.doubts,
+            }
+        )
+        return plain
+
+
+def fitting_arm(runs: Sequence[Measured], arms: Sequence[tuple[str, Rig]]) -> FittingArm:
+    """Return what each of two arms, of which the file is named, leaves of runs of (m, k) mm. Raises FileError for an
+    arm of another number of axes than the runs."""
+    first, second = (_fit(runs, file, rig) for file, rig in arms)
+    return FittingArm((first[0], second[0]), tuple(run.run.manifest.name for run in runs), first[1])
+
+
+def _fit(runs: Sequence[Measured], file: str, rig: Rig) -> tuple[ArmFit, tuple[str, ...]]:
+    """Return what an arm leaves of runs of (m, k) mm, and messages about their placements."""
+    axes = len(rig.robot.axes)
+    for run in runs:
+        if (count := len(run.rig.robot.axes)) != axes:
+            problem = f"has an arm of {axes} axes, and {run.path} is of {count}"
+            raise FileError(file, problem, "give the arm that was measured")
+    of_arm = [replace(run, rig=run.rig.model_copy(update={"robot": rig.robot})) for run in runs]
+    parts = [
+        (run, part) for run, whole in zip(runs, observe_runs(rig, of_arm), strict=True) for part in by_socket(whole)
+    ]
+    names = [run.run.manifest.name for run, _ in parts]
+    placed, messages = split_by_frame([part for _, part in parts], names)
+    placed, of_targets = split_by_target(placed, names)
+    residuals = fit_run_setups(placed)[1]
+    largest_mm = max(float(np.linalg.norm(r, axis=1).max() if r.shape[1] == 3 else np.abs(r).max()) for r in residuals)
+    return ArmFit(file, 1e3 * rms(residuals), 1e3 * largest_mm), (*messages, *of_targets)

@@ -1,0 +1,40 @@
+"""A joint that turns by another share than its controller reports: the effect, and its rivals zero, gear and curve."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.robot.kinematics.arm import Array
+from analysis.robot.model.predict import model_of, moved, path_of
+from rigs.effects import JointScale
+from rigs.load import load
+from rigs.schema.effect import name_of
+from tests.support.diagnosis_cells import RIG, found_in, table_of
+from tests.support.pose_runs import pose_run
+from tests.worlds.arms.independent_arm import cell, none, postures
+
+
+def test_the_link_turns_a_share_of_the_angle_more() -> None:
+    table = table_of("yaw", "cw", None)
+    model = model_of(RIG, (JointScale(axis=3, relative=-0.03),))
+    scene = moved(model, path_of(model, table))
+    off: Array = scene.link_q[:, 2] - scene.q[:, 2]
+    assert off == pytest.approx(-0.03 * scene.q[:, 2], abs=1e-12)
+    assert scene.link_q[:, [0, 1, 3, 4, 5]] == pytest.approx(scene.q[:, [0, 1, 3, 4, 5]], abs=1e-12)
+
+
+@pytest.mark.parametrize("axis", [1, 3, 5])
+def test_a_wrong_gear_ratio_is_named_and_no_zero_and_no_gear(axis: int) -> None:
+    """97 % of what is reported was told as a zero of -2.5° and a gear error of 13 waves a turn."""
+    rng = np.random.default_rng(axis)
+    q = postures("ur10e", 60, rng)
+    turned = q.copy()
+    turned[:, axis - 1] *= 0.97
+    seen = cell("ur10e", none(), rng).seen(turned, rng)
+    found = found_in([pose_run("ur10e", q, seen.xyz_mm)], load("ur10e")[0])
+    assert [name_of(name.effect) for name in found.standing] == [f"joint_scale {axis}"]
+    (named,) = found.standing
+    assert isinstance(named.effect, JointScale)
+    assert named.effect.relative == pytest.approx(-0.03, abs=max(3e-4, 3 * named.sd["relative"]))
+    assert "97.0" in named.remedy and "encoder" in named.remedy
