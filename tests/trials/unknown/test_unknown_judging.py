@@ -1,0 +1,101 @@
+"""The judge of the unknown world, with answers written by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.trials.unknown.__main__ import counts_text, streamed
+from tests.trials.unknown.judging import after_repair, first_act_um, judge_name, was_told
+from tests.worlds.unknown.cells import Cell, draw_cell
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    """A UR10e with cubic torsion of axis 2."""
+    return draw_cell(0)
+
+
+def named(name: str, value: float, sd: float = 1e-4, **more: Any) -> dict[str, Any]:
+    axis = name.partition(" ")[2]
+    effect = {"name": name, "parameters": {"size": {"value": value, "sd": sd}}, "posterior": 0.99, "stands": True}
+    return effect | ({"axis": int(axis)} if axis.isdigit() else {}) | more
+
+
+def test_a_name_is_right_by_its_size(cell: Cell) -> None:
+    zero = cell.known.names()["joint_offset 3"]
+    assert judge_name(cell, named("joint_offset 3", zero)) == "right"
+    assert judge_name(cell, named("joint_offset 3", 10 * zero)) == "wrong"
+    assert judge_name(cell, named("joint_offset 3", 10 * zero, sd=abs(4 * zero))) == "right"  # within its uncertainty
+
+
+def test_a_name_is_related_by_cause_and_axis(cell: Cell) -> None:
+    assert judge_name(cell, named("compliance 2", 1.0)) == "related"
+    assert judge_name(cell, named("compliance 3", 1.0)) == "wrong"
+    assert judge_name(cell.sound(), named("compliance 2", 1.0)) == "wrong"
+    assert judge_name(cell, named("ball_form", 1.0)) == "wrong"
+
+
+def test_a_fault_beside_a_likely_rival_that_is_right_is_ambiguous(cell: Cell) -> None:
+    rivals = [named("compliance 2", 1.0, posterior=0.3)]
+    assert judge_name(cell, named("ball_form", 1.0, posterior=0.7, rivals=rivals)) == "ambiguous"
+    assert judge_name(cell, named("ball_form", 1.0, posterior=0.97, rivals=rivals)) == "wrong"
+    assert judge_name(cell, named("ball_form", 1.0, posterior=0.7, rivals=[named("time_lag", 1.0)])) == "wrong"
+
+
+def test_only_certain_names_count(cell: Cell) -> None:
+    assert judge_name(cell, named("ball_form", 1.0, stands=False, posterior=0.9)) == ""
+    assert judge_name(cell, named("ball_form", 1.0, stands=False, posterior=0.96)) == "wrong"
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        ({"condition": "outside_library"}, True),
+        ({"condition": "nothing_unusual", "movements": [{"what": "tool"}]}, True),
+        ({"condition": "named", "remainder": {"share": 0.2}}, True),
+        ({"condition": "named", "remainder": {"share": 0.01}, "acts": [{"why": "fault"}]}, False),
+        ({"condition": "named", "acts": [{"why": "fault"}, {"why": "unexplained"}]}, False),
+    ],
+)
+def test_what_counts_as_told(answer: dict[str, Any], told: bool) -> None:
+    assert was_told(answer) == told
+
+
+def test_a_repair_takes_away_what_is_there_and_nothing_else(cell: Cell, tmp_path: Path) -> None:
+    rich = replace(cell, known=replace(cell.known, play=np.radians([0.0, 0.2, 0, 0, 0, 0])))
+    before, after, calibrated = first_act_um(rich, {"acts": [{"kind": "repair", "effect": "backlash 2"}]}, tmp_path)
+    assert after < 0.9 * before
+    assert np.isnan(calibrated)
+    before, after, _ = first_act_um(rich, {"acts": [{"kind": "repair", "effect": "backlash 3"}]}, tmp_path)
+    assert after == before
+    assert after_repair(cell, "repair", "compliance 2", {}).cause is None  # the torsion is of that gear
+
+
+def test_a_wrong_zero_makes_it_worse(cell: Cell, tmp_path: Path) -> None:
+    answer = {
+        "acts": [{"kind": "remaster", "effect": "joint_offset 3"}],
+        "effects": [named("joint_offset 3", 0.2)],
+    }
+    before, after, _ = first_act_um(cell, answer, tmp_path)
+    assert after > 1.5 * before
+
+
+def test_finished_cells_are_read_and_counted(tmp_path: Path) -> None:
+    made = []
+
+    def make(seed: int) -> dict[str, Any]:
+        made.append(seed)
+        said = {"told": seed > 0, "imitated": False, "wrong_faults": [], "wrong_certain": ["x"], "related": []}
+        return {"seed": seed, "kind": "cubic torsion", "with": said | {"worse": False, "cpu_s": 6.0},
+                "sound": said | {"worse": False, "cpu_s": 3.0}}  # fmt: skip
+
+    file = tmp_path / "cells.jsonl"
+    assert len(list(streamed([0, 1], make, file))) == 2
+    rows = list(streamed([0, 1, 2], make, file))
+    assert made == [0, 1, 2]
+    assert "| all | 3 | 2 | 0 | 0 | 3 | 0 | 0 | 2.0 | 2.0 |" in counts_text(rows)

@@ -1,0 +1,622 @@
+"""Cells: an arm with healthy errors, one unknown cause or none, and the runs that were measured of it.
+
+Three set-ups: `pose` (a tracker measures a target at some hundred stops), `touch` (a pointer in two sockets, joints
+alone are read) and `circle` (the ball link: yaw twice each way, and the hemisphere).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from tests.worlds.unknown.arms import (
+    Arm,
+    Array,
+    Deviation,
+    UnreachableError,
+    elbow_arm,
+    forward,
+    gravity_torque,
+    inverse,
+    no_deviation,
+    point,
+    seven_axis_arm,
+    small_motion,
+    ur10e,
+)
+from tests.worlds.unknown.ball import (
+    SPEED_MM_S,
+    TOOL,
+    Circle,
+    Hemisphere,
+    Link,
+    Targets,
+    circle_motion,
+    circle_path,
+    gauge_readings,
+    hemisphere_targets,
+)
+from tests.worlds.unknown.causes import CAUSES, Cause, ToolSlip, log_uniform
+from tests.worlds.unknown.motion import Motion, stops
+
+ARMS = {"ur10e": ur10e, "elbow": elbow_arm, "seven": seven_axis_arm}
+POSES, REPEATED, TOUCHES, ELSEWHERE = 100, 12, 60, 60
+RATE_HZ = 25.0
+RUN_APART_S = 180.0
+BALL_MM = np.array([50.0, 20.0, 100.0])
+SOCKETS = {"A": np.array([-600.0, -250.0, 150.0]), "B": np.array([-600.0, 150.0, 150.0])}
+LEAST_NOISES, LEAST_OF_ITSELF, LEAST_OF_OTHERS, MOST_TRIES = 3.0, 0.15, 0.3, 40
+"""What constants and set-up leave of an unknown cause is at least three times the noise, 0.15 of the whole cause, and
+0.3 of the arm's other errors (a tenth of their energy): a cause that constants imitate better is their business."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of a cell: reading (mm: a tracker's coordinate or a gauge), wander of gauges (mm, over 0.5 s), scatter
+    of a stop (mm, each coordinate, of the tool), scatter of the joints from run to run (rad)."""
+
+    reading_mm: float
+    wander_mm: float
+    stop_mm: float
+    joint_rad: float
+
+
+@dataclass(frozen=True)
+class Known:
+    """Healthy errors that rig's library has: constants of the arm, play (axes,) rad and compliance (axes,) rad/Nm."""
+
+    a: Array
+    alpha: Array
+    d: Array
+    zero: Array
+    play: Array
+    compliance: Array
+    gear: tuple[int, int, float, float] = (0, 0, 0.0, 0.0)
+    """Of one gear: axis, order a turn of the joint, amplitude rad, phase rad."""
+
+    def arm(self, nominal: Arm) -> Arm:
+        """Return the arm with these constants."""
+        return replace(
+            nominal,
+            a=nominal.a + self.a,
+            alpha=nominal.alpha + self.alpha,
+            d=nominal.d + self.d,
+            zero=nominal.zero + self.zero,
+        )
+
+    def deviation(self, arm: Arm, motion: Motion) -> Deviation:
+        """Return what play, gears and compliance add along a motion."""
+        found = no_deviation(len(motion.t), arm.axes)
+        if self.compliance.any():
+            found.joint[:] += gravity_torque(arm, motion.q) * self.compliance
+        for k in np.flatnonzero(self.play):
+            found.joint[:, k] += _play(motion.q[:, k], self.play[k])
+        axis, order, amplitude, phase = self.gear
+        if axis:
+            found.joint[:, axis - 1] += amplitude * np.sin(order * motion.q[:, axis - 1] + phase)
+        return found
+
+    def names(self) -> dict[str, float]:
+        """Return the size of each error by rig's name of it, in degrees, mm and degrees per Nm."""
+        found: dict[str, float] = {}
+        for k in range(len(self.a)):
+            found[f"joint_offset {k + 1}"] = float(np.degrees(self.zero[k]))
+            found[f"link_geometry {k + 1}.d"] = float(self.d[k])
+            found[f"backlash {k + 1}"] = float(np.degrees(self.play[k]))
+            found[f"compliance {k + 1}"] = float(np.degrees(self.compliance[k]))
+            if k + 1 < len(self.a):  # rig counts a and alpha with the axis that they lead to
+                found[f"link_geometry {k + 2}.a"] = float(self.a[k])
+                found[f"link_geometry {k + 2}.alpha"] = float(np.degrees(self.alpha[k]))
+        if self.gear[0]:
+            found[f"transmission_error {self.gear[0]}"] = float(np.degrees(self.gear[2]))
+        return {name: size for name, size in found.items() if size}
+
+
+def _play(q: Array, width: float) -> Array:
+    """Return the link's deviation (n,) in a play: half the width behind the joint's motion."""
+    link = np.empty_like(q)
+    link[0] = q[0]
+    for i in range(1, len(q)):
+        link[i] = min(max(link[i - 1], q[i] - width / 2), q[i] + width / 2)
+    return link - q
+
+
+def draw_known(rng: np.random.Generator, axes: int, rich: bool) -> Known:
+    """Draw healthy errors: lengths 0.1 mm, angles and zeros 0.01 degrees; rich cells have plays and compliances."""
+    degrees = np.radians(1.0)
+    play, compliance = np.zeros(axes), np.zeros(axes)
+    if rich:
+        play[rng.integers(0, 3)] = rng.uniform(0.003, 0.010) * degrees
+        compliance[:] = 1 / np.exp(rng.uniform(np.log(4e4), np.log(2e5), axes))
+    return Known(
+        a=rng.normal(0, 0.1, axes),
+        alpha=rng.normal(0, 0.01, axes) * degrees,
+        d=rng.normal(0, 0.1, axes),
+        zero=rng.normal(0, 0.01, axes) * degrees,
+        play=play,
+        compliance=compliance,
+    )
+
+
+def no_known(axes: int) -> Known:
+    """Return an arm without any error."""
+    zero = np.zeros(axes)
+    return Known(zero, zero, zero, zero, zero, zero)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of a cell as an instrument writes it. columns: by header, in degrees, mm and s."""
+
+    name: str
+    test: str
+    motion: Motion
+    columns: dict[str, Any]
+    direction: str = ""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A drawn cell. test: `pose`, `touch` or `circle`; seed: of its noise; frame (4, 4): of the tracker.
+
+    cause_um: rms of the cause, foreign_um: of what it leaves once constants and set-up are fitted to it, healthy_um: of
+    the arm's other errors.
+    """
+
+    arm_name: str
+    test: str
+    known: Known
+    cause: Cause | None
+    noise: Noise
+    seed: int
+    link: Link
+    target: Array = field(default_factory=lambda: np.zeros(3))
+    frame: Array = field(default_factory=lambda: np.eye(4))
+    foreign_um: float = 0.0
+    cause_um: float = 0.0
+    healthy_um: float = 0.0
+    tests: tuple[str, ...] = ("yaw", "radial")
+
+    @property
+    def nominal(self) -> Arm:
+        return nominal_arm(self.arm_name, self.test)
+
+    @property
+    def arm(self) -> Arm:
+        """The arm with its true constants."""
+        return self.known.arm(self.nominal)
+
+    def sound(self) -> Cell:
+        """Return the same cell without the unknown cause."""
+        return replace(self, cause=None)
+
+    def deviation(self, motion: Motion) -> Deviation:
+        """Return all deviations along a motion, without scatter."""
+        found = self.known.deviation(self.nominal, motion)
+        if self.cause is not None:
+            found = found + self.cause.deviation(self.nominal, motion)
+        return found
+
+
+@cache
+def nominal_arm(name: str, test: str) -> Arm:
+    """Return the nominal arm of a cell; with the ball link it carries 2 kg."""
+    arm = ARMS[name]()
+    return replace(arm, payload_kg=2.0) if test == "circle" else arm
+
+
+# --- paths
+
+
+@cache
+def ball_paths() -> tuple[tuple[Array, Array], Targets]:
+    """Return the joints of the circle and of the hemisphere's targets, of the nominal UR10e."""
+    arm = nominal_arm("ur10e", "circle")
+    return circle_path(arm, Circle()), hemisphere_targets(arm, Hemisphere())
+
+
+def draw_postures(arm: Arm, count: int, rng: np.random.Generator) -> Array:
+    """Draw postures (count, axes) in the ranges of the arm."""
+    return rng.uniform(arm.low, arm.high, (count, arm.axes))
+
+
+def circle_motions(tests: Sequence[str]) -> list[tuple[str, str, str, Motion]]:
+    """Return name, test, direction and motion of each run with the ball link, in the order of time."""
+    path, targets = ball_paths()
+    found: list[tuple[str, str, str, Motion]] = []
+    for test in tests:
+        if test == "radial":
+            found.append(("radial", "radial", "", stops(targets.q, len(found) * RUN_APART_S)))
+            continue
+        for number in (1, 2):
+            for direction, sense in (("acw", 1), ("cw", -1)):
+                motion = circle_motion(path, sense, len(found) * RUN_APART_S, RATE_HZ)
+                found.append((f"{test}-{direction}-{number}", test, direction, motion))
+    return found
+
+
+def touch_postures(arm: Arm, places: Array, rng: np.random.Generator, tilt: float = 0.6) -> Array:
+    """Find postures (n, axes) that put the pointer's ball at places (n, 3), tilted by up to `tilt` rad at random."""
+    offset, found = np.eye(4), []
+    offset[:3, 3] = BALL_MM
+    for place in places:
+        for _ in range(200):
+            T = np.eye(4)
+            lean = rng.uniform(-tilt, tilt, 2)
+            turn = small_motion(np.array([[0, 0, 0, lean[0], lean[1], 0], [0, 0, 0, 0, 0, rng.uniform(-2.5, 2.5)]]))
+            T[:3, :3] = turn[0, :3, :3] @ np.diag([1.0, -1.0, -1.0]) @ turn[1, :3, :3]
+            T[:3, 3] = place
+            try:
+                q = inverse(arm, T[None], offset, rng.uniform(arm.low, arm.high)[None], 40)[0]
+            except (UnreachableError, np.linalg.LinAlgError):
+                continue
+            if (np.abs(q) < np.pi).all():
+                found.append(q)
+                break
+        else:
+            raise UnreachableError
+    return np.array(found)
+
+
+def motions(cell: Cell) -> list[tuple[str, str, str, Motion]]:
+    """Return name, test, direction and motion of each run of a cell."""
+    rng = np.random.default_rng([cell.seed, 1])
+    arm = cell.nominal
+    if cell.test == "circle":
+        return circle_motions(cell.tests)
+    if cell.test == "pose":
+        q = draw_postures(arm, POSES, rng)
+        again = rng.choice(POSES, REPEATED, replace=False)
+        return [("poses", "pose", "", stops(np.concatenate([q, q[again]])))]
+    places = np.array([SOCKETS["AB"[k % 2]] for k in range(TOUCHES)])
+    return [("touches", "touch", "", stops(touch_postures(arm, places, rng)))]
+
+
+# --- readings
+
+
+def runs(cell: Cell) -> list[Run]:
+    """Measure the cell: its runs with noise."""
+    rng = np.random.default_rng([cell.seed, 2])
+    found = []
+    for name, test, direction, motion in motions(cell):
+        scatter = rng.normal(0, cell.noise.joint_rad, cell.nominal.axes)
+        deviation = cell.deviation(motion).take(motion.rows)
+        deviation.joint[:] += scatter
+        measure = {"pose": _pose_columns, "touch": _touch_columns}.get(test, _gauge_columns)
+        columns = measure(cell, test, motion, deviation, rng)
+        if direction:
+            columns["direction"] = [direction] * len(motion.rows)
+        found.append(Run(name, test, motion, columns, direction))
+    return found
+
+
+def _joint_columns(q: Array) -> dict[str, Any]:
+    return {f"q{k + 1}_deg": np.round(np.degrees(q[:, k]), 5) for k in range(q.shape[1])}
+
+
+def _pose_columns(cell: Cell, _: str, motion: Motion, deviation: Deviation, rng: np.random.Generator) -> dict[str, Any]:
+    places = true_points(cell, motion.q_read, deviation)
+    places = places + rng.normal(0, np.hypot(cell.noise.reading_mm, cell.noise.stop_mm), places.shape)
+    return _joint_columns(motion.q_read) | {f"{axis}_mm": np.round(places[:, k], 4) for k, axis in enumerate("xyz")}
+
+
+def true_points(cell: Cell, q: Array, deviation: Deviation, target: Array | None = None) -> Array:
+    """Return where the tracker's target is (n, 3) mm, in the tracker's frame."""
+    flange = forward(cell.arm, q, deviation).flange
+    places = point(flange, (cell.target if target is None else target) + deviation.tool)
+    return places @ cell.frame[:3, :3].T + cell.frame[:3, 3]
+
+
+def _touch_columns(
+    cell: Cell, _: str, motion: Motion, deviation: Deviation, rng: np.random.Generator
+) -> dict[str, Any]:
+    """Guide the pointer into its sockets: what is read are the joints that reach them."""
+    sockets = np.array([SOCKETS["AB"[k % 2]] for k in range(len(motion.rows))])
+    sockets = sockets + rng.normal(0, np.hypot(cell.noise.reading_mm, cell.noise.stop_mm), sockets.shape)
+    q = motion.q_read.copy()
+    for _ in range(8):
+        chain = forward(cell.arm, q, deviation)
+        ball = point(chain.flange, BALL_MM + cell.target + deviation.tool)
+        jacobian = np.cross(chain.axis, ball[:, None] - chain.origin)
+        q = q + np.einsum("nki,ni->nk", jacobian, _least_norm(jacobian, sockets - ball))
+    return {"socket": ["AB"[k % 2] for k in range(len(q))]} | _joint_columns(q)
+
+
+def _least_norm(jacobian: Array, error: Array) -> Array:
+    normal = np.einsum("nki,nkj->nij", jacobian, jacobian)
+    return np.asarray(np.linalg.solve(normal, error[:, :, None])[:, :, 0])
+
+
+def _gauge_columns(
+    cell: Cell, test: str, motion: Motion, deviation: Deviation, rng: np.random.Generator
+) -> dict[str, Any]:
+    g = true_gauges(cell, test, motion, deviation)
+    t = motion.t_read - motion.t[0]
+    g = g + rng.normal(0, cell.noise.reading_mm, g.shape) + _wander(rng, t, cell.noise.wander_mm)[:, None]
+    if test == "radial":
+        g = g + rng.normal(0, cell.noise.stop_mm, g.shape)
+    columns: dict[str, Any] = {"t_s": np.round(t, 4)} | _joint_columns(motion.q_read)
+    columns |= {f"g{k + 1}_mm": np.round(g[:, k], 4) for k in range(g.shape[1])}
+    if test == "radial":
+        _, targets = ball_paths()
+        columns |= {
+            "target": targets.number.astype(int),
+            "polar_deg": np.round(np.degrees(targets.polar), 3),
+            "azimuth_deg": np.round(np.degrees(targets.azimuth), 3),
+            "orientation": targets.orientation.astype(int),
+        }
+    return columns
+
+
+def true_gauges(cell: Cell, test: str, motion: Motion, deviation: Deviation) -> Array:
+    """Return the readings (m, 1 or 2) of the gauges without noise."""
+    flange = forward(cell.arm, motion.q_read, deviation).flange
+    tool = flange @ TOOL
+    if cell.target.any() or deviation.tool.any():
+        tool[:, :3, 3] = point(flange, TOOL[:3, 3] + cell.target + deviation.tool)
+    place = Hemisphere() if test == "radial" else Circle()
+    link = replace(cell.link, ball=cell.link.ball + place.centre)
+    g = gauge_readings(tool, link, place.radius, test, Circle())
+    return g + deviation.gauge[:, : g.shape[1]]
+
+
+def _wander(rng: np.random.Generator, t: Array, size: float) -> Array:
+    """Return a slow common error (n,) of the gauges: an Ornstein-Uhlenbeck process of 0.5 s."""
+    kept = np.exp(-np.diff(t, prepend=t[0]) / 0.5)
+    found, now = np.empty(len(t)), size * rng.normal()
+    for i in range(len(t)):
+        now = kept[i] * now + size * np.sqrt(1 - kept[i] ** 2) * rng.normal()
+        found[i] = now
+    return found
+
+
+# --- how much of a cause is foreign
+
+
+def seen_without_noise(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
+    """Return every reading of a cell in one column (n,) mm: gauges, places of the target, or of the pointer's ball."""
+    found = []
+    for _, test, _, motion in planned:
+        deviation = cell.deviation(motion).take(motion.rows)
+        if cell.test == "circle":
+            found.append(true_gauges(cell, test, motion, deviation).ravel())
+        elif cell.test == "pose":
+            found.append(true_points(cell, motion.q_read, deviation).ravel())
+        else:
+            target = BALL_MM + cell.target
+            found.append(true_points(cell, motion.q_read, deviation, target).ravel())
+    return np.concatenate(found)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What constants and set-up of a cell can imitate: an orthonormal basis (n, p) of their readings."""
+
+    cell: Cell
+    planned: Sequence[tuple[str, str, str, Motion]]
+    without: Array
+    basis: Array
+    healthy_um: float
+    """Rms of the arm's other errors beside the set-up."""
+
+    def with_cause(self, cause: Cause) -> Cell:
+        """Return the cell with a cause, with the rms of it and of what constants and set-up leave of it."""
+        cell = replace(self.cell, cause=cause)
+        change = seen_without_noise(cell, self.planned) - self.without
+        rest = change - self.basis @ (self.basis.T @ change)
+        sizes = [1e3 * float(np.sqrt(np.mean(part**2))) for part in (change - change.mean(), rest)]
+        return replace(cell, cause_um=sizes[0], foreign_um=sizes[1], healthy_um=self.healthy_um)
+
+
+def sight_of(cell: Cell) -> Sight:
+    """Return what constants and set-up of a sound cell can imitate."""
+    planned = motions(cell)
+    without = seen_without_noise(cell, planned)
+    perfect = seen_without_noise(replace(cell, known=no_known(cell.nominal.axes)), planned)
+    by_setup = _by_setup(cell, planned)
+    own = _orthonormal(by_setup)
+    healthy = without - perfect - own @ (own.T @ (without - perfect))
+    basis = _orthonormal(np.concatenate([_by_constants(cell, planned), by_setup], axis=1))
+    return Sight(cell, planned, without, basis, 1e3 * float(np.sqrt(np.mean(healthy**2))))
+
+
+def size_beside_setup_um(cell: Cell, sound: Cell) -> float:
+    """Return the rms (µm) of what a cell reads differently from a sound one, beside what the set-up absorbs."""
+    planned = motions(sound)
+    change = seen_without_noise(cell, planned) - seen_without_noise(sound, planned)
+    basis = _orthonormal(_by_setup(sound, planned))
+    return 1e3 * float(np.sqrt(np.mean((change - basis @ (basis.T @ change)) ** 2)))
+
+
+def _orthonormal(A: Array) -> Array:
+    U, sizes, _ = np.linalg.svd(A, full_matrices=False)
+    return U[:, sizes > 1e-9 * sizes[0]]
+
+
+def _by_constants(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
+    """Return the derivatives (n, p) of all readings by the arm's constants."""
+    changed = []
+    for name, step in (("a", 0.01), ("alpha", 1e-5), ("d", 0.01), ("zero", 1e-5)):
+        for k in range(cell.nominal.axes):
+            constants = getattr(cell.known, name).copy()
+            constants[k] += step
+            changed.append(replace(cell, known=replace(cell.known, **{name: constants})))
+    return _derivatives(cell, changed, planned)
+
+
+def _by_setup(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
+    """Return the derivatives (n, p) of all readings by what is found of the set-up."""
+    changed = []
+    for k in range(3):
+        step, twist = 0.01 * np.eye(3)[k], np.zeros((2, 6))
+        twist[0, k], twist[1, 3 + k] = 0.01, 1e-5
+        changed += [replace(cell, frame=T @ cell.frame) for T in small_motion(twist)]
+        if cell.test != "circle":
+            changed.append(replace(cell, target=cell.target + step))
+    return np.concatenate([_derivatives(cell, changed, planned), _by_run(cell, planned)], axis=1)
+
+
+def _derivatives(cell: Cell, changed: Sequence[Cell], planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
+    """Return the change of all readings (n, p) by each of some small changes, of length 1; none of what changes
+    nothing."""
+    begin = seen_without_noise(cell, planned)
+    found = np.stack([seen_without_noise(one, planned) - begin for one in changed], axis=1)
+    sizes = np.linalg.norm(found, axis=0)
+    return np.asarray(found[:, sizes > 1e-7] / sizes[sizes > 1e-7])
+
+
+def _by_run(cell: Cell, planned: Sequence[tuple[str, str, str, Motion]]) -> Array:
+    """Return what each socket, or each test's own set-up of the ball link, may shift (n, p)."""
+    if cell.test == "touch":
+        socket = np.arange(TOUCHES) % 2
+        return np.concatenate([np.kron((socket == k)[:, None], np.eye(3)) for k in (0, 1)], axis=1)
+    if cell.test == "pose":
+        return np.zeros((3 * len(planned[0][3].rows), 0))
+    columns: list[Array] = []
+    for chosen in dict.fromkeys(test for _, test, _, _ in planned):
+        for gauge in (0, 1):
+            parts = []
+            for _, test, _, motion in planned:
+                part = np.zeros((len(motion.rows), 1 if test == "radial" else 2))
+                if test == chosen and gauge < part.shape[1]:
+                    part[:, gauge] = 1.0
+                parts.append(part.ravel())
+            columns.append(np.concatenate(parts))
+        for k in range(3):
+            moved = replace(cell, link=replace(cell.link, ball=cell.link.ball + 0.01 * np.eye(3)[k]))
+            change = seen_without_noise(moved, planned) - seen_without_noise(cell, planned)
+            own = np.concatenate(
+                [
+                    np.full(len(motion.rows) * (1 if test == "radial" else 2), float(test == chosen))
+                    for _, test, _, motion in planned
+                ]
+            )
+            columns.append(change * own / max(float(np.linalg.norm(change * own)), 1e-9))
+    return np.stack(columns, axis=1)
+
+
+# --- drawing
+
+
+def draw_noise(rng: np.random.Generator, test: str) -> Noise:
+    """Draw the noise of a set-up: tracker 10 to 25 µm (Leica AT960: 15 µm + 6 µm/m), gauges 0.5 to 2 µm, stops of a
+    light arm 10 to 25 µm (a third to a half of 50 µm repeatability), sockets 5 to 15 µm."""
+    reading = {"pose": (0.010, 0.025), "touch": (0.005, 0.015), "circle": (0.0005, 0.002)}[test]
+    return Noise(
+        reading_mm=log_uniform(rng, *reading),
+        wander_mm=log_uniform(rng, 0.0005, 0.002),
+        stop_mm=log_uniform(rng, 0.008, 0.020),
+        joint_rad=np.radians(log_uniform(rng, 0.0003, 0.001)),
+    )
+
+
+def places_of(kind: type[Cause]) -> list[tuple[str, str]]:
+    """Return the arms and set-ups in which a cause can be seen."""
+    every = [("ur10e", "pose"), ("elbow", "pose"), ("seven", "pose"), ("ur10e", "touch"), ("ur10e", "circle")]
+    return [place for place in every if place[1] in kind.tests]
+
+
+def draw_cell(seed: int, kinds: Sequence[type[Cause]] = CAUSES) -> Cell:
+    """Draw the cell of a seed: kinds take turns, places of a kind as well. The cause can be seen in its runs."""
+    rng = np.random.default_rng([seed, 0])
+    kind = kinds[seed % len(kinds)]
+    places = places_of(kind)
+    first = seed // len(kinds) % len(places)
+    for arm_name, test in places[first:] + places[:first]:
+        found = _with_cause(_draw_sound(seed, arm_name, test, rng), kind, rng)
+        if found is not None:
+            return found
+    raise UnreachableError(f"{kind.kind}: no draw can be seen")
+
+
+def _draw_sound(seed: int, arm_name: str, test: str, rng: np.random.Generator) -> Cell:
+    """Draw a cell without an unknown cause."""
+    axes = nominal_arm(arm_name, test).axes
+    turn, way = rng.normal(size=3), rng.uniform(-1, 1, 3)
+    frame = small_motion(np.concatenate([2000 * way, turn])[None])[0]
+    # A tracker's target and a pointer's ball are found from the readings; the ball link's tool is as the rig file says.
+    target = {
+        "pose": rng.uniform(-60, 60, 3) + np.array([0.0, 0.0, 80.0]),
+        "touch": rng.normal(0, 0.3, 3),
+        "circle": np.zeros(3),
+    }[test]
+    return Cell(
+        arm_name=arm_name,
+        test=test,
+        known=draw_known(rng, axes, rich=bool(rng.random() < 0.5)),
+        cause=None,
+        noise=draw_noise(rng, test),
+        seed=seed,
+        link=Link(ball=rng.normal(0, 0.4, 3), zeros=rng.normal(0, 0.02, 2)),
+        target=target,
+        frame=frame if test == "pose" else np.eye(4),
+    )
+
+
+def noise_um(cell: Cell) -> float:
+    """Return the noise of one reading, µm."""
+    gauges = np.hypot(cell.noise.reading_mm, cell.noise.wander_mm)
+    stops_mm = np.hypot(cell.noise.reading_mm, cell.noise.stop_mm)
+    return 1e3 * float(gauges if cell.test == "circle" else stops_mm)
+
+
+def _with_cause(cell: Cell, kind: type[Cause], rng: np.random.Generator) -> Cell | None:
+    """Draw the cause until it can be seen; None if no draw can."""
+    sight = sight_of(cell)
+    for _ in range(MOST_TRIES):
+        cause = kind.draw(rng, cell.nominal)
+        if isinstance(cause, ToolSlip):
+            cause = replace(cause, span_s=float(sight.planned[-1][3].t[-1]))
+        found = sight.with_cause(cause)
+        if found.foreign_um >= max(
+            LEAST_NOISES * noise_um(cell), LEAST_OF_ITSELF * found.cause_um, LEAST_OF_OTHERS * sight.healthy_um
+        ):
+            return found
+    return None
+
+
+# --- a place that had no part
+
+
+def elsewhere(cell: Cell) -> Motion:
+    """Return poses that no run visited: near the work with the ball or the sockets, all over the ranges otherwise.
+
+    They are visited after all runs, so that what depends on time has its latest state.
+    """
+    rng = np.random.default_rng([cell.seed, 3])
+    arm, begin_s = cell.nominal, float(motions(cell)[-1][3].t[-1]) + RUN_APART_S
+    if cell.test == "pose":
+        return stops(draw_postures(arm, ELSEWHERE, rng), begin_s)
+    centre = Circle().centre if cell.test == "circle" else (SOCKETS["A"] + SOCKETS["B"]) / 2
+    places = centre + rng.uniform(-150.0, 150.0, (ELSEWHERE, 3))
+    if cell.test == "touch":
+        return stops(touch_postures(arm, places, rng), begin_s)
+    (path, _), _ = ball_paths()
+    q = []
+    for place in places:
+        start = path[rng.integers(len(path))]
+        T = forward(arm, start[None]).flange @ TOOL
+        T = T @ small_motion(np.concatenate([np.zeros(3), rng.uniform(-0.35, 0.35, 3)])[None])
+        T[0, :3, 3] = place
+        q.append(inverse(arm, T, TOOL, start[None])[0])
+    return stops(np.array(q), begin_s)
+
+
+def points_elsewhere(cell: Cell, motion: Motion) -> Array:
+    """Return where the tool's point truly is (n, 3) mm at the stops, in the base's frame."""
+    deviation = cell.deviation(motion).take(motion.rows)
+    return point(forward(cell.arm, motion.q_read, deviation).flange, tool_point(cell) + deviation.tool)
+
+
+def tool_point(cell: Cell) -> Array:
+    """Return the tool's point (3,) in the flange frame."""
+    start = {"pose": np.zeros(3), "touch": BALL_MM, "circle": TOOL[:3, 3]}[cell.test]
+    return np.asarray(start + cell.target)
+
+
+LAP_S = 2 * np.pi * Circle().radius / SPEED_MM_S

@@ -1,0 +1,196 @@
+"""The world of unknown causes: its arms against textbooks, its causes against physics, and rig's reading of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.worlds.unknown.arms import Arm, Array, elbow_arm, forward, gravity_torque, point, seven_axis_arm, ur10e
+from tests.worlds.unknown.causes import ARCMIN, CAUSES, CubicTorsion, TorsionHysteresis
+from tests.worlds.unknown.cells import (
+    LEAST_NOISES,
+    Cell,
+    Noise,
+    draw_cell,
+    motions,
+    no_known,
+    noise_um,
+    runs,
+    seen_without_noise,
+    sight_of,
+)
+from tests.worlds.unknown.files import write_cell
+from tests.worlds.unknown.motion import stops
+from tests.worlds.unknown.single import draw_single
+
+QUIET = Noise(1e-9, 1e-9, 1e-9, 1e-12)
+
+
+def postures(arm: Arm, count: int = 20) -> Array:
+    return np.random.default_rng(3).uniform(arm.low, arm.high, (count, arm.axes))
+
+
+def by_screws(axes: list[tuple[Array, Array]], end: Array, q: Array) -> Array:
+    """Positions (n, 3) of the flange by a product of exponentials, the axes (point, direction) as they lie at zero."""
+    found = []
+    for angles in q:
+        p = end
+        for (at, way), angle in reversed(list(zip(axes, angles, strict=True))):
+            p = Rotation.from_rotvec(angle * way).apply(p - at) + at
+        found.append(p)
+    return np.array(found)
+
+
+def screws(rows: list[tuple[tuple[float, float, float], tuple[float, float, float]]]) -> list[tuple[Array, Array]]:
+    return [(np.array(at, dtype=float), np.array(way, dtype=float)) for at, way in rows]
+
+
+UR10E = screws([
+    ((0, 0, 0), (0, 0, 1)),
+    ((0, 0, 180.7), (0, -1, 0)),
+    ((-612.7, 0, 180.7), (0, -1, 0)),
+    ((-1184.25, 0, 180.7), (0, -1, 0)),
+    ((-1184.25, -174.15, 0), (0, 0, -1)),
+    ((-1184.25, 0, 60.85), (0, -1, 0)),
+])  # fmt: skip
+SEVEN = screws([
+    ((0, 0, 0), (0, 0, 1)),
+    ((0, 0, 360), (0, 1, 0)),
+    ((0, 0, 0), (0, 0, 1)),
+    ((0, 0, 780), (0, -1, 0)),
+    ((0, 0, 0), (0, 0, 1)),
+    ((0, 0, 1180), (0, 1, 0)),
+    ((0, 0, 0), (0, 0, 1)),
+])  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arm", "axes", "end"),
+    [(ur10e(), UR10E, (-1184.25, -290.7, 60.85)), (seven_axis_arm(), SEVEN, (0.0, 0.0, 1306.0))],
+    ids=["UR10e", "seven axes"],
+)
+def test_arms_agree_with_their_drawings(arm: Arm, axes: list[tuple[Array, Array]], end: tuple[float, ...]) -> None:
+    q = postures(arm)
+    np.testing.assert_allclose(forward(arm, q).flange[:, :3, 3], by_screws(axes, np.array(end), q), atol=1e-8)
+
+
+def test_the_elbow_arm_agrees_with_the_closed_form_of_ortho_parallel_arms() -> None:
+    """Brandstötter, Angerer and Hofbaur, An analytical solution of the inverse kinematics problem of industrial serial
+    manipulators with an ortho-parallel basis and a spherical wrist (2014): forward equations of the wrist centre."""
+    arm = elbow_arm()
+    q = postures(arm)
+    a1, a2, c1, c2, c3, c4 = 25.0, -35.0, 400.0, 560.0, 515.0, 80.0
+    t1, t2, t3 = q[:, 0], q[:, 1] + np.pi / 2, q[:, 2] + np.pi / 2
+    psi, k = np.arctan2(a2, c3), np.hypot(a2, c3)
+    out = c2 * np.sin(t2) + k * np.sin(t2 + t3 + psi) + a1
+    centre = np.stack([out * np.cos(t1), out * np.sin(t1), c1 + c2 * np.cos(t2) + k * np.cos(t2 + t3 + psi)], axis=1)
+    flange = forward(arm, q).flange
+    np.testing.assert_allclose(flange[:, :3, 3] - c4 * flange[:, :3, 2], centre, atol=1e-8)
+
+
+@pytest.mark.parametrize("make", [ur10e, elbow_arm, seven_axis_arm])
+def test_gravity_torque_is_the_slope_of_the_potential(make: object) -> None:
+    arm = replace(make(), payload_kg=3.0)  # type: ignore[operator]
+    q, step = postures(arm, 5), 1e-5
+
+    def potential(at: Array) -> Array:
+        chain = forward(arm, at)
+        heights = np.stack([point(chain.link[:, k], arm.centre[k])[:, 2] for k in range(arm.axes)], axis=1)
+        return 9.80665e-3 * (heights @ arm.mass + arm.payload_kg * chain.flange[:, 2, 3])
+
+    for k in range(arm.axes):
+        more = step * np.eye(arm.axes)[k]
+        slope = (potential(q + more) - potential(q - more)) / (2 * step)
+        np.testing.assert_allclose(gravity_torque(arm, q)[:, k], -slope, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(len(CAUSES)), ids=[kind.kind for kind in CAUSES])
+def test_each_cause_can_be_seen_and_vanishes_at_size_0(seed: int) -> None:
+    cell = draw_cell(seed)
+    assert cell.cause is not None
+    assert cell.cause.kind == CAUSES[seed].kind
+    planned = motions(cell)
+    sound = seen_without_noise(cell.sound(), planned)
+    seen = seen_without_noise(cell, planned) - sound
+    basis = sight_of(cell.sound()).basis
+    rest = seen - basis @ np.linalg.lstsq(basis, seen)[0]
+    assert 1e3 * np.sqrt(np.mean(rest**2)) >= LEAST_NOISES * noise_um(cell)
+    gone = replace(cell, cause=cell.cause.resized(0.0))
+    np.testing.assert_allclose(seen_without_noise(gone, planned), sound, atol=1e-9)
+
+
+def test_cubic_torsion_shares_the_torque_as_stated() -> None:
+    gear = CubicTorsion(axis=2, k1_nm_rad=20e3, half_nm=30.0)
+    torque = np.array([-90.0, 0.0, 1e-3, 30.0, 90.0])
+    angle = gear.angle(torque)
+    linear = gear.k1_nm_rad * angle
+    assert linear[3] == pytest.approx(15.0)  # the cubic term carries the other half
+    assert linear[2] == pytest.approx(1e-3, rel=1e-6)
+    k3 = 15.0 / angle[3] ** 3
+    np.testing.assert_allclose(linear + k3 * angle**3, torque, atol=1e-6)
+
+
+def test_hysteresis_closes_a_loop_no_wider_than_its_loss() -> None:
+    gear = TorsionHysteresis(
+        axis=2, half_loss_rad=ARCMIN, yield_nm=10.0, friction_nm=0.0, stiffness_nm_rad=10.0 / ARCMIN / 1.5
+    )
+    torque = 60.0 * np.sin(np.linspace(0, 6 * np.pi, 1201))
+    angle = gear.angle(torque)
+    falling, rising = angle[600], angle[800]  # both at torque 0
+    assert 1.8 * ARCMIN < falling - rising <= 2 * ARCMIN
+    np.testing.assert_allclose(angle[401:800], angle[801:1200], atol=0.01 * ARCMIN)  # the loop repeats
+    assert np.sum(torque[800:1200] * np.diff(angle[800:1201])) > 0  # it takes energy and gives none
+    assert np.all(np.diff(angle[500:700]) * np.diff(torque[500:700]) > 0)  # more torque never turns the link back
+
+
+def test_a_memory_remembers_and_a_posture_does_not() -> None:
+    """The same posture twice: hysteresis differs by the way there, a wandering axis does not."""
+    arm = ur10e()
+    here, low, high = (np.radians([0, angle, 80, -80, -80, 0]) for angle in (-70.0, -130.0, -20.0))
+    motion = stops(np.array([here, low, here, high, here]))
+    for kind, differs in ((TorsionHysteresis, True), (CAUSES[2], False)):
+        cause = kind.draw(np.random.default_rng(1), arm)
+        cause = replace(cause, axis=2)
+        deviation = cause.deviation(arm, motion).take(motion.rows[[2, 4]])
+        change = np.abs(np.diff(np.concatenate([deviation.joint, deviation.before[:, 1]], axis=1), axis=0)).max()
+        assert (change > 1e-5) == differs
+
+
+@pytest.fixture(params=["circle", "touch"])
+def perfect(request: pytest.FixtureRequest) -> Cell:
+    cell = draw_cell(0).sound()
+    return replace(cell, test=request.param, known=no_known(6), noise=QUIET, target=np.zeros(3), frame=np.eye(4))
+
+
+def test_rig_reads_a_perfect_cell_without_a_residual(perfect: Cell, tmp_path: Path) -> None:
+    """The one test that sees both: same frames, signs and units. Tables are rounded to 0.1 µm."""
+    from analysis import compare, read_table  # noqa: PLC0415
+
+    for path, test, direction in write_cell(perfect, tmp_path):
+        found = compare([read_table(path, tmp_path / "cell.yaml", test, direction or None)])  # type: ignore[arg-type]
+        for run in found.runs:
+            assert np.abs(run.residuals_mm).max() < 5e-4
+        for pose in found.poses:
+            assert pose.largest_um < 0.5
+        assert found.runs or found.poses
+
+
+def test_a_seed_draws_the_same_runs_again() -> None:
+    first, second = (runs(draw_cell(3))[0].columns for _ in range(2))
+    assert all(np.array_equal(first[key], second[key]) for key in first)
+
+
+def test_single_effects_are_worth_something_and_half_are_gears() -> None:
+    cells = [draw_single(seed) for seed in range(10)]
+    assert sum(one.name == "transmission_error 6" for one in cells) == 5
+    assert {one.name.split()[0] for one in cells[1::2]} == {
+        "gauge_scale",
+        "gauge_baseline",
+        "wrist_coupling",
+        "ball_form",
+    }
+    assert all(one.worth_um > 0.1 for one in cells)
