@@ -9,6 +9,7 @@ these functions and nothing else.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from analysis.correction.calibrated_arm import ArmAngles as ArmAngles
@@ -287,11 +288,14 @@ def _diagnosed(
     given: Sequence[Effect] | None,
 ) -> Diagnosis:
     from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
+    from analysis.movement.between import without_moved  # noqa: PLC0415
     from analysis.runs.loading import refuse_copies  # noqa: PLC0415
 
     model = _model(rig, runs)
     refuse_copies((run.path, run.run.readings_sha256) for run in (*runs, *hold_out, *unseen))
-    return diagnose_with(model, runs, hold_out, unseen, progress or _silent, tolerance_um, given)
+    sound, movements, doubts = without_moved(model, runs)
+    diagnosis = diagnose_with(model, sound, hold_out, unseen, progress or _silent, tolerance_um, given)
+    return replace(diagnosis, movements=tuple(movements), doubts=(*doubts, *diagnosis.doubts))
 
 
 def _silent(doing: str) -> None:

@@ -58,6 +58,7 @@ JOBS = {
         "pictures.",
         "diagnose": "Find where simulation and measurement differ, name the missing effects, and verify that they "
         "close the gap.",
+        "moved": "Report what moved since a reference: base, socket, tool, a joint's zero, nothing, or something else.",
         "compare": "Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by "
         "side.",
         "simulate": "Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to "

@@ -124,7 +124,8 @@ class AnswerWords:
         condition = self._condition()
         parts = (condition, sentence) if diagnosis.condition == "outside_library" else (sentence, condition)
         commanded = self.texts("says_only_commanded") if diagnosis.only_commanded else ""
-        return " ".join(filter(None, (*parts, commanded)))
+        moved = [movement.words for movement in diagnosis.movements]
+        return " ".join(filter(None, (*moved, *parts, commanded)))
 
     @property
     def accuracy(self) -> str:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import pyarrow as pa
 
+from analysis.diagnosis.evidence.movements import Movement
 from analysis.diagnosis.judge.acts import Act, Doubt, JudgedOn
 from analysis.diagnosis.judge.residuals import Curve, Map, Place, ResidualBand
 from analysis.diagnosis.judge.staircase import Staircase
@@ -467,6 +468,8 @@ class Diagnosis(Tabular):
     """What no name explains, and what it follows if it is much."""
     acts: tuple[Act, ...] = ()
     """What follows from it, the first act first; every output prints from here."""
+    movements: tuple[Movement, ...] = ()
+    """What moved between the runs or between rows of one."""
 
     @property
     def is_testable(self) -> bool:
@@ -533,6 +536,7 @@ class Diagnosis(Tabular):
                 "accuracy": accuracy,
                 "budget": [part.to_dict() for part in self.budget],
                 "acts": [act.to_dict() for act in self.acts],
+                "movements": [movement.to_dict() for movement in self.movements],
                 "runs_to_decide": self.runs_to_decide,
                 "rig": self.rig.name,
                 "runs": self.runs,

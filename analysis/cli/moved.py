@@ -1,0 +1,92 @@
+"""`rig moved REFERENCE… NEW`: what moved between a reference and new readings, and what to touch next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from analysis.cli import completion
+from analysis.cli.commands import Command, app, command
+from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson, ModelRig, RobotRunsBelow, location
+from rigs.errors import UseError
+
+if TYPE_CHECKING:
+    from analysis.movement.result import Moved
+
+_NEW = "--new"
+
+
+class _ManyNew(Command):
+    """A command whose option --new takes all the runs that follow it, as a shell's wildcard gives them."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        words, is_new = [], False
+        for argument in args:
+            if argument.startswith("-"):
+                is_new = argument == _NEW
+                words += [] if is_new else [argument]
+            else:
+                words += [_NEW, argument] if is_new else [argument]
+        return super().parse_args(ctx, [*words, _NEW] if args and args[-1] == _NEW else words)
+
+
+@command(app, "rig moved runs/before-* --new runs/after-*", cls=_ManyNew)
+def moved(
+    runs: RobotRunsBelow,
+    new: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="RUN…",
+            parser=location,
+            autocompletion=completion.runs,
+            help="Runs after a possible movement; default: the last run of RUN…, and none with --plan.",
+        ),
+    ] = None,
+    rig_file: ModelRig = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Choose the next touch: the one that separates the remaining causes best.")
+    ] = False,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE.html", help="Page to write; default: none.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Report what moved since a reference: base, socket, tool, a joint's zero, nothing, or something else.
+
+    RUN… are reference runs of touches, poses or circles. A few new
+    readings of the same sockets or targets are enough."""
+    from analysis.report.html_page import hold_page
+    from analysis.report.movement_report import as_screen, write_page
+    from analysis.report.plain_console import PlainConsole
+
+    if output:
+        hold_page(output)
+    found, title = _found(runs, new or [], rig_file, plan=plan)
+    if as_json:
+        say_json(found.to_dict())
+    else:
+        PlainConsole().print(as_screen(found))
+    if output:
+        write_page(found, output, title)
+        say(f"wrote {output}", err=True)
+
+
+def _found(runs: list[Path], new: list[Path], rig_file: str | None, *, plan: bool) -> tuple[Moved, str]:
+    """Return what moved, and the name of the rig."""
+    from analysis.cli.console import progress_of
+    from analysis.cli.several import distinct, end_with, load_runs, runs_below, worst
+    from analysis.movement.runs import what_moved_in
+    from rigs.load import load
+
+    if not new and not plan:
+        if len(runs) < 2:
+            raise UseError("rig moved", "needs a reference and a new run", "give RUN… --new RUN…, or --plan")
+        runs, new = runs[:-1], runs[-1:]
+    (reference, errors), (after, others) = (load_runs(distinct(runs_below(paths))) for paths in (runs, new))
+    end_with(worst([*errors, *others]))
+    rig = load(rig_file)[0] if rig_file else reference[0].rig
+    with progress_of("comparing the readings"):
+        return what_moved_in(rig, reference, after, plan=plan), rig.name

@@ -1,0 +1,36 @@
+"""A movement between runs, or between rows of one, as a diagnosis reports it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Movement:
+    """What moved before the first reading of `to`: a run, or a run and row. `translation_mm` and `rotation_deg` are in
+    the axes of the base, those of a tool in the axes of the flange; a zero of `axis` has `size_deg` alone. `u_mm` is
+    the standard uncertainty of the length of the shift, `u_deg` that of a zero."""
+
+    from_: str
+    to: str
+    what: Literal["base", "instrument", "socket", "target", "tool", "zero"]
+    odds: float
+    words: str
+    axis: int | None = None
+    name: str = ""
+    translation_mm: Vector | None = None
+    rotation_deg: Vector | None = None
+    size_deg: float | None = None
+    u_mm: float | None = None
+    u_deg: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the movement as JSON has it."""
+        return {
+            "from": self.from_, "to": self.to, "what": self.what, "axis": self.axis, "name": self.name or None,
+            "translation_mm": self.translation_mm, "rotation_deg": self.rotation_deg, "size_deg": self.size_deg,
+            "u_mm": self.u_mm, "u_deg": self.u_deg, "odds": self.odds,
+        }  # fmt: skip

@@ -1,0 +1,96 @@
+"""Movements among the runs of a diagnosis, in words, and the runs without what they spoil."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from analysis.diagnosis.evidence.movements import Movement
+from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.movement.changes import Step, find_step
+from analysis.movement.result import CauseOdds
+from analysis.movement.runs import observed
+from analysis.movement.words import name_of, size_of
+from analysis.robot.kinematics.arm import Mask
+from analysis.runs.loading import Measured
+from rigs.rig import Rig
+
+_FRAMES = ("base", "instrument", "socket", "target")
+"""What moves a set-up and not the arm: between two runs each then has a set-up of its own."""
+
+
+def without_moved(rig: Rig, runs: Sequence[Measured]) -> tuple[list[Measured], list[Movement], list[str]]:
+    """Return runs of places without the rows that a movement spoils, the movements, and a message for each run that was
+    shortened or left out."""
+    kept, movements, doubts = list(runs), list[Movement](), list[str]()
+    groups: dict[tuple[str, str], list[int]] = {}
+    for k, run in enumerate(runs):
+        if run.table.kind.of_places:
+            groups.setdefault((run.table.test, run.run.manifest.placement), []).append(k)
+    dropped: set[int] = set()
+    for numbers in groups.values():
+        movement, masks = _of_group(rig, [runs[k] for k in numbers])
+        if movement is None:
+            continue
+        movements.append(movement)
+        for k, mask in zip(numbers, masks, strict=True):
+            if not mask.all():
+                name = runs[k].run.manifest.name
+                rows = f"{np.count_nonzero(~mask)} of {len(mask)} rows of {name} are left out"
+                doubts.append(f"{rows}: they lie on the other side of the movement")
+                kept[k] = replace(runs[k], table=_shortened(runs[k].table, mask))
+                dropped |= {k} if not mask.any() else set()
+    return [run for k, run in enumerate(kept) if k not in dropped], movements, doubts
+
+
+def _of_group(rig: Rig, runs: Sequence[Measured]) -> tuple[Movement | None, list[Mask]]:
+    """Return the movement among runs of one placement, and which rows of each run a diagnosis may use."""
+    whole = [np.ones(len(run.table.q), dtype=bool) for run in runs]
+    parts = [(k, piece) for k, run in enumerate(runs) for piece in observed(rig, [run])]
+    begins = np.cumsum([0, *(len(run.table.q) for run in runs)])
+    order = np.concatenate([begins[k] + piece.rows for k, piece in parts])
+    step = find_step([piece for _, piece in parts], order)
+    if step is None:
+        return None, whole
+    where = int(np.searchsorted(begins, step.first, side="right")) - 1
+    row = step.first - int(begins[where])
+    movement = _movement(runs, where, row, step, parts[0][1])
+    if row == 0 and step.found.what in _FRAMES:
+        return movement, whole
+    masks = [np.arange(len(mask)) + begins[k] < step.first for k, mask in enumerate(whole)]
+    before = sum(int(mask.sum()) for mask in masks)
+    if 2 * before < begins[-1]:
+        masks = [~mask for mask in masks]
+    return movement, masks
+
+
+def _movement(runs: Sequence[Measured], where: int, row: int, step: Step, piece: ObservedRun) -> Movement:
+    found, names = step.found, [run.run.manifest.name for run in runs]
+    if row == 0:
+        from_, to = names[where - 1], names[where]
+        place = f"between {from_} and {to}"
+    else:
+        from_, to = (f"{names[where]} row {number}" for number in runs[where].table.rows[row - 1 : row + 1])
+        place = f"from row {runs[where].table.rows[row]} of {names[where]} on"
+    name = name_of(found.cause, of_tracker=piece.table.kind.of_tracker)
+    ratio = found.posterior / max(1 - found.posterior, 1e-12)
+    words = f"{name[:1].upper()}{name[1:]} moved by {size_of(found)}, {place}."
+    assert found.what in ("base", "instrument", "socket", "target", "tool", "zero")  # noqa: S101 - by find_step
+    return Movement(
+        from_, to, found.what, min(ratio, 1e12), words, found.cause.axis, found.name, found.translation_mm,
+        found.rotation_deg, found.size_deg, *_uncertainties(found),
+    )  # fmt: skip
+
+
+def _uncertainties(found: CauseOdds) -> tuple[float | None, float | None]:
+    """Return u in mm of a shift, or in degrees of a zero."""
+    return (None, found.u) if found.what == "zero" else (found.u, None)
+
+
+def _shortened(table: Any, keep: Mask) -> Any:
+    """Return a table with the rows of a mask (n,), which keep their numbers in the file."""
+    columns = {name: value[keep] for name, value in vars(table).items() if isinstance(value, np.ndarray)}
+    return replace(table, **columns | {"row": table.rows[keep]})

@@ -1,0 +1,65 @@
+"""Causes of a change between two sets of readings, with their prior odds and prior sizes.
+
+The prior odds are chosen: no field statistics are published. Four readings in sockets weigh millions to one, so that
+the odds matter only for causes that the readings hardly show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from analysis.robot.kinematics.arm import Array
+
+What = Literal["nothing", "base", "instrument", "socket", "target", "tool", "zero", "pair", "other"]
+
+PRIOR: dict[What, float] = {
+    "nothing": 0.85, "base": 0.03, "instrument": 0.005, "socket": 0.02, "target": 0.005, "tool": 0.03, "zero": 0.05,
+    "pair": 0.001, "other": 0.01,
+}  # fmt: skip
+"""Prior probability of each kind of cause, shared by its members. Chosen: most checks find nothing."""
+LEVELS = np.array([0.3, 1.0, 3.0, 10.0])
+"""Multiples of the typical size whose mixture, in equal parts, is the prior of a size. Chosen: steps of about three
+cover 0.1 to 20 mm, and no size in between is less likely than by a factor of two."""
+SHIFT_MM = 0.7
+"""Typical size of a shift along one axis. Chosen: a crash or a changed tool moves frames by some tenths of a
+millimetre to some millimetres, and what is much larger is seen without an instrument."""
+TURN_RAD = SHIFT_MM / 500
+"""Typical rotation of a base: the shift at half a metre, about the width of a pedestal or a plate."""
+ZERO_RAD = float(np.radians(0.1))
+"""Typical error of a joint's zero after a crash: belts and clutches slip by some hundredths to tenths of a degree."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One thing that may have moved. `name` is that of a socket, target or instrument, `axis` that of a zero (from 1),
+    and `members` are the two causes of a pair."""
+
+    what: What
+    axis: int | None = None
+    name: str = ""
+    members: tuple[Cause, ...] = ()
+
+    @property
+    def scale(self) -> Array:
+        """Typical sizes (m,) of its parameters: mm for shifts, rad for rotations and zeros."""
+        if self.what in ("base", "instrument"):
+            return np.array([SHIFT_MM] * 3 + [TURN_RAD] * 3)
+        if self.what == "zero":
+            return np.array([ZERO_RAD])
+        if self.what == "pair":
+            return np.concatenate([member.scale for member in self.members])
+        return np.full(3, SHIFT_MM) if self.what in ("socket", "target", "tool") else np.empty(0)
+
+
+NOTHING, OTHER = Cause("nothing"), Cause("other")
+
+
+def prior_of(causes: list[Cause]) -> dict[Cause, float]:
+    """Return the prior probability of each cause; the members of one kind share that of the kind."""
+    counts = {what: sum(cause.what == what for cause in causes) for what in PRIOR}
+    raw = {cause: PRIOR[cause.what] / counts[cause.what] for cause in causes}
+    total = sum(raw.values())
+    return {cause: value / total for cause, value in raw.items()}

@@ -1,0 +1,384 @@
+"""Evidence of causes about the posterior of a reference, all linear and Gaussian.
+
+The reference conditions the constants of the arm, its set-ups and what no constant explains. Their remaining
+covariance is correlated noise of the new readings. The scatter, the size of the arm's errors and that of the
+unexplained part are marginalised on a grid, weighted by the evidence of the reference. A wild reading is a hypothesis
+of its own, so that one bad touch neither makes nor hides a cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from analysis.movement.causes import LEVELS, NOTHING, OTHER, Cause, prior_of
+from analysis.robot.kinematics.arm import Array, Integers, Mask
+
+_ARM_LEVELS = np.array([0.2, 0.5, 1.0, 2.0, 5.0, 25.0])
+"""Multiples of the prior widths of an arm's constants: a calibrated arm to one that misses by centimetres."""
+_UNEXPLAINED_MM = np.array([0.0, 0.05, 0.2, 0.8])
+"""Sizes of the part that no constant explains; calibrated arms leave 0.03 to 0.5 mm (UR10, Panda, iiwa)."""
+_UNEXPLAINED_SHARES = np.array([0.7, 0.1, 0.1, 0.1])
+"""Prior probabilities of these. Chosen: a reference without repeats cannot tell scatter from a part that returns at the
+same posture, and scatter is the cautious reading."""
+_SCATTERS = np.geomspace(0.03, 10.0, 25)
+"""Multiples of the assumed scatter of a kind of reading."""
+_SCATTER_PRIOR = -0.5 * (np.log(_SCATTERS / 0.7) / np.log(2.0)) ** 2
+"""Log prior of these: what is assumed holds a part of what models leave, and cells differ by a factor of two."""
+_NEAR_RAD = (0.6, 1.5)
+"""Lengths over which the unexplained part changes with the joints, in equal parts. Chosen: a gear's once-a-turn error
+and gravity's torque change over about a radian."""
+_NEGLIGIBLE = 1e-3
+"""Weight, relative to the largest, below which a point of the grid is left out."""
+_WILD = 0.01
+"""Prior probability that one of the new readings is wild: a ball not seated, a tracker that was disturbed. Chosen."""
+_OTHER_LEVELS = np.array([3.0, 10.0, 30.0, 100.0, 300.0])
+"""Multiples of the scatter of what neither causes nor noise explain."""
+_PAIR_LEVELS = LEVELS[:3]
+"""Levels of each member of a pair."""
+
+
+@dataclass(frozen=True)
+class LinearReadings:
+    """Readings about a linearisation, in mm, with what shifts them.
+
+    `residual` (n,): measured minus predicted; `arm` (n, a), `setup` (n, s): change of the prediction for one prior
+    standard deviation of each constant of the arm and each term of a set-up; `angles` (n, axes) rad; `channel` (n,):
+    readings of one channel share the unexplained part; `row` (n,): the reading of which each entry is a coordinate;
+    `sd_mm` (n,): assumed scatter.
+    """
+
+    residual: Array
+    arm: Array
+    setup: Array
+    angles: Array
+    channel: Integers
+    row: Integers
+    sd_mm: Array
+
+    def rows(self, keep: Mask) -> LinearReadings:
+        """Return the readings of a mask (n,)."""
+        return LinearReadings(*(getattr(self, name)[keep] for name in LinearReadings.__dataclass_fields__))
+
+
+@dataclass(frozen=True)
+class Shift:
+    """What a cause does to new readings: columns (n, m) for one mm or rad of each parameter, and the offset (n,) by
+    which the change is not linear about the point of the derivatives."""
+
+    columns: Array
+    offset: Array
+
+
+def _nearness(first: LinearReadings, second: LinearReadings) -> Array:
+    """Return the correlation (n, m) of the unexplained part."""
+    apart = (first.angles[:, None] - second.angles[None] + np.pi) % (2 * np.pi) - np.pi
+    square = (apart**2).sum(axis=2)
+    near = sum(np.exp(-0.5 * square / length**2) for length in _NEAR_RAD) / len(_NEAR_RAD)
+    return np.asarray(near * (first.channel[:, None] == second.channel[None]), dtype=float)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One point of the grid: its weight, multiple of the scatter, and what it needs to predict other readings."""
+
+    weight: float
+    scatter: float
+    arm_level: float
+    unexplained_mm: float
+    vectors: Array
+    values: Array
+
+
+@dataclass(frozen=True)
+class Conditioned:
+    """A reference and the scenarios by which it predicts new readings."""
+
+    reference: LinearReadings
+    scenarios: tuple[Scenario, ...]
+
+    @property
+    def scatter_mm(self) -> float:
+        """Standard deviation of a coordinate: the mean over scenarios, of the most frequent kind of reading."""
+        mean = sum(s.weight * s.scatter for s in self.scenarios)
+        return float(mean * np.median(self.reference.sd_mm))
+
+    def predict(self, new: LinearReadings, day: Array) -> list[Prediction]:
+        """Return what each scenario predicts of new readings in units of their assumed scatter; `day` (n, d) mm: what
+        one standard deviation of each change from day to day adds."""
+        unit = new.sd_mm[:, None]
+        predictions, near = [], {id(other): _nearness(other, new) for other in (self.reference, new)}
+        day_cov = (day / unit) @ (day / unit).T
+        for s in self.scenarios:
+            across, own = (
+                (s.arm_level**2 * other.arm @ new.arm.T + other.setup @ new.setup.T
+                 + s.unexplained_mm**2 * near[id(other)]) / (other.sd_mm[:, None] * unit.T)
+                for other in (self.reference, new)
+            )  # fmt: skip
+            turned = s.vectors.T @ across
+            weighted = turned / (s.values + s.scatter**2)[:, None]
+            known = s.vectors.T @ (self.reference.residual / self.reference.sd_mm)
+            mean = weighted.T @ known
+            cov = own - turned.T @ weighted + day_cov + s.scatter**2 * np.eye(len(new.residual))
+            predictions.append(Prediction(s.weight, s.scatter, new.residual / new.sd_mm - mean, cov))
+        return predictions
+
+
+def regional_scatter(
+    conditioned: Conditioned, columns: Mapping[Cause, Array], folds: Sequence[Integers]
+) -> dict[Cause, Array]:
+    """Return the standard deviations (m,) in mm and rad by which each parameter of a cause differs between regions of
+    the reference without a movement.
+
+    Each fold (n,) numbers the region of every reading. The parameters of each region are predicted from all other
+    regions in the likeliest scenario; the scatter beyond their uncertainty is that of random effects by moments
+    (DerSimonian and Laird 1986), and counts from two standard errors on.
+    """
+    s = max(conditioned.scenarios, key=lambda scenario: scenario.weight)
+    reference = conditioned.reference
+    inverse = (s.vectors / (s.values + s.scatter**2)) @ s.vectors.T
+    weighted = inverse @ (reference.residual / reference.sd_mm)
+    scores: dict[Cause, list[Array]] = {cause: [] for cause in columns}
+    for fold in folds:
+        for number in np.unique(fold).tolist():
+            own = np.flatnonzero(fold == number)
+            precision = inverse[np.ix_(own, own)]
+            for cause, whole in columns.items():
+                own_columns = whole[own] / reference.sd_mm[own, None]
+                information = np.einsum("nm,nk,km->m", own_columns, precision, own_columns)
+                estimate = own_columns.T @ weighted[own] / np.maximum(information, 1e-12)
+                scores[cause].append(np.stack([estimate**2, 1 / np.maximum(information, 1e-12)]))
+    found = {}
+    for cause, pairs in scores.items():
+        squares, variances = np.stack(pairs, axis=1)
+        excess = (squares / variances).mean(axis=0) - 1 - 2 * np.sqrt(2 / len(squares))
+        found[cause] = np.sqrt(np.where(excess > 0, np.maximum((squares - variances).mean(axis=0), 0.0), 0.0))
+    return found
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """New readings minus what a scenario predicts (n,), and their covariance (n, n), in units of the assumed
+    scatter."""
+
+    weight: float
+    scatter: float
+    excess: Array
+    cov: Array
+
+    @cached_property
+    def chol(self) -> Array:
+        """The lower Cholesky factor (n, n) of the covariance."""
+        return np.asarray(np.linalg.cholesky(self.cov), dtype=float)
+
+    def whitened(self, columns: Array) -> Array:
+        """Return columns (n, m) in units of the noise."""
+        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+        return np.asarray(solve_triangular(self.chol, columns, lower=True, check_finite=False))
+
+
+def condition(reference: LinearReadings) -> Conditioned:
+    """Return the scenarios of a reference, each weighted by its evidence."""
+    unit = reference.sd_mm
+    y, arm, setup = (getattr(reference, name).T / unit for name in ("residual", "arm", "setup"))
+    of_arm, of_setup = arm.T @ arm, setup.T @ setup
+    near = _nearness(reference, reference) / np.outer(unit, unit)
+    found: list[tuple[float, float, float, float, Array, Array]] = []
+    for level in _ARM_LEVELS.tolist():
+        for unexplained_mm, share in zip(_UNEXPLAINED_MM.tolist(), _UNEXPLAINED_SHARES.tolist(), strict=True):
+            values, vectors = np.linalg.eigh(level**2 * of_arm + of_setup + unexplained_mm**2 * near)
+            values = np.maximum(values, 0.0)
+            turned = (vectors.T @ y) ** 2
+            for scatter, log_prior in zip(_SCATTERS.tolist(), _SCATTER_PRIOR.tolist(), strict=True):
+                total = values + scatter**2
+                log_weight = np.log(share) + log_prior - 0.5 * float(np.log(total).sum() + (turned / total).sum())
+                found.append((log_weight, scatter, level, unexplained_mm, vectors, values))
+    most = max(point[0] for point in found)
+    kept = [(np.exp(point[0] - most), *point[1:]) for point in found if point[0] > most + np.log(_NEGLIGIBLE)]
+    total_weight = sum(point[0] for point in kept)
+    return Conditioned(reference, tuple(Scenario(float(point[0] / total_weight), *point[1:]) for point in kept))
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# The evidence of each cause.
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The log evidence of a cause, with mean (m,) and covariance (m, m) of its parameters in mm and rad, and the levels
+    of its prior that count, each with its share."""
+
+    log_evidence: float
+    mean: Array
+    cov: Array
+    level: Array
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities of causes, likeliest first, with the estimate of each; `misfit`: the chi-square of the likeliest
+    per reading, in its scenario; `wild`: the reading (its row) that is probably wild, or None."""
+
+    probability: Mapping[Cause, float]
+    estimates: Mapping[Cause, Estimate]
+    wild: int | None
+
+
+def posterior(
+    predictions: Sequence[Prediction], shifts: Mapping[Cause, Shift], sd_mm: Array, row: Integers
+) -> Posterior:
+    """Return the posterior of nothing, of the causes whose shifts of the readings (n,) mm are given, and of something
+    else. Pairs are tried if no single cause fits."""
+    single = [NOTHING, *shifts, OTHER]
+    columns = {cause: Shift(shift.columns / sd_mm[:, None], shift.offset / sd_mm) for cause, shift in shifts.items()}
+    none = Shift(np.empty((len(row), 0)), np.zeros(len(row)))
+    estimates = {cause: _estimate(predictions, columns[cause], cause.scale, LEVELS) for cause in columns}
+    estimates[NOTHING] = _estimate(predictions, none, np.empty(0), LEVELS[:1])
+    estimates[OTHER] = _estimate_other(predictions)
+    wild_log, wild_row = {}, {}
+    for cause in [NOTHING, *columns]:
+        own = columns.get(cause, none)
+        wild_log[cause], wild_row[cause] = _with_wild(predictions, own, cause, estimates[cause], row)
+    probability = _normalised(single, estimates, wild_log)
+    best = max(probability, key=lambda cause: probability[cause])
+    if probability[OTHER] > 1 / 21 or not _fits(predictions, columns, estimates, best):
+        estimates |= _pair_estimates(predictions, columns)
+        probability = _normalised(list(estimates), estimates, wild_log)
+        best = max(probability, key=lambda cause: probability[cause])
+    wild = wild_row.get(best) if wild_log.get(best, -np.inf) > estimates[best].log_evidence + np.log(20) else None
+    ordered = dict(sorted(probability.items(), key=lambda item: -item[1]))
+    return Posterior(ordered, estimates, wild)
+
+
+def _normalised(
+    causes: list[Cause], estimates: Mapping[Cause, Estimate], wild_log: Mapping[Cause, float]
+) -> dict[Cause, float]:
+    prior = prior_of(causes)
+    logs = {
+        cause: np.log(prior[cause])
+        + np.logaddexp(np.log(1 - _WILD) + estimates[cause].log_evidence, np.log(_WILD) + wild_log.get(cause, -np.inf))
+        for cause in causes
+    }
+    most = max(logs.values())
+    raw = {cause: float(np.exp(log - most)) for cause, log in logs.items()}
+    total = sum(raw.values())
+    return {cause: value / total for cause, value in raw.items()}
+
+
+def _base_logs(predictions: Sequence[Prediction], offset: Array) -> tuple[Array, list[Array]]:
+    """Return the log weight times density (g,) of nothing in each scenario, and its whitened excess."""
+    excess = [p.whitened(p.excess + offset) for p in predictions]
+    logs = [
+        np.log(p.weight) - 0.5 * float(e @ e) - float(np.log(np.diag(p.chol)).sum())
+        for p, e in zip(predictions, excess, strict=True)
+    ]
+    return np.array(logs), excess
+
+
+def _estimate(predictions: Sequence[Prediction], shift: Shift, scale: Array, levels: Array) -> Estimate:
+    """Return the estimate of a cause; `levels` (l,) or (l, m) multiply its typical sizes (m,)."""
+    logs, excess = _base_logs(predictions, shift.offset)
+    if not len(scale):
+        return Estimate(_log_sum(logs), np.empty(0), np.empty((0, 0)), np.ones(1))
+    sizes = scale * (levels[:, None] if levels.ndim == 1 else levels)
+    all_logs, means, covs = [], [], []
+    for p, e, log in zip(predictions, excess, logs, strict=True):
+        white = p.whitened(shift.columns)
+        design = white[None] * sizes[:, None]
+        inner = np.einsum("lnm,lnk->lmk", design, design) + np.eye(len(scale))
+        projected = design.transpose(0, 2, 1) @ e
+        solved = np.linalg.solve(inner, projected[..., None])[..., 0]
+        gain = 0.5 * (projected * solved).sum(axis=1) - 0.5 * np.linalg.slogdet(inner)[1]
+        all_logs.append(log + gain - np.log(len(sizes)))
+        means.append(sizes * solved)
+        covs.append(np.linalg.inv(inner) * sizes[:, :, None] * sizes[:, None])
+    flat = np.concatenate(all_logs)
+    total = _log_sum(flat)
+    share = np.exp(flat - total)
+    mean_of, cov_of = np.concatenate(means), np.concatenate(covs)
+    mean = share @ mean_of
+    off = mean_of - mean
+    cov = np.einsum("l,lij->ij", share, cov_of + off[:, :, None] * off[:, None])
+    return Estimate(total, mean, cov, share.reshape(len(predictions), -1).sum(axis=0))
+
+
+def _log_sum(logs: Array) -> float:
+    return float(np.logaddexp.reduce(logs))
+
+
+def _estimate_other(predictions: Sequence[Prediction]) -> Estimate:
+    """Return the evidence of a misfit that no cause explains: more scatter, of unknown size."""
+    logs = []
+    for p in predictions:
+        values, vectors = np.linalg.eigh(p.cov)
+        turned = (vectors.T @ p.excess) ** 2
+        total = values + (_OTHER_LEVELS[:, None] * p.scatter) ** 2
+        logs.append(np.log(p.weight) - 0.5 * (np.log(total) + turned / total).sum(axis=1) - np.log(len(_OTHER_LEVELS)))
+    return Estimate(_log_sum(np.concatenate(logs)), np.empty(0), np.empty((0, 0)), np.ones(1))
+
+
+def _with_wild(
+    predictions: Sequence[Prediction], shift: Shift, cause: Cause, alone: Estimate, row: Integers
+) -> tuple[float, int]:
+    """Return the log evidence of a cause with one wild reading, and which it is. The levels of the cause are those that
+    the readings alone prefer."""
+    level = float(LEVELS[int(np.argmax(alone.level))])
+    numbers = np.unique(row)
+    logs = []
+    for number in numbers.tolist():
+        entries = np.flatnonzero(row == number)
+        own = np.eye(len(row))[:, entries]
+        both = Shift(np.concatenate([shift.columns, own], axis=1), shift.offset)
+        scale = np.concatenate([cause.scale * level, np.full(len(entries), _WILD_UNITS * _scatter(predictions))])
+        log = _estimate(predictions, both, scale, _WILD_LEVELS[:, None] ** (np.arange(len(scale)) >= len(cause.scale)))
+        logs.append(log.log_evidence)
+    of_level = np.log(len(LEVELS)) if len(cause.scale) else 0.0
+    total = _log_sum(np.array(logs)) - np.log(len(numbers)) - of_level
+    return total, int(numbers[int(np.argmax(logs))])
+
+
+_WILD_UNITS = 10.0
+"""Typical size of a wild reading in units of the scatter."""
+_WILD_LEVELS = np.array([0.5, 3.0, 30.0])
+
+
+def _scatter(predictions: Sequence[Prediction]) -> float:
+    return sum(p.weight * p.scatter for p in predictions)
+
+
+def _fits(
+    predictions: Sequence[Prediction],
+    columns: Mapping[Cause, Shift],
+    estimates: Mapping[Cause, Estimate],
+    cause: Cause,
+) -> bool:
+    """Return whether the chi-square of a cause is within its 99.9 % bound."""
+    from scipy.special import chdtri  # noqa: PLC0415 - slow to import
+
+    p = max(predictions, key=lambda prediction: prediction.weight)
+    excess = p.excess
+    if cause in columns:
+        excess = p.excess + columns[cause].offset - columns[cause].columns @ estimates[cause].mean
+    left = p.whitened(excess)
+    freedom = max(len(left) - len(cause.scale), 1)
+    return bool(left @ left < chdtri(freedom, 0.001))
+
+
+def _pair_estimates(predictions: Sequence[Prediction], columns: Mapping[Cause, Shift]) -> dict[Cause, Estimate]:
+    """Return the estimate of each pair of causes."""
+    causes, found = list(columns), {}
+    for k, first in enumerate(causes):
+        for second in causes[k + 1 :]:
+            pair = Cause("pair", members=(first, second))
+            levels = np.array([
+                [a] * len(first.scale) + [b] * len(second.scale) for a in _PAIR_LEVELS for b in _PAIR_LEVELS
+            ])  # fmt: skip
+            one, other = columns[first], columns[second]
+            both = Shift(np.concatenate([one.columns, other.columns], axis=1), one.offset + other.offset)
+            if both.columns.shape[1] < both.columns.shape[0]:
+                found[pair] = _estimate(predictions, both, pair.scale, levels)
+    return found

@@ -1,0 +1,206 @@
+"""What moved: a reference that is studied once, and new readings that are compared with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.diagnosis.evidence.observation import ObservedRun, part
+from analysis.diagnosis.evidence.setups import fit_setups, folds_of
+from analysis.movement.causes import NOTHING, Cause, prior_of
+from analysis.movement.evidence import (
+    Conditioned,
+    LinearReadings,
+    Posterior,
+    Prediction,
+    Shift,
+    condition,
+    posterior,
+    regional_scatter,
+)
+from analysis.movement.linearise import (
+    Workplace,
+    causes_of,
+    constants_count,
+    corrected_arm,
+    day_columns,
+    linearise,
+    selected,
+    shift_of,
+    workplace,
+)
+from analysis.robot.kinematics.arm import Array, Mask
+
+NAMED = 20 / 21
+"""Probability from which a cause is named: odds of 20 to 1."""
+_REGIONS = 4
+"""Regions of joint space, and quarters of each run, between which the reference is compared with itself. Chosen: new
+readings are mostly of a part of the reference."""
+_FEWEST_OF_REGIONS = 20
+"""Readings from which regions have enough of them."""
+_ROUNDS = 3
+"""Largest number of linearisations of the reference. Chosen: an arm that misses by 10 mm needs two."""
+_STRAIGHT_MM = 0.3
+"""Change of a reading above which the derivatives are computed again, about it. Chosen: a rotation that moves a point
+a metre away by 5 mm bends its way by 0.01 mm."""
+_WILD_SDS = 8.0
+"""Robust standard deviations from which a reading of the reference is left out."""
+_LARGE_MM = 2.0
+"""Movement of the new readings above which the derivatives of a cause are computed at its estimate."""
+
+
+MOST_MM = 30.0
+"""Largest distance of new readings from the reference that counts as a movement. Chosen: what is farther away is seen
+without an instrument, and is mostly another placement or another socket with the same name."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Runs before a possible movement, and the posterior of arm and set-ups that they give."""
+
+    runs: tuple[ObservedRun, ...]
+    place: Workplace
+    conditioned: Conditioned
+    wild: int
+    regional: Mapping[Cause, Array]
+
+    @property
+    def causes(self) -> list[Cause]:
+        """What may have moved."""
+        return causes_of(self.runs)
+
+    @property
+    def scatter_mm(self) -> float:
+        """Standard deviation in mm of a coordinate of a reading, of which a part may return at the same posture."""
+        scenarios = self.conditioned.scenarios
+        own = self.conditioned.scatter_mm
+        return float(np.sqrt(own**2 + sum(s.weight * s.unexplained_mm**2 for s in scenarios)))
+
+
+def study(runs: Sequence[ObservedRun]) -> Reference:
+    """Return the reference of runs of one arm, each about the same model, with touches split by socket."""
+    runs = selected(runs)
+    nominal, wild = runs[0].model, 0
+    model, constants = nominal, np.zeros(constants_count(nominal.arm))
+    for turn in range(_ROUNDS):
+        runs = [replace(run, model=model) for run in runs]
+        place = workplace(model, runs, fit_setups(runs), constants)
+        readings = linearise(runs, place)
+        conditioned = condition(readings)
+        left, estimate = _explained(conditioned)
+        keep = _near(left, readings)
+        if not keep.all():
+            wild += int(np.count_nonzero(~keep))
+            runs = _without_rows(runs, keep)
+            continue
+        estimate = estimate[: len(constants)]
+        change = readings.arm[:, : len(constants)] @ (estimate - constants)
+        if turn == _ROUNDS - 1 or np.abs(change).max() < _STRAIGHT_MM:
+            break
+        constants = estimate
+        model = replace(nominal, arm=corrected_arm(nominal.arm, constants))
+    return Reference(tuple(runs), place, conditioned, wild, _regional(runs, place, conditioned))
+
+
+def _regional(runs: Sequence[ObservedRun], place: Workplace, conditioned: Conditioned) -> dict[Cause, Array]:
+    """Return how much the causes of the arm's frame and zeros scatter between regions of the reference."""
+    angles, row = conditioned.reference.angles, conditioned.reference.row
+    first = np.unique(row, return_index=True)[1]
+    if len(first) < _FEWEST_OF_REGIONS:
+        return {}
+    fold = folds_of(angles[first], _REGIONS)
+    quarter = np.concatenate([np.arange(len(run.rows)) * _REGIONS // len(run.rows) for run in runs])
+    causes = [cause for cause in causes_of(runs) if cause.what in ("base", "tool", "zero")]
+    columns = {cause: shift_of(runs, place, cause).columns for cause in causes}
+    return regional_scatter(conditioned, columns, [fold[row], quarter[row]])
+
+
+def _explained(conditioned: Conditioned) -> tuple[Array, Array]:
+    """Return the residuals (n,) mm beside the posterior of the likeliest scenario, and its constants (a,) in prior
+    standard deviations."""
+    s = max(conditioned.scenarios, key=lambda scenario: scenario.weight)
+    readings = conditioned.reference
+    known = s.vectors @ ((s.vectors.T @ (readings.residual / readings.sd_mm)) / (s.values + s.scatter**2))
+    constants = s.arm_level**2 * (readings.arm / readings.sd_mm[:, None]).T @ known
+    return s.scatter**2 * known * readings.sd_mm, constants
+
+
+def _near(left: Array, readings: LinearReadings) -> Mask:
+    """Return a mask (m,) of the rows whose residuals are not wild."""
+    rows = np.zeros(int(readings.row.max()) + 1)
+    np.maximum.at(rows, readings.row, np.abs(left) / readings.sd_mm)
+    return np.asarray(rows < _WILD_SDS * 1.4826 * np.median(np.abs(left) / readings.sd_mm) + 1e-6)
+
+
+def _without_rows(runs: Sequence[ObservedRun], keep: Mask) -> list[ObservedRun]:
+    kept, first = [], 0
+    for run in runs:
+        own = keep[first : first + len(run.rows)]
+        first += len(run.rows)
+        if own.any():
+            kept.append(part(run, own))
+    return kept
+
+
+@dataclass(frozen=True)
+class Compared:
+    """New readings beside a reference: the runs, the predictions, what each cause does, and the posterior."""
+
+    runs: tuple[ObservedRun, ...]
+    readings: LinearReadings
+    predictions: tuple[Prediction, ...]
+    shifts: Mapping[Cause, Shift]
+    posterior: Posterior
+
+    @property
+    def named(self) -> Cause | None:
+        """The cause with odds of 20 to 1 or more; None if there is none. What the readings could not show does not
+        count against nothing."""
+        cause, probability = next(iter(self.posterior.probability.items()))
+        if cause == NOTHING:
+            probability += sum(self.posterior.probability[unseen] for unseen in self.unseen)
+        return cause if probability >= NAMED else None
+
+    @property
+    def distance_mm(self) -> float:
+        """Median distance in mm of a coordinate of the new readings from what the reference predicts."""
+        likeliest = max(self.predictions, key=lambda prediction: prediction.weight)
+        return float(np.median(np.abs(likeliest.excess) * self.readings.sd_mm))
+
+    @property
+    def unseen(self) -> list[Cause]:
+        """The zeros that would not be named at their typical size, and that the readings do not favour."""
+        likeliest = max(self.predictions, key=lambda prediction: prediction.weight)
+        probability, prior = self.posterior.probability, prior_of(list(self.posterior.probability))
+        found = []
+        for cause, shift in self.shifts.items():
+            white = likeliest.whitened(shift.columns * cause.scale / self.readings.sd_mm[:, None])
+            odds = prior[cause] / prior[NOTHING]
+            shown = float((white**2).sum()) > 2 * np.log(NAMED / (1 - NAMED) / odds)
+            if cause.what == "zero" and not shown and probability[cause] <= odds * probability[NOTHING]:
+                found.append(cause)
+        return found
+
+
+def compare(reference: Reference, new: Sequence[ObservedRun]) -> Compared:
+    """Return the odds of each cause from new readings of set-ups that the reference holds."""
+    runs = [replace(run, model=reference.place.model) for run in selected(new)]
+    readings = linearise(runs, reference.place)
+    shifts = {cause: shift_of(runs, reference.place, cause) for cause in reference.causes}
+    usual = [shifts[cause].columns * scatter for cause, scatter in reference.regional.items() if scatter.any()]
+    day = np.column_stack([day_columns(runs, readings), *usual])
+    predictions = reference.conditioned.predict(readings, day)
+    found = posterior(predictions, shifts, readings.sd_mm, readings.row)
+    for _ in range(2):
+        large = {
+            cause: estimate.mean
+            for cause, estimate in found.estimates.items()
+            if cause in shifts and np.abs(shifts[cause].columns @ estimate.mean).max(initial=0.0) > _LARGE_MM
+        }
+        if not large:
+            break
+        shifts |= {cause: shift_of(runs, reference.place, cause, about) for cause, about in large.items()}
+        found = posterior(predictions, shifts, readings.sd_mm, readings.row)
+    return Compared(tuple(runs), readings, tuple(predictions), shifts, found)

@@ -1,0 +1,279 @@
+"""Readings linearised about the arm and the set-ups of a reference: constants, set-ups and causes as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.diagnosis.evidence.observation import ObservedRun, part, predicted
+from analysis.diagnosis.evidence.setups import columns_of, moved_setup, placement_of, target_of
+from analysis.movement.causes import Cause
+from analysis.movement.evidence import LinearReadings, Shift
+from analysis.robot.geometry.pose_setup import frame
+from analysis.robot.kinematics.arm import Arm, Array, forward
+from analysis.robot.model.predict import Model, SetUp
+from analysis.robot.model.scene import pull
+from analysis.runs.noise.cell_noise import BALL_MM, JOINT_DEG, SLOW_MM
+
+_ZERO, _LENGTH_MM, _TWIST = float(np.radians(0.05)), 0.2, float(np.radians(0.02))
+_CURVE = float(np.radians(0.012))
+_DEFLECTION = float(np.radians(3e-4))
+"""Prior standard deviations of zeros, lengths, twists, the sines of a joint's error over its angle (rad) and of the
+deflection under gravity (rad/Nm). Chosen: identified industrial arms (UR10, KR240), and strain-wave gears, whose
+angle is accurate to about an arc minute; their common multiple is estimated."""
+_FIELDS = (("offset", _ZERO), ("a", _LENGTH_MM), ("d", _LENGTH_MM), ("alpha", _TWIST), ("beta", _TWIST))
+_STEP = 1e-3
+"""Step of a derivative, as a share of the prior standard deviation."""
+_ORDERS = (1, 2, 3, 4, 5, 6)
+"""Orders of the sines of a joint's error over its angle; their width falls with the order."""
+_PLACE_MM, _BALL_MM = 30.0, 5.0
+"""Prior standard deviations of the terms of a set-up about the fitted ones: wide, so that they decide nothing."""
+_GAUGE_ZERO_MM = 1.0
+"""Prior standard deviation by which a gauge's zero differs on another day: gauges are mounted and zeroed again."""
+_MOST_READINGS = 150
+"""Readings of a reference that are used, evenly chosen: more cost time and hardly change what is known."""
+_CIRCLE_ROWS = 48
+"""Readings of a circle that are used. Chosen: the causes change slowly along it, and neighbours share their noise."""
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """The arm, set-ups by name and the centre of the work (3,) mm about which readings are linearised; `constants` (a,)
+    are those of its arm, in prior standard deviations about the arm of the rig file."""
+
+    model: Model
+    setups: Mapping[str, SetUp]
+    centre_mm: Array
+    names: Mapping[str, list[int]]
+    constants: Array
+
+
+def selected(runs: Sequence[ObservedRun]) -> list[ObservedRun]:
+    """Return runs with as many readings as an inference uses, evenly chosen."""
+    total = sum(len(run.rows) for run in runs if run.table.kind.of_places)
+    chosen = []
+    for run in runs:
+        most = max(6, int(_MOST_READINGS * len(run.rows) / max(total, 1)))
+        most = most if run.table.kind.of_places else _CIRCLE_ROWS
+        keep = np.zeros(len(run.rows), dtype=bool)
+        keep[np.unique(np.linspace(0, len(run.rows) - 1, min(most, len(run.rows))).astype(int))] = True
+        chosen.append(_without_rest(part(run, keep)))
+    return chosen
+
+
+def _without_rest(run: ObservedRun) -> ObservedRun:
+    """Return a run whose path is simulated only at the readings used."""
+    path = replace(run.path, rows=run.samples, alone=True)
+    return replace(run, path=path, rows=np.arange(len(run.rows)), sampling=None)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Predictions of a run with another arm or another set-up.
+
+
+def _with_arm(run: ObservedRun, arm: Arm, setup: SetUp) -> Array:
+    return predicted(replace(run, model=replace(run.model, arm=arm)), setup).ravel()
+
+
+def angles_of(run: ObservedRun) -> Array:
+    """Return the joint angles (m, axes) rad of the readings of a run."""
+    return np.asarray(run.path.q[run.samples][:, : run.model.arm.axes])
+
+
+def tool_places(run: ObservedRun, setup: SetUp) -> Array:
+    """Return the places (m, 3) mm of the ball or target in the world at the readings of a run."""
+    T = forward(run.model.arm, run.path.q[run.samples])
+    return np.asarray(T[:, :3, 3] + T[:, :3, :3] @ setup.T_tool_target[:3, 3])
+
+
+def _motion(centre_mm: Array, change: Array) -> Array:
+    """Return the motion (4, 4) that shifts by (3,) mm and turns by (3,) rad about a centre."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
+
+    R = Rotation.from_rotvec(change[3:]).as_matrix()
+    return frame(R, centre_mm + change[:3] - R @ centre_mm)
+
+
+def with_cause(arm: Arm, cause: Cause, centre_mm: Array, change: Array) -> Arm:
+    """Return an arm after a base, a tool or a zero moved by a change (m,) mm and rad."""
+    if cause.what == "base":
+        return replace(arm, T_world_base=_motion(centre_mm, change) @ arm.T_world_base)
+    if cause.what == "tool":
+        return replace(arm, T_flange_tool=arm.T_flange_tool @ frame(np.eye(3), change))
+    if cause.what == "zero" and cause.axis:
+        return replace(arm, offset=arm.offset + arm.coupling[:, cause.axis - 1] * change[0])
+    return arm
+
+
+def after(run: ObservedRun, place: Workplace, cause: Cause, change: Array) -> Array:
+    """Return the predicted readings (n,) mm of a run after a cause moved by a change (m,) mm and rad."""
+    setup, arm = place.setups[run.setup], run.model.arm
+    for member in cause.members or (cause,):
+        count = len(member.scale)
+        own, change = change[:count], change[count:]
+        if member.what in ("base", "tool", "zero"):
+            arm = with_cause(arm, member, place.centre_mm, own)
+        elif _concerns(member, run):
+            setup = _moved_thing(setup, member, place.centre_mm, own)
+    return _with_arm(run, arm, setup)
+
+
+def _concerns(cause: Cause, run: ObservedRun) -> bool:
+    """Return whether a socket, target or instrument is one of a run."""
+    if cause.what == "instrument":
+        return run.table.kind.of_tracker and placement_of(run.setup) == cause.name
+    if cause.what == "target" and run.table.kind.of_tracker:
+        return target_of(run.setup) == cause.name
+    return cause.what in ("socket", "target") and not run.table.kind.of_tracker and run.setup == cause.name
+
+
+def _moved_thing(setup: SetUp, cause: Cause, centre_mm: Array, change: Array) -> SetUp:
+    if cause.what == "socket":  # the place of a socket stands in the frame of touches with the opposite sign
+        T = setup.T_instrument_world.copy()
+        T[:3, 3] -= change
+        return replace(setup, T_instrument_world=T)
+    if cause.what == "instrument":
+        moved = _motion(centre_mm, change)
+        return replace(setup, T_instrument_world=setup.T_instrument_world @ np.linalg.inv(moved))
+    if setup.T_tool_target[:3, 3].any() or cause.name.isdigit():
+        T = setup.T_tool_target.copy()
+        T[:3, 3] += change
+        return replace(setup, T_tool_target=T)
+    return replace(setup, ball=setup.ball + change)
+
+
+def causes_of(runs: Sequence[ObservedRun]) -> list[Cause]:
+    """Return what may have moved in a set-up of reference runs."""
+    axes = runs[0].model.arm.axes
+    sockets = sorted({run.setup for run in runs if run.table.kind.of_places and not run.table.kind.of_tracker})
+    balls = sorted({run.setup for run in runs if not run.table.kind.of_places})
+    trackers = sorted({placement_of(run.setup) for run in runs if run.table.kind.of_tracker})
+    targets = sorted({target_of(run.setup) for run in runs if run.table.kind.of_tracker})
+    causes = [Cause("base"), Cause("tool"), *(Cause("zero", axis) for axis in range(1, axes + 1))]
+    causes += [Cause("socket", name=name) for name in sockets] + [Cause("target", name=name) for name in balls]
+    if len(trackers) > 1 or sockets or balls:
+        causes += [Cause("instrument", name=name) for name in trackers]
+    return causes + [Cause("target", name=name) for name in targets if len(targets) > 1]
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+# Columns.
+
+
+def workplace(model: Model, runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], constants: Array) -> Workplace:
+    """Return the workplace of reference runs with their fitted set-ups."""
+    places = np.concatenate([tool_places(run, setups[run.setup]) for run in runs])
+    return Workplace(model, setups, places.mean(axis=0), columns_of({run.setup: run.table for run in runs}), constants)
+
+
+def linearise(runs: Sequence[ObservedRun], place: Workplace) -> LinearReadings:
+    """Return the readings of runs about a workplace."""
+    parts, row, count = [], 0, 1 + max(map(max, place.names.values()))
+    for run in runs:
+        lines = _linear(run, place, count, row)
+        parts.append(lines)
+        row += len(run.rows)
+    return LinearReadings(*(
+        np.concatenate([getattr(lines, name) for lines in parts]) for name in LinearReadings.__dataclass_fields__
+    ))  # fmt: skip
+
+
+def _linear(run: ObservedRun, place: Workplace, terms: int, first_row: int) -> LinearReadings:
+    setup, arm = place.setups[run.setup], run.model.arm
+    base = _with_arm(run, arm, setup)
+    width = run.values.shape[1]
+    columns = _slopes(lambda change: _with_arm(run, _with_constants(arm, change), setup), base, _constant_sds(arm))
+    zeros = columns[:, : arm.axes] / _ZERO
+    shapes = np.repeat(_joint_shapes(run), width, axis=0)
+    by_joint = (zeros[:, :, None] * shapes).reshape(len(base), -1)
+    arm_columns = np.concatenate([columns, by_joint], axis=1)
+    own = np.zeros((len(base), terms))
+    width_mm = _PLACE_MM if run.table.kind.of_places else _BALL_MM
+    steps = np.full(run.table.kind.setup_terms, width_mm)
+    own[:, place.names[run.setup]] = _slopes(
+        lambda change: _with_arm(run, arm, moved_setup(setup, run.table, change)), base, steps
+    )
+    return LinearReadings(
+        run.values.ravel() - base + columns @ place.constants[: columns.shape[1]], arm_columns, own,
+        np.repeat(angles_of(run), width, axis=0), np.tile(np.arange(width), len(run.rows)) + _channel(run),
+        np.repeat(first_row + np.arange(len(run.rows)), width), np.full(len(base), scatter_mm(run)),
+    )  # fmt: skip
+
+
+def _channel(run: ObservedRun) -> int:
+    return 0 if run.table.kind.of_places else 3
+
+
+def scatter_mm(run: ObservedRun) -> float:
+    """Return the assumed scatter of a reading of a run."""
+    kind = run.table.kind
+    return float(kind.assumed_sd_mm) if kind.of_places else SLOW_MM.rms
+
+
+def _slopes(predict: Callable[[Array], Array], base: Array, sizes: Array) -> Array:
+    """Return the change (n, m) of a prediction (n,) for each of some sizes (m,), by finite differences."""
+    steps = _STEP * np.diag(sizes)
+    return np.stack([(predict(step) - base) / _STEP for step in steps], axis=1)
+
+
+def _constant_sds(arm: Arm) -> Array:
+    return np.concatenate([np.full(arm.axes, sd) for _, sd in _FIELDS])
+
+
+def _with_constants(arm: Arm, change: Array) -> Arm:
+    """Return an arm with its constants changed by (5 axes,) mm and rad; zeros are those of the reported angles."""
+    parts = dict(zip((name for name, _ in _FIELDS), change.reshape(len(_FIELDS), arm.axes), strict=True))
+    parts["offset"] = arm.coupling @ parts["offset"]
+    return replace(arm, **{name: getattr(arm, name) + part for name, part in parts.items()})
+
+
+def constants_count(arm: Arm) -> int:
+    """Return the number of constants of an arm; what joints have beside them follows these."""
+    return len(_FIELDS) * arm.axes
+
+
+def corrected_arm(arm: Arm, times: Array) -> Arm:
+    """Return an arm with its constants changed by (k,) prior standard deviations; those of curves are ignored."""
+    sds = _constant_sds(arm)
+    return _with_constants(arm, sds * times[: len(sds)])
+
+
+def _joint_shapes(run: ObservedRun) -> Array:
+    """Return one prior standard deviation (m, axes, k) of a joint's error over its angle and under gravity, in rad."""
+    q = angles_of(run)
+    curves = [_CURVE / order * f(order * q) for order in _ORDERS for f in (np.sin, np.cos)]
+    torque = pull(run.model.arm, run.model.load, run.path.q[run.samples]).torque
+    return np.stack([*curves, _DEFLECTION * torque], axis=2)
+
+
+def day_columns(runs: Sequence[ObservedRun], readings: LinearReadings) -> Array:
+    """Return what one standard deviation (n, d) mm of each usual change from day to day adds to new readings: the
+    joints' positions, the place of ball or base, and the zeros of gauges."""
+    axes = readings.angles.shape[1]
+    day = readings.arm[:, :axes] / _ZERO * np.radians(JOINT_DEG.middle)
+    shift = np.stack([(readings.channel == k) * BALL_MM.middle for k in range(3)], axis=1)
+    gauges, first = [], 0
+    for run in runs:
+        stop = first + run.values.size
+        if not run.table.kind.of_places:
+            for channel in range(run.values.shape[1]):
+                column = np.zeros(len(readings.residual))
+                column[first + channel : stop : run.values.shape[1]] = _GAUGE_ZERO_MM
+                gauges.append(column)
+        first = stop
+    return np.column_stack([day, shift, *gauges])
+
+
+def shift_of(runs: Sequence[ObservedRun], place: Workplace, cause: Cause, about: Array | None = None) -> Shift:
+    """Return what a cause does to the readings of runs, linearised about a change (m,) mm and rad."""
+    about = np.zeros(len(cause.scale)) if about is None else about
+
+    def predict(change: Array) -> Array:
+        return np.concatenate([after(run, place, cause, change) for run in runs])
+
+    base = predict(about)
+    columns = _slopes(lambda step: predict(about + step), base, cause.scale) / cause.scale
+    unmoved = predict(np.zeros_like(about)) if about.any() else base
+    return Shift(columns, columns @ about - (base - unmoved))

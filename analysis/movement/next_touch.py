@@ -1,0 +1,187 @@
+"""The next touch: the posture of the reference that is expected to separate the remaining causes best.
+
+For each posture, each cause predicts a reading with a mean and a covariance. Two causes are separated by one minus
+Bhattacharyya's coefficient of their predictions, which bounds the error of a decision between them; the sum over pairs
+of causes, weighted by their odds, ranks the postures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.movement.causes import LEVELS, NOTHING, Cause, prior_of
+from analysis.movement.evidence import LinearReadings, Prediction
+from analysis.movement.inference import NAMED, Compared, Reference
+from analysis.movement.linearise import day_columns, shift_of
+from analysis.robot.kinematics.arm import Array
+
+_REMAINING = 1e-3
+"""Probability below which a cause no longer counts."""
+
+
+@dataclass(frozen=True)
+class Posture:
+    """A reading of the reference to repeat: its set-up, its row in the file and the joint angles (axes,) rad."""
+
+    setup: str
+    row: int
+    angles: Array
+    gain: float
+
+
+@dataclass(frozen=True)
+class Lever:
+    """A cause that no posture of the reference shows: its largest effect in mm for its typical size, and the scatter
+    that hides it."""
+
+    cause: Cause
+    moves_mm: float
+    scatter_mm: float
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Postures of a reference with the readings that they would give, and what each cause does to these."""
+
+    runs: tuple[ObservedRun, ...]
+    readings: LinearReadings
+    shifts: Mapping[Cause, Array]
+    postures: tuple[Posture, ...]
+
+
+def candidates_of(reference: Reference) -> Candidates:
+    """Return the postures of a reference that may be touched again; a circle has none."""
+    runs = tuple(run for run in reference.runs if run.table.kind.of_places)
+    every = reference.conditioned.reference
+    of_places = np.concatenate([
+        np.full(run.values.size, run.table.kind.of_places) for run in reference.runs
+    ])  # fmt: skip
+    readings = every.rows(of_places)
+    postures = tuple(
+        Posture(run.setup, int(run.table.rows[row]), angles, 0.0)
+        for run in runs
+        for row, angles in zip(_table_rows(run), run.path.q[run.samples], strict=True)
+    )
+    shifts = {cause: shift_of(runs, reference.place, cause).columns for cause in reference.causes} if runs else {}
+    return Candidates(runs, readings, shifts, postures)
+
+
+def _table_rows(run: ObservedRun) -> list[int]:
+    """Return the rows of the table that the readings of a run are, by their joint angles."""
+    apart = np.abs(run.path.q[run.samples][:, None] - run.table.q[None]).max(axis=2)
+    return [int(row) for row in apart.argmin(axis=1)]
+
+
+def next_posture(reference: Reference, candidates: Candidates, compared: Compared | None) -> Posture | None:
+    """Return the posture that is expected to separate the remaining causes best; None without postures."""
+    count = len(candidates.postures)
+    if not count:
+        return None
+    probability = _remaining(reference, compared)
+    joint, day, known = _joined(candidates, compared)
+    prediction = max(reference.conditioned.predict(joint, day), key=lambda p: p.weight)
+    predicted = {
+        cause: _predicted(prediction, _columns(cause, candidates, compared, joint), cause, compared, known, count)
+        for cause in probability
+    }
+    gains = np.zeros(count)
+    causes = list(probability)
+    for k, first in enumerate(causes):
+        for second in causes[k + 1 :]:
+            weight = np.sqrt(probability[first] * probability[second])
+            gains += weight * (1 - _overlap(*predicted[first], *predicted[second]))
+    if compared is not None:  # a posture that was just touched says less than another
+        seen = np.concatenate([run.path.q[run.samples] for run in compared.runs])
+        angles = np.array([posture.angles for posture in candidates.postures])
+        gains[np.abs(angles[:, None] - seen[None]).max(axis=2).min(axis=1) < _SAME_RAD] *= 0.5
+    best = int(np.argmax(gains))
+    return replace(candidates.postures[best], gain=float(gains[best]))
+
+
+_SAME_RAD = 0.02
+
+
+def _remaining(reference: Reference, compared: Compared | None) -> dict[Cause, float]:
+    if compared is None:
+        every = prior_of([NOTHING, *reference.causes])
+    else:
+        every = {
+            cause: value
+            for cause, value in compared.posterior.probability.items()
+            if cause == NOTHING or cause in compared.shifts
+        }
+    kept = {cause: value for cause, value in every.items() if value > _REMAINING}
+    return kept if len(kept) > 1 else every
+
+
+def _joined(candidates: Candidates, compared: Compared | None) -> tuple[LinearReadings, Array, int]:
+    """Return the readings so far with those of all candidates, their changes from day to day, and how many entries are
+    known."""
+    new = compared.readings if compared else candidates.readings.rows(np.zeros(len(candidates.readings.sd_mm), bool))
+    joint = LinearReadings(*(
+        np.concatenate([getattr(new, name), getattr(candidates.readings, name)])
+        for name in LinearReadings.__dataclass_fields__
+    ))  # fmt: skip
+    runs = [*(compared.runs if compared else ()), *candidates.runs]
+    return joint, day_columns(runs, joint), len(new.residual)
+
+
+def _columns(cause: Cause, candidates: Candidates, compared: Compared | None, joint: LinearReadings) -> Array:
+    if cause == NOTHING:
+        return np.empty((len(joint.sd_mm), 0))
+    parts = [candidates.shifts[cause]]
+    if compared is not None:
+        parts.insert(0, compared.shifts[cause].columns)
+    return np.asarray(np.concatenate(parts) / joint.sd_mm[:, None])
+
+
+def _predicted(
+    prediction: Prediction, columns: Array, cause: Cause, compared: Compared | None, known: int, count: int
+) -> tuple[Array, Array]:
+    """Return mean (c, k) and covariance (c, k, k) of the reading at each candidate under a cause, given those so
+    far."""
+    level = 1.0
+    if compared is not None and cause in compared.posterior.estimates and len(cause.scale):
+        level = float(LEVELS[int(np.argmax(compared.posterior.estimates[cause].level))])
+    sized = columns * (cause.scale * level)
+    cov = prediction.cov + sized @ sized.T
+    width = (len(cov) - known) // count
+    gain = np.linalg.solve(cov[:known, :known], cov[:known, known:]) if known else np.empty((0, len(cov)))
+    mean = (gain.T @ prediction.excess[:known] if known else np.zeros(len(cov))).reshape(count, width)
+    own = np.arange(known, len(cov)).reshape(count, width)
+    covs = cov[own[:, :, None], own[:, None, :]]
+    if known:
+        of_candidate = cov[:known, known:].reshape(known, count, width)
+        covs = covs - np.einsum("ncw,ncv->cwv", of_candidate, gain.reshape(known, count, width))
+    return mean, covs
+
+
+def _overlap(first: Array, first_cov: Array, second: Array, second_cov: Array) -> Array:
+    """Return Bhattacharyya's coefficient (c,) of two normal distributions at each candidate."""
+    middle, apart = (first_cov + second_cov) / 2, first - second
+    far = np.einsum("ci,ci->c", apart, np.linalg.solve(middle, apart[..., None])[..., 0]) / 8
+    logs = [np.linalg.slogdet(cov)[1] for cov in (middle, first_cov, second_cov)]
+    return np.asarray(np.exp(-far - 0.5 * (logs[0] - 0.5 * (logs[1] + logs[2]))))
+
+
+def hidden_causes(reference: Reference, candidates: Candidates) -> list[Lever]:
+    """Return the causes that touches in all postures of the reference would not name at their typical size."""
+    if not candidates.postures:
+        return []
+    prediction = max(
+        reference.conditioned.predict(candidates.readings, day_columns(candidates.runs, candidates.readings)),
+        key=lambda p: p.weight,
+    )
+    prior, hidden = prior_of([NOTHING, *reference.causes]), []
+    for cause, columns in candidates.shifts.items():
+        moves = columns * cause.scale
+        white = prediction.whitened(moves / candidates.readings.sd_mm[:, None])
+        shown = float((white**2).sum(axis=0).max())
+        if shown < 2 * np.log(NAMED / (1 - NAMED) * prior[NOTHING] / prior[cause]):
+            by_row = np.linalg.norm(moves.reshape(len(candidates.postures), -1, moves.shape[1]), axis=1)
+            hidden.append(Lever(cause, float(by_row.max()), reference.scatter_mm))
+    return hidden

@@ -1,0 +1,224 @@
+"""The result of `what moved`: causes with odds, size, direction and effect on the work, and what comes next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.diagnosis.evidence.observation import ObservedRun
+from analysis.diagnosis.evidence.setups import FRAME
+from analysis.movement.causes import NOTHING, OTHER, Cause, What
+from analysis.movement.evidence import Estimate
+from analysis.movement.inference import MOST_MM, NAMED, Compared, Reference, compare, study
+from analysis.movement.linearise import angles_of, tool_places, with_cause
+from analysis.movement.next_touch import Candidates, Lever, Posture, candidates_of, hidden_causes, next_posture
+from analysis.robot.geometry.pose_setup import frame
+from analysis.robot.kinematics.arm import Array, forward
+from rigs.errors import FileError
+
+Vector = tuple[float, float, float]
+_SHOWN = 1e-4
+"""Posterior probability from which a cause is listed."""
+
+
+@dataclass(frozen=True)
+class CauseOdds:
+    """One cause with its posterior probability and size. `u` is the standard uncertainty of the length of the shift in
+    mm, or of the zero in degrees; `u_rotation_deg` that of the rotation. `point_mm` is what the cause does to a point
+    in the middle of the work. A pair has its two members in `together`."""
+
+    cause: Cause
+    posterior: float
+    translation_mm: Vector | None = None
+    rotation_deg: Vector | None = None
+    size_deg: float | None = None
+    u: float | None = None
+    u_rotation_deg: float | None = None
+    point_mm: Vector | None = None
+    together: tuple[CauseOdds, ...] = ()
+
+    @property
+    def what(self) -> What:
+        """The kind of cause."""
+        return self.cause.what
+
+    @property
+    def name(self) -> str:
+        """The name of the socket, target or instrument, as a person gave it."""
+        return short_name(self.cause)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the cause as JSON has it."""
+        found: dict[str, Any] = {"what": self.what, "axis": self.cause.axis, "name": self.name or None}
+        for key in ("posterior", "translation_mm", "rotation_deg", "size_deg", "u", "u_rotation_deg", "point_mm"):
+            value = getattr(self, key)
+            found[key] = list(value) if isinstance(value, tuple) else value
+        if self.together:
+            found["together"] = [member.to_dict() for member in self.together]
+        return found
+
+
+@dataclass(frozen=True)
+class Moved:
+    """What moved between a reference and new readings. `cannot_separate` lists the causes between which the readings
+    do not decide; `next_posture` is the posture to touch next, None if a cause is named or no posture helps; `hidden`
+    are causes that no posture of the reference shows."""
+
+    causes: tuple[CauseOdds, ...]
+    named: CauseOdds | None
+    cannot_separate: tuple[CauseOdds, ...]
+    next_posture: Posture | None
+    hidden: tuple[Lever, ...]
+    readings: int
+    reference_readings: int
+    scatter_mm: float
+    centre_mm: Vector
+    wild_row: int | None
+    of_tracker: bool
+    doubts: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as JSON has it."""
+        step = self.next_posture
+        return {
+            "causes": [cause.to_dict() for cause in self.causes],
+            "cannot_separate": [
+                {"what": cause.what, "axis": cause.cause.axis, "name": cause.name or None}
+                for cause in self.cannot_separate
+            ],
+            "next": step and {
+                "setup": step.setup, "row": step.row, "joints_deg": np.round(np.degrees(step.angles), 4).tolist()
+            },
+            "hidden": [
+                {"what": lever.cause.what, "axis": lever.cause.axis, "name": short_name(lever.cause) or None,
+                 "moves_mm": lever.moves_mm, "scatter_mm": lever.scatter_mm}
+                for lever in self.hidden
+            ],
+            "readings": self.readings, "reference_readings": self.reference_readings, "scatter_mm": self.scatter_mm,
+            "point": {"at_mm": list(self.centre_mm)}, "wild_reading": self.wild_row, "doubts": list(self.doubts),
+        }  # fmt: skip
+
+
+def short_name(cause: Cause) -> str:
+    """Return the name of a socket, target or instrument without that of its test."""
+    name = cause.name.rpartition("socket ")[2] if cause.what == "socket" else cause.name
+    return name.partition(FRAME)[0]
+
+
+def what_moved(reference_runs: list[ObservedRun], new: list[ObservedRun], *, plan: bool = False) -> Moved:
+    """Return what moved between reference runs and new ones, each of one arm about one model, with touches split by
+    socket. With `plan`, or if nothing is named, the result holds the next posture. Raises FileError if the new readings
+    share no set-up with the reference."""
+    reference = study(reference_runs)
+    known = {run.setup for run in reference.runs}
+    shared = [run for run in new if run.setup in known]
+    if new and not shared:
+        remedy = "touch the same sockets, or give the same --placement at import (rig relabel)"
+        raise FileError(f"set-up {new[0].setup}", "is in no reference run", remedy)
+    doubts = [f"{name} is in no reference run and is left out" for name in sorted({run.setup for run in new} - known)]
+    if reference.wild:
+        doubts.append(f"{reference.wild} wild readings of the reference are left out")
+    compared = compare(reference, shared) if shared else None
+    if compared is not None and compared.distance_mm > MOST_MM:
+        far = f"its readings are {compared.distance_mm:.0f} mm from where the reference has them"
+        remedy = "check that sockets, targets and placement are those of the reference"
+        raise FileError(f"set-up {shared[0].setup}", far, remedy)
+    return moved_of(reference, compared, plan=plan, doubts=tuple(doubts))
+
+
+def moved_of(
+    reference: Reference, compared: Compared | None, *, plan: bool = False, doubts: tuple[str, ...] = ()
+) -> Moved:
+    """Return the result of a comparison, or of a plan before the first reading."""
+    causes = [] if compared is None else _causes(reference, compared)
+    named = causes[0] if compared is not None and compared.named is not None else None
+    rivals = () if named else tuple(cause for cause in causes if cause.posterior > 1 - NAMED)
+    candidates = candidates_of(reference)
+    hidden = tuple(hidden_causes(reference, candidates))
+    step = None
+    if (plan or compared is not None) and named is None:
+        step = _next(reference, candidates, compared, rivals, hidden)
+    wild = None if compared is None or compared.posterior.wild is None else compared.posterior.wild + 1
+    return Moved(
+        tuple(causes), named, rivals, step, hidden,
+        sum(len(run.rows) for run in compared.runs) if compared else 0, sum(len(run.rows) for run in reference.runs),
+        reference.scatter_mm, _vector(reference.place.centre_mm), wild,
+        any(run.table.kind.of_tracker for run in reference.runs), doubts,
+    )  # fmt: skip
+
+
+def _next(
+    reference: Reference,
+    candidates: Candidates,
+    compared: Compared | None,
+    rivals: tuple[CauseOdds, ...],
+    hidden: tuple[Lever, ...],
+) -> Posture | None:
+    """Return the next posture; None if only causes are left that no posture shows."""
+    invisible = {lever.cause for lever in hidden}
+    if rivals and all(rival.cause in invisible or rival.cause == NOTHING for rival in rivals):
+        return None
+    return next_posture(reference, candidates, compared)
+
+
+def _causes(reference: Reference, compared: Compared) -> list[CauseOdds]:
+    found: list[CauseOdds] = []
+    for cause, probability in compared.posterior.probability.items():
+        if probability < _SHOWN and len(found) >= 1:
+            continue
+        found.append(_sized(reference, cause, probability, compared.posterior.estimates[cause]))
+    return found
+
+
+def _sized(reference: Reference, cause: Cause, probability: float, estimate: Estimate) -> CauseOdds:
+    if cause in (NOTHING, OTHER):
+        return CauseOdds(cause, probability)
+    if cause.members:
+        together: list[CauseOdds] = []
+        first = 0
+        for member in cause.members:
+            own = slice(first, first + len(member.scale))
+            first = own.stop
+            part = Estimate(0.0, estimate.mean[own], estimate.cov[own, own], estimate.level)
+            together.append(_sized(reference, member, probability, part))
+        return CauseOdds(cause, probability, together=tuple(together))
+    point = _vector(_at_point(reference, cause, estimate.mean))
+    if cause.what == "zero":
+        size, u = np.degrees(estimate.mean[0]), np.degrees(np.sqrt(estimate.cov[0, 0]))
+        return CauseOdds(cause, probability, size_deg=float(size), u=float(u), point_mm=point)
+    shift, turn = estimate.mean[:3], estimate.mean[3:]
+    return CauseOdds(
+        cause, probability, _vector(shift), _vector(np.degrees(turn)) if len(turn) else None, None,
+        _along(shift, estimate.cov[:3, :3]),
+        float(np.degrees(_along(turn, estimate.cov[3:, 3:]))) if len(turn) else None, point,
+    )  # fmt: skip
+
+
+def _along(vector: Array, cov: Array) -> float:
+    """Return the standard uncertainty of the length of a vector (3,)."""
+    direction = vector / max(float(np.linalg.norm(vector)), 1e-12)
+    return float(np.sqrt(direction @ cov @ direction))
+
+
+def _vector(values: Array) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def _at_point(reference: Reference, cause: Cause, change: Array) -> Array:
+    """Return by how much (3,) mm the ball or target misses in the posture nearest to the middle of the work."""
+    place = reference.place
+    best: tuple[float, ObservedRun, int] | None = None
+    for run in reference.runs:
+        far = np.linalg.norm(tool_places(run, place.setups[run.setup]) - place.centre_mm, axis=1)
+        row = int(far.argmin())
+        if best is None or far[row] < best[0]:
+            best = float(far[row]), run, row
+    assert best is not None  # noqa: S101 - a reference has runs
+    _, run, row = best
+    q, target = angles_of(run)[row : row + 1], place.setups[run.setup].T_tool_target[:3, 3]
+    arms = run.model.arm, with_cause(run.model.arm, cause, place.centre_mm, change)
+    before, after = (forward(arm, q)[0] @ frame(np.eye(3), target) for arm in arms)
+    return np.asarray((after - before)[:3, 3])

@@ -1,0 +1,38 @@
+"""What moved, from runs as they were read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from analysis.diagnosis.evidence.observation import ObservedRun, by_socket
+from analysis.diagnosis.evidence.placements import observe_runs
+from analysis.movement.result import Moved, what_moved
+from analysis.runs.loading import Measured
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+
+def observed(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
+    """Return runs with joint angles as the inference sees them, about the model of a rig, with touches split by socket.
+    Raises FileError for a run of another robot."""
+    with_joints = [run for run in runs if not run.table.kind.without_joints]
+    return [part for run in observe_runs(rig, with_joints) for part in by_socket(run)]
+
+
+def what_moved_in(rig: Rig, reference: Sequence[Measured], new: Sequence[Measured], *, plan: bool = False) -> Moved:
+    """Return what moved between reference runs and new ones. A placement that all new runs name otherwise counts as
+    that of the reference. Raises FileError if there is no reference with joint angles."""
+    before, after = observed(rig, reference), observed(rig, new)
+    if not before:
+        raise FileError("reference", "has no joint angles", "give runs of touches, poses or circles")
+    places = {run.run.manifest.placement for run in reference}
+    others = {run.run.manifest.placement for run in new}
+    if len(places) == len(others) == 1 and places != others:
+        after = _renamed(after, others.pop(), places.pop())
+    return what_moved(before, after, plan=plan)
+
+
+def _renamed(runs: Sequence[ObservedRun], old: str, new: str) -> list[ObservedRun]:
+    was, becomes = f" at {old}" if old else "", f" at {new}" if new else ""
+    return [replace(run, setup=run.table.test + becomes + run.setup.removeprefix(run.table.test + was)) for run in runs]

@@ -1,0 +1,69 @@
+"""What moved, on the screen and as a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from analysis.movement.result import CauseOdds, Moved, Vector
+from analysis.movement.words import name_of, size_of
+from analysis.report.html_page import environment, write_html
+from analysis.report.movement_words import headline, remarks, what_to_do
+from analysis.report.plain_console import bare_table, right
+
+_MOST_CAUSES = 8
+"""Causes that are listed; the JSON has all."""
+COLUMNS = ("cause", "probability", "size ± u", "at the middle of the work, x, y, z")
+
+
+def rows_of(moved: Moved) -> list[tuple[str, str, str, str]]:
+    """Return a row for each cause, likeliest first."""
+    return [
+        (
+            name_of(cause.cause, of_tracker=moved.of_tracker), _percent(cause), size_of(cause) or "–",
+            "–" if cause.point_mm is None else _at(cause.point_mm),
+        )
+        for cause in moved.causes[:_MOST_CAUSES]
+    ]  # fmt: skip
+
+
+def _percent(cause: CauseOdds) -> str:
+    share = 100 * cause.posterior
+    return "> 99.9 %" if share > 99.9 else "< 0.1 %" if share < 0.1 else f"{share:.1f} %"
+
+
+def _at(point: Vector) -> str:
+    return ", ".join(f"{value:+.2f}" for value in point) + " mm"
+
+
+def as_screen(moved: Moved) -> RenderableType:
+    """Return the first sentence, what to do, the causes and remarks."""
+    sure = moved.named is not None
+    colour = "bold yellow" if not sure or (moved.named and moved.named.what != "nothing") else "bold green"
+    parts: list[RenderableType] = [Text(headline(moved), style=colour), Text(what_to_do(moved))]
+    if moved.causes:
+        table = bare_table(COLUMNS[0], right(COLUMNS[1]), *COLUMNS[2:])
+        for row in rows_of(moved):
+            table.add_row(*row)
+        parts += [Text(), table]
+    parts += [Text(line, style="yellow") for line in remarks(moved)]
+    return Group(*parts, Text(footer(moved), style="dim"))
+
+
+def footer(moved: Moved) -> str:
+    """Return what the result is made of."""
+    counts = f"{moved.readings} new readings, {moved.reference_readings} of the reference"
+    at = ", ".join(f"{value:.0f}" for value in moved.centre_mm)
+    return f"{counts} · scatter {moved.scatter_mm:.3f} mm · middle of the work at {at} mm"
+
+
+def write_page(moved: Moved, path: Path, title: str) -> None:
+    """Write the page. Raises FileError if it cannot be written."""
+    html = environment().get_template("moved.html").render(
+        title=title, headline=headline(moved), act=what_to_do(moved), columns=COLUMNS, rows=rows_of(moved),
+        remarks=remarks(moved), footer=footer(moved),
+        standing="pass" if moved.named and moved.named.what == "nothing" else "watch",
+    )  # fmt: skip
+    write_html(html, path)

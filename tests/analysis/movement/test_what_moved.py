@@ -1,0 +1,148 @@
+"""What moved, on an independent world: causes, sizes, what readings cannot separate, and steps within runs."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from analysis.cli import app
+from analysis.movement.changes import find_step
+from analysis.movement.evidence import condition
+from analysis.movement.inference import compare
+from analysis.movement.next_touch import candidates_of, hidden_causes, next_posture
+from analysis.movement.result import moved_of, what_moved
+from analysis.report.movement_words import headline, what_to_do
+from rigs.errors import FileError
+from tests.trials.moved.__main__ import Case, label, observed
+from tests.worlds import moved as world
+
+SCATTER_MM = 0.05
+
+
+@cache
+def case(cause: str, seed: int = 2) -> Case:
+    return Case(world.SIX, cause, SCATTER_MM, seed)
+
+
+@pytest.mark.parametrize("cause", ["nothing", "base", "tool", "zero 1", "zero 3"])
+def test_eight_touches_name_the_cause(cause: str) -> None:
+    drawn = case(cause)
+    assert label(drawn.named(drawn.touch_again(8))) == cause
+
+
+def test_size_direction_and_uncertainty_are_those_of_the_world() -> None:
+    drawn = case("tool")
+    found = moved_of(drawn.reference, compare(drawn.reference, observed(drawn.model, *drawn.touch_again(12)))).named
+    assert found is not None and found.translation_mm is not None and found.u is not None
+    assert np.linalg.norm(np.subtract(found.translation_mm, drawn.change.tool)) < 5 * found.u
+    assert 0.005 < found.u < 0.1
+
+
+def test_a_pair_is_named_if_no_single_cause_fits() -> None:
+    drawn = case("tool+zero 2")
+    assert label(drawn.named(drawn.touch_again(10))) == "tool+zero 2"
+
+
+def test_one_unseated_ball_is_no_movement() -> None:
+    drawn = case("nothing")
+    sockets, q = drawn.touch_again(8)
+    q[3, 2] += np.radians(0.3)  # some millimetres
+    compared = compare(drawn.reference, observed(drawn.model, sockets, q))
+    assert compared.named is None or compared.named.what in ("nothing", "other")
+
+
+def test_one_socket_and_the_base_are_not_separated() -> None:
+    drawn = case("base")
+    rows = [k for k, name in enumerate(drawn.sockets) if name == "A"]
+    reference = observed(drawn.model, ["A"] * len(rows), _touched(drawn, rows, world.no_change(6), drawn.arm))
+    new = observed(drawn.model, ["A"] * 4, _touched(drawn, rows[:4], drawn.change, drawn.after))
+    found = what_moved(reference, new)
+    assert found.named is None or found.named.what in ("base", "socket")
+    if found.named is None:
+        assert {cause.what for cause in found.cannot_separate} >= {"base", "socket"}
+        assert "Not decided" in headline(found)
+
+
+def _touched(drawn: Case, rows: list[int], change: world.Change, arm: world.TrueArm) -> np.ndarray:
+    return world.touched(arm, drawn.q[rows], ["A"] * len(rows), change, SCATTER_MM, np.random.default_rng(5))
+
+
+def test_a_ball_near_the_last_axis_is_told_with_what_would_show_it() -> None:
+    drawn = Case(world.SIX, "nothing", 0.3, 4)
+    found = moved_of(drawn.reference, None, plan=True)
+    axes = {lever.cause.axis for lever in found.hidden}
+    assert 6 in axes and not axes & {1, 2, 3}
+    assert hidden_causes(drawn.reference, candidates_of(drawn.reference))[0].scatter_mm > 0.1
+
+
+def test_a_plan_names_a_posture_of_the_reference_and_stops_when_a_cause_is_named() -> None:
+    drawn = case("zero 3")
+    candidates = candidates_of(drawn.reference)
+    posture = next_posture(drawn.reference, candidates, None)
+    assert posture is not None and np.abs(drawn.q - posture.angles).max(axis=1).min() < 0.01
+    compared = compare(drawn.reference, observed(drawn.model, *drawn.touch_again(8)))
+    found = moved_of(drawn.reference, compared, plan=True)
+    assert found.named is not None and found.next_posture is None
+    assert what_to_do(found).startswith("Re-master axis 3")
+
+
+def test_scatter_of_the_reference_is_found() -> None:
+    small, large = (Case(world.SIX, "nothing", mm, 7).reference.scatter_mm for mm in (0.02, 0.2))
+    assert 0.01 < small < 0.06 and 0.1 < large < 0.35
+
+
+def test_a_step_within_a_run_is_found_at_its_row_and_none_without() -> None:
+    drawn = case("zero 2")
+    new = drawn.touch_again(10)
+    reference = drawn.before
+    both = observed(drawn.model, drawn.sockets + new[0], np.concatenate([reference, new[1]]))
+    order = np.concatenate([run.rows for run in both])
+    step = find_step(both, order)
+    assert step is not None and label(step.found.cause) == "zero 2"
+    assert abs(step.first - len(reference)) <= 1
+    sound = observed(drawn.model, drawn.sockets, reference)
+    assert find_step(sound, np.concatenate([run.rows for run in sound])) is None
+
+
+def test_readings_of_other_sockets_are_refused() -> None:
+    drawn = case("nothing")
+    sockets, q = drawn.touch_again(6)
+    far = q + np.radians([20, 0, 0, 0, 0, 0])
+    reference = observed(drawn.model, drawn.sockets, drawn.before)
+    with pytest.raises(FileError, match="mm from where the reference has them"):
+        what_moved(reference, observed(drawn.model, sockets, far))
+    with pytest.raises(FileError, match="in no reference run"):
+        what_moved(reference, observed(drawn.model, ["C"] * 6, q))
+
+
+def test_evidence_prefers_the_right_scatter() -> None:
+    conditioned = condition(case("nothing").reference.conditioned.reference)
+    assert sum(scenario.weight for scenario in conditioned.scenarios) == pytest.approx(1.0)
+
+
+def test_the_command_says_what_moved(tmp_path: Path) -> None:
+    drawn = case("base")
+    rig_file = tmp_path / "cell.yaml"
+    rig_file.write_text(drawn.rig_text, encoding="utf-8")
+    tables = {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(6)}
+    for name, (sockets, q) in tables.items():
+        head = ",".join(["socket", *(f"q{k}_deg" for k in range(1, 7))])
+        rows = [",".join([s, *(f"{a:.6f}" for a in np.degrees(row))]) for s, row in zip(sockets, q, strict=True)]
+        (tmp_path / f"{name}.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+        words = ["import", str(tmp_path / f"{name}.csv"), "--rig", str(rig_file), "--test", "touch"]
+        assert CliRunner().invoke(app, [*words, "-o", str(tmp_path / name)]).exit_code == 0
+    page = tmp_path / "moved.html"
+    words = ["moved", str(tmp_path / "before"), "--new", str(tmp_path / "after")]
+    done = CliRunner().invoke(app, [*words, "-o", str(page)])
+    assert done.exit_code == 0 and done.output.startswith("The base moved by")
+    assert "The base moved by" in page.read_text(encoding="utf-8")
+    said = json.loads(CliRunner().invoke(app, [*words, "--json"]).output)
+    assert said["causes"][0]["what"] == "base" and len(said["causes"][0]["translation_mm"]) == 3
+    assert (
+        CliRunner().invoke(app, ["moved", str(tmp_path / "before"), "--plan"]).output.count("Next: touch socket") == 1
+    )

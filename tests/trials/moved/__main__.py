@@ -1,0 +1,197 @@
+"""How often `what moved` is right: drawn arms and changes of an independent world, a table with a line for each cause.
+
+`python -m tests.trials.moved [cases] [scatter_mm] [touches] [axes] [anywhere | planned | plan]`. New touches are in
+postures of the reference, drawn at random; `anywhere` draws other postures, `planned` takes those that the plan
+chooses, and `plan` counts the touches that name a cause, planned and at random.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+
+import numpy as np
+
+from analysis.diagnosis.evidence.observation import ObservedRun, by_socket, observe
+from analysis.movement.causes import Cause
+from analysis.movement.inference import Reference, compare, study
+from analysis.movement.next_touch import candidates_of, next_posture
+from analysis.robot.model.predict import Model, model_of
+from analysis.runs.tables import TouchTable
+from rigs.load import parse
+from tests.worlds import moved as world
+
+
+def rig_text(kind: world.Kind) -> str:
+    """Return the rig file of the nominal arm of a kind."""
+    axes = "\n".join(
+        f"    - {{name: J{k}, a_mm: {a}, alpha_deg: {alpha}, d_mm: {d}, limits_deg: [-360, 360], speed_deg_s: 120}}"
+        for k, (a, alpha, d) in enumerate(zip(kind.a, kind.alpha_deg, kind.d, strict=True), start=1)
+    )
+    touch = f"tests:\n  touch:\n    sockets: [A, B]\n    ball_mm: {list(kind.tool)}\n"
+    return f"name: moved\nrobot:\n  name: trial\n  axes:\n{axes}\n{touch}"
+
+
+def model_for(kind: world.Kind) -> Model:
+    """Return rig's model of the nominal arm of a kind."""
+    return model_of(parse(rig_text(kind), "trial"))
+
+
+def observed(model: Model, sockets: list[str], q: np.ndarray) -> list[ObservedRun]:
+    """Return touches as runs, one for each socket."""
+    return by_socket(observe(model, TouchTable(np.array(sockets), q), "trial"))
+
+
+class Case:
+    """One drawn arm, its reference and what changed."""
+
+    def __init__(self, kind: world.Kind, cause: str, scatter_mm: float, seed: int) -> None:
+        self.rng = np.random.default_rng([seed, *cause.encode()])
+        self.model, self.scatter_mm, self.rig_text = model_for(kind), scatter_mm, rig_text(kind)
+        self.arm = world.drawn_arm(kind, self.rng)
+        count = int(self.rng.integers(20, 41))
+        self.sockets = (["A", "B"] * count)[:count]
+        self.q = self._postures(self.sockets)
+        axes = len(kind.a)
+        self.before = world.touched(self.arm, self.q, self.sockets, world.no_change(axes), scatter_mm, self.rng)
+        self.reference: Reference = study(observed(self.model, self.sockets, self.before))
+        self.change = world.drawn_change(cause, axes, self.rng)
+        self.after = world.changed_arm(self.arm, self.change)
+
+    def _postures(self, sockets: list[str]) -> np.ndarray:
+        found = {name: world.postures(self.arm, world.SOCKETS[name], sockets.count(name), self.rng) for name in "AB"}
+        taken = Counter[str]()
+        rows = []
+        for name in sockets:
+            rows.append(found[name][taken[name]])
+            taken[name] += 1
+        return np.array(rows)
+
+    def touch(self, sockets: list[str], q: np.ndarray | None = None) -> tuple[list[str], np.ndarray]:
+        """Return touches after the change, near given postures or in random ones."""
+        near = self._postures(sockets) if q is None else q
+        return sockets, world.touched(self.after, near, sockets, self.change, self.scatter_mm, self.rng)
+
+    def touch_again(self, count: int) -> tuple[list[str], np.ndarray]:
+        """Return touches after the change in postures of the reference drawn at random, both sockets in turn."""
+        rows = [
+            int(self.rng.choice([k for k, name in enumerate(self.sockets) if name == "AB"[n % 2]]))
+            for n in range(count)
+        ]
+        return self.touch([self.sockets[row] for row in rows], self.q[rows])
+
+    def touch_planned(self, count: int) -> tuple[list[str], np.ndarray]:
+        """Return touches after the change in postures that the plan chooses one by one."""
+        candidates, compared = candidates_of(self.reference), None
+        sockets: list[str] = []
+        q = np.empty((0, self.q.shape[1]))
+        while len(sockets) < count:
+            posture = next_posture(self.reference, candidates, compared)
+            assert posture is not None
+            row = int(np.abs(self.q - posture.angles).max(axis=1).argmin())
+            name, near = self.touch([self.sockets[row]], self.q[row : row + 1])
+            sockets, q = sockets + name, np.concatenate([q, near])
+            compared = compare(self.reference, observed(self.model, sockets, q))
+        return sockets, q
+
+    def named(self, touches: tuple[list[str], np.ndarray]) -> Cause | None:
+        """Return the cause that touches name at 20 to 1."""
+        return compare(self.reference, observed(self.model, *touches)).named
+
+
+def label(cause: Cause | None) -> str:
+    """Return a cause as the world names it."""
+    if cause is None:
+        return "open"
+    if cause.members:
+        return "+".join(sorted(map(label, cause.members)))
+    return f"zero {cause.axis}" if cause.what == "zero" else cause.what
+
+
+def main(cases: int, scatter_mm: float, touches: int, axes: int, where: str = "again") -> None:
+    kind = world.SIX if axes == 6 else world.SEVEN
+    causes = [
+        "nothing",
+        "base",
+        "tool",
+        "socket",
+        *(f"zero {k}" for k in range(1, axes + 1)),
+        "tool+zero 3",
+        "base+tool",
+    ]
+    print(f"{cases} cases a cause, {axes} axes, scatter {scatter_mm} mm, {touches} new touches, reference of 20 to 40")
+    print(f"{'cause':14s} named  wrong  part   open   nothing  other   ms")
+    total = wrong_total = 0
+    for cause in causes:
+        counts, begin = Counter[str](), time.perf_counter()
+        for seed in range(cases):
+            case = Case(kind, cause, scatter_mm, seed)
+            if where == "anywhere":
+                new = case.touch((["A", "B"] * touches)[:touches])
+            else:
+                new = case.touch_planned(touches) if where == "planned" else case.touch_again(touches)
+            found = label(case.named(new))
+            counts[found] += 1
+        ms = 1e3 * (time.perf_counter() - begin) / cases
+        right = "+".join(sorted(cause.split("+")))
+        parts = sum(n for name, n in counts.items() if name != right and name in cause.split("+"))
+        nothing = counts["nothing"] * (cause != "nothing")
+        wrong = cases - counts[right] - parts - nothing - counts["open"] - counts["other"]
+        if cause != "zero 6":  # the last axis moves the ball by less than the scatter: nothing is an honest answer
+            wrong += nothing * (cause != f"zero {axes}")
+        total, wrong_total = total + cases, wrong_total + wrong
+        share = [100 * n / cases for n in (counts[right], wrong, parts, counts["open"], nothing, counts["other"])]
+        print(f"{cause:14s}" + "".join(f"{s:5.1f}% " for s in share) + f"{ms:6.0f}  {dict(counts)}", flush=True)
+    print(f"wrong at 20 to 1: {wrong_total} of {total}")
+
+
+def plan(cases: int, scatter_mm: float, most: int, axes: int) -> None:
+    """Print how many touches name a cause, planned and in random postures of the reference."""
+    kind = world.SIX if axes == 6 else world.SEVEN
+    needed, better = [], 0
+    causes = ["base", "tool", *(f"zero {k}" for k in range(1, 6))]
+    for cause in causes:
+        for seed in range(cases):
+            case = Case(kind, cause, scatter_mm, 1000 + seed)
+            pair = [_touches_needed(case, most, planned=planned) for planned in (True, False)]
+            needed.append(pair)
+            better += pair[0] <= pair[1]
+        mean = np.mean(needed[-cases:], axis=0)
+        print(f"{cause:10s} planned {mean[0]:.1f}, random {mean[1]:.1f}: {needed[-cases:]}", flush=True)
+    for k, way in enumerate(("planned", "random")):
+        print(f"named within 4 touches, {way}: {sum(pair[k] <= 4 for pair in needed)} of {len(needed)}")
+    print(f"planned at most as many: {better} of {len(needed)}")
+
+
+def _touches_needed(case: Case, most: int, *, planned: bool) -> int:
+    """Return the number of touches after which a cause is named, one more than the most if none is."""
+    candidates = candidates_of(case.reference)
+    sockets: list[str] = []
+    q = np.empty((0, case.q.shape[1]))
+    compared = None
+    order = case.rng.permutation(len(case.q))
+    for count in range(1, most + 1):
+        if planned:
+            posture = next_posture(case.reference, candidates, compared)
+            assert posture is not None
+            row = int(np.abs(case.q - posture.angles).max(axis=1).argmin())
+        else:
+            row = int(order[count - 1])
+        name, near = case.touch([case.sockets[row]], case.q[row : row + 1])
+        sockets, q = sockets + name, np.concatenate([q, near])
+        compared = compare(case.reference, observed(case.model, sockets, q))
+        if compared.named is not None and compared.named.what != "nothing":
+            return count
+    return most + 1
+
+
+if __name__ == "__main__":
+    words = [word for word in sys.argv[1:] if word[0].isdigit()]
+    defaults = ["60", "0.05", "4", "6"]
+    given = [*words, *defaults[len(words) :]]
+    numbers = int(given[0]), float(given[1]), int(given[2]), int(given[3])
+    if "plan" in sys.argv:
+        plan(*numbers)
+    else:
+        main(*numbers, next((word for word in sys.argv if word in ("anywhere", "planned")), "again"))

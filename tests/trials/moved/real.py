@@ -1,0 +1,121 @@
+"""What moved on tables that others measured: `python -m tests.trials.moved.real DATA [cases]`.
+
+Of each series the first half is the reference. Readings of the second half, at random, are the new ones: as they are,
+with 0.05° added to one recorded joint, with a base that moved by 0.7 mm and 0.5 mrad, or with a tool that moved by
+0.7 mm.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.evidence.observation import by_socket, observe
+from analysis.movement.inference import compare, study
+from analysis.robot.geometry.pose_setup import fit_setup
+from analysis.robot.kinematics.arm import forward
+from analysis.robot.model.predict import Model, model_of
+from analysis.runs.tables import PoseTable, TouchTable
+from rigs.arms import load_arm
+from rigs.load import parse
+from tests.trials.moved.__main__ import label
+
+Array = NDArray[np.float64]
+_ARMS = {"panda_1": "franka-fr3", "panda_2": "franka-fr3", "kuka_14": "kuka-lbr-iiwa-14"}
+_ZERO = float(np.radians(0.05))
+_SHIFT_MM, _TURN = 0.7, 5e-4
+
+
+def series(data: Path) -> Iterator[tuple[str, Model, PoseTable | TouchTable]]:
+    """Yield each series with its nominal arm."""
+    for name in ("b", "d"):
+        rows = [line.split(";") for line in (data / "ipa-ur10" / f"series_{name}.csv").read_text().splitlines()]
+        values = np.array([[float(cell.replace(",", ".")) for cell in row] for row in rows[1:] if len(row) > 20])
+        yield f"UR10 {name}", _model("ur10"), PoseTable(values[:, 7:13], values[:, [14, 16, 18]], None)
+    for arm, library in _ARMS.items():
+        parts: dict[str, list[tuple[str, Array]]] = defaultdict(list)
+        for path in sorted((data / "mukca").glob(f"{arm}_*_hole_?.csv")):
+            placement, _, hole = path.stem.removeprefix(f"{arm}_").rpartition("_hole_")
+            parts[placement].append((hole, np.loadtxt(path, delimiter=",", ndmin=2)))
+        for placement, own in parts.items():
+            turn = np.concatenate([np.arange(len(q)) / len(q) for _, q in own]).argsort(kind="stable")
+            sockets = np.concatenate([np.full(len(q), hole) for hole, q in own])[turn]
+            yield f"{arm} {placement}", _model(library), TouchTable(sockets, np.concatenate([q for _, q in own])[turn])
+
+
+def _model(arm: str) -> Model:
+    return model_of(parse(f"name: real\n{load_arm(arm).text}", "real"))
+
+
+def _rows(table: PoseTable | TouchTable, rows: NDArray[np.int64]) -> PoseTable | TouchTable:
+    names = [name for name, value in vars(table).items() if isinstance(value, np.ndarray)]
+    return replace(table, **{name: getattr(table, name)[rows] for name in names})
+
+
+def changed(
+    model: Model, table: PoseTable | TouchTable, cause: str, rng: np.random.Generator
+) -> PoseTable | TouchTable:
+    """Return a table after a movement; a touch of a moved arm has other angles, by the nominal arm."""
+    what, _, axis = cause.partition(" ")
+    if what == "nothing":
+        return table
+    if what == "zero":
+        q = table.q.copy()
+        q[:, int(axis) - 1] += _ZERO * rng.choice([-1, 1])
+        return replace(table, q=q)
+    direction, turn = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
+    T = forward(model.arm, table.q)
+    if isinstance(table, PoseTable):
+        return replace(table, xyz_mm=table.xyz_mm + _seen_shift(T, table.xyz_mm, what, direction, turn))
+    shift = _SHIFT_MM * (np.tile(direction, (len(T), 1)) if what == "base" else T[:, :3, :3] @ direction)
+    if what == "base":
+        shift = shift + np.cross(_TURN * turn, T[:, :3, 3] - T[:, :3, 3].mean(axis=0))
+    steps = 1e-6 * np.eye(table.q.shape[1])
+    places = [forward(model.arm, table.q + step)[:, :3, 3] - T[:, :3, 3] for step in steps]
+    slopes = np.stack(places, axis=2) / 1e-6
+    return replace(table, q=table.q - np.einsum("nij,nj->ni", np.linalg.pinv(slopes, rcond=1e-3), shift))
+
+
+def _seen_shift(T: Array, xyz_mm: Array, what: str, direction: Array, turn: Array) -> Array:
+    """Return how far (n, 3) mm an instrument sees its target move, in its own axes."""
+    if what == "base":
+        return np.asarray(_SHIFT_MM * direction + np.cross(_TURN * turn, xyz_mm - xyz_mm.mean(axis=0)))
+    R = fit_setup(T, xyz_mm).T_world_base[:3, :3]
+    return np.asarray(_SHIFT_MM * T[:, :3, :3] @ direction @ R.T)
+
+
+def _verdict(found: str, cause: str) -> str:
+    if found == cause:
+        return "right"
+    return {"open": "open", "other": "open", "nothing": "nothing"}.get(found, f"wrong: {found}")
+
+
+def main(data: Path, cases: int) -> None:
+    """Print a line for each series: how often each cause is named, wrong or open at 20 to 1."""
+    total = Counter[str]()
+    for name, model, table in series(data):
+        half = len(table.q) // 2
+        reference = study(by_socket(observe(model, _rows(table, np.arange(half)), name)))
+        print(f"{name}, scatter {reference.scatter_mm:.2f} mm")
+        for cause in ["nothing", "base", "tool", *(f"zero {k}" for k in range(1, model.arm.axes + 1))]:
+            counts = Counter[str]()
+            for seed in range(cases):
+                rng = np.random.default_rng([seed, *cause.encode()])
+                count = min(24 if isinstance(table, PoseTable) else 12, len(table.q) - half)
+                rows = np.sort(rng.choice(np.arange(half, len(table.q)), size=count, replace=False))
+                new = changed(model, _rows(table, rows), cause, rng)
+                compared = compare(reference, by_socket(observe(model, new, name)))
+                counts[_verdict(label(compared.named), cause)] += 1
+            total += Counter({name.partition(":")[0]: count for name, count in counts.items()})
+            print(f"   {cause}: {dict(counts)}", flush=True)
+    print(dict(total))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 5)
