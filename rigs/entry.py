@@ -11,7 +11,9 @@ import sys
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
+PACKAGE_OF_API = "analysis"
 MARKS = {"rigs": "distribution.py", "daq": "service/rigd.py", "analysis": "cli/commands.py"}
 """A file of each of rig's packages, which another package of the same name lacks."""
 _WRONG_ENVIRONMENT = 4
@@ -43,3 +45,11 @@ def _hold_packages(program: str, *packages: str) -> None:
             continue
         print(f"error: {program}: {problem}; {remedy}", file=sys.stderr)
         sys.exit(_WRONG_ENVIRONMENT)
+
+
+def __getattr__(name: str) -> Any:
+    """A name of the public API, which is that of `analysis`: `import rig_metrology` needs no other name."""
+    if name.startswith("__"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    _hold_packages("import rig_metrology", "rigs", "daq", PACKAGE_OF_API)
+    return getattr(import_module(PACKAGE_OF_API), name)

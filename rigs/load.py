@@ -9,7 +9,7 @@ have in a rig file.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from rigs.arms import arm_files, rig_text_of
 from rigs.calibration import MOST_CALIBRATION_BYTES, TIMES, CalibratedModel, CalibrationFile, Parameter
 from rigs.effects import AnyEffect
 from rigs.errors import FileError, RigPlace
@@ -116,24 +117,27 @@ def shipped_effects() -> dict[str, Path]:
 
 
 def find(name: str | Path) -> Path:
-    """A rig file by path, or a shipped one by name (`paper-fanuc`). Raises FileError with what is shipped."""
-    return _found(name, shipped(), "rig file", "rig")
+    """A rig file by path, or a shipped one by name (`paper-fanuc`), or an arm of the library (`ur5`), which is a rig
+    without gauges and tests. Raises FileError with what is shipped."""
+    return _found(name, {**arm_files(), **shipped()}, "rig file", "rig", shipped())
 
 
-def _found(name: str | Path, shipped: dict[str, Path], kind: str, short: str) -> Path:
+def _found(
+    name: str | Path, files: Mapping[str, Path], kind: str, short: str, offered: Mapping[str, Path] | None = None
+) -> Path:
     path = Path(name)
     try:
         if path.exists() and not path.is_dir():
             return path
     except OSError as error:
         raise _unreadable(path, error) from None
-    if shipped_name := the_same(str(name), shipped):
-        return shipped[shipped_name]
+    if file_name := the_same(str(name), files):
+        return files[file_name]
     if path.is_dir():
         raise FileError(str(name), f"is a directory, and no {kind}", "give a file in it")
-    raise FileError(
-        str(name), f"no such {kind}", f"give a path, or the name of a shipped {short}: {', '.join(shipped)}"
-    )
+    arms = ", or an arm of the library" if offered else ""
+    remedy = f"give a path, or the name of a shipped {short}: {', '.join(offered or files)}{arms}"
+    raise FileError(str(name), f"no such {kind}", remedy)
 
 
 def is_shipped(file: Path) -> bool:
@@ -145,7 +149,7 @@ def load(name: str | Path) -> tuple[Rig, str]:
     """A rig, with the calibration that lies beside its file, and the text of the file as it is. Raises FileError or
     RigFileError."""
     path = find(name)
-    text = _text(path)
+    text = rig_text_of(path.stem) if path in arm_files().values() else _text(path)
     rig = parse(text, str(path))
     if rig.calibration:
         calibration_path = path.parent / rig.calibration.file

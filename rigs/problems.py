@@ -26,6 +26,7 @@ Place = tuple[int | str, ...]
 _PLAIN = {
     "missing": "missing; add it",
     "model_type": "must be a mapping of keys to values",
+    "union_tag_not_found": "lacks the key that says what it is, `interface` or `effect`; add it",
     "model_attributes_type": "must be a mapping of keys to values",
 }
 """What pydantic says in the words of Python."""

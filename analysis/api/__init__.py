@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import cast, get_args
 
 from analysis.correction.calibrated_arm import ArmAngles as ArmAngles
 from analysis.correction.calibrated_arm import ArmPoses as ArmPoses
@@ -36,12 +37,15 @@ from rigs.effects import Effect
 from rigs.errors import CellError as CellError
 from rigs.errors import FileError as FileError
 from rigs.errors import RigError as RigError
+from rigs.errors import UseError
 from rigs.load import Hidden, load, load_hidden, named_by
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName, direction_of
 
 RigFile = str | Path
-"""The path of a rig file, or the name of a shipped rig such as `paper-fanuc`."""
+"""The path of a rig file, the name of a shipped rig such as `paper-fanuc`, or that of an arm in the library."""
+AnyRun = Measured | str | Path
+"""A run, or the path of its directory."""
 
 
 def load_run(path: str | Path) -> Measured:
@@ -62,18 +66,19 @@ def load_run(path: str | Path) -> Measured:
 def read_table(
     path: str | Path,
     rig: RigFile,
-    test: TestName,
+    test: TestName | None = None,
     direction: Direction | None = None,
     *,
     operator: str = "",
     placement: str = "",
     joints: JointSource = "measured",
 ) -> Measured:
-    """Read a CSV table of measurements from elsewhere as a run; nothing is written.
+    """Read a table of measurements from elsewhere as a run; nothing is written.
 
-    path: CSV file with the columns of docs/tables.md, in degrees and mm.
-    rig: rig file of the cell that it was measured in, or the name of a shipped rig.
-    test: `yaw`, `roll`, `radial`, `repeatability`, `pose`, `touch` or `path`.
+    path: CSV file or workbook with the columns of docs/tables.md; poses and touches also as their instrument wrote
+    them, if nothing about their columns is left open.
+    rig: rig file of the cell that it was measured in, or the name of a shipped rig or of an arm in the library.
+    test: `yaw`, `roll`, `radial`, `repeatability`, `pose`, `touch` or `path`; by the columns where it is None.
     direction: `acw` or `cw`, of a circle whose table has no column `direction`.
     operator: who measured.
     placement: where instrument or ball stood; runs of one placement share a set-up.
@@ -85,11 +90,16 @@ def read_table(
 
     Source: docs/tables.md.
     """
-    from analysis.intake.imports import read_table as read  # noqa: PLC0415 - what it needs is slow to import
+    from analysis.intake.any_table import read_any_table  # noqa: PLC0415 - what it needs is slow to import
 
-    source = Path(path)
-    return read(
-        source, rig_file=rig, test=test, direction=direction, operator=operator, placement=placement, joints=joints
+    return read_any_table(
+        Path(path),
+        rig_file=rig,
+        test=None if test is None else _test(test),
+        direction=_direction(direction),
+        operator=operator,
+        placement=placement,
+        joints=joints,
     )
 
 
@@ -134,7 +144,8 @@ def simulate(
 
     Returns the run, in memory; `save_run` writes it.
 
-    Raises FileError where a file cannot be read or the robot cannot do the test.
+    Raises FileError where a file cannot be read or the robot cannot do the test, UseError for a test or direction that
+    does not exist.
 
     Source: docs/simulation.md.
     """
@@ -145,13 +156,13 @@ def simulate(
         hidden = load_hidden(effects) if isinstance(effects, str | Path) else Hidden(effects=tuple(effects))
         model = hidden.within(model)
     with named_by(rig, model):
-        return simulated_run(model, text, test, direction, seed)
+        return simulated_run(model, text, _test(test), _direction(direction), seed)
 
 
-def evaluate(run: Measured, like: Result | None = None) -> Result:
+def evaluate(run: AnyRun, like: Result | None = None) -> Result:
     """Evaluate a run: every figure of its test with its standard uncertainty, and the curve behind them.
 
-    run: of `load_run`, `read_table` or `simulate`.
+    run: of `load_run`, `read_table` or `simulate`, or the path of its directory.
     like: result of a run of two laps or more in the same cell, whose noise a run of one lap borrows.
 
     Returns the result: `figures` by the names of docs/figures.md, each with value, u and unit; `curve` over the circle
@@ -161,13 +172,13 @@ def evaluate(run: Measured, like: Result | None = None) -> Result:
 
     Source: docs/figures.md (definitions), docs/analysis.md (uncertainty); Y. T. Oh, Applied Sciences 9 (2019).
     """
-    return results.result_of(run, like.lap_noise if like else None)
+    return results.result_of(_run(run), like.lap_noise if like else None)
 
 
-def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
+def evaluate_runs(runs: AnyRun | Sequence[AnyRun]) -> list[Result]:
     """Evaluate runs; each of a single lap borrows the noise of the first run of its test that has more laps.
 
-    runs: of any tests, robots and cells.
+    runs: of any tests, robots and cells; runs, or the paths of their directories.
 
     Returns a result for each run, in the same order.
 
@@ -175,13 +186,15 @@ def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
 
     Source: docs/analysis.md.
     """
-    return results.evaluate_runs(runs)
+    return results.evaluate_runs(_runs(runs))
 
 
-def compare(runs: Sequence[Measured], rig: RigFile | Rig | None = None, *, unseen: Sequence[Measured] = ()) -> Compared:
+def compare(
+    runs: AnyRun | Sequence[AnyRun], rig: RigFile | Rig | None = None, *, unseen: AnyRun | Sequence[AnyRun] = ()
+) -> Compared:
     """Simulate each run from its own joint feedback, fit the set-up, and lay simulated and measured side by side.
 
-    runs: of one robot, at least one.
+    runs: of one robot, at least one; runs, or the paths of their directories.
     rig: the model; the rig file of the first run where it is None.
     unseen: runs at another place or radius, each compared in a set-up of its own.
 
@@ -196,22 +209,23 @@ def compare(runs: Sequence[Measured], rig: RigFile | Rig | None = None, *, unsee
     from analysis.diagnosis.judge.compare_runs import compare as compare_with  # noqa: PLC0415
     from analysis.diagnosis.judge.disagreement import located  # noqa: PLC0415
 
-    model = _model(rig, runs)
-    return located(compare_with(runs, model, unseen), model, runs, unseen)
+    used, elsewhere = _runs(runs), _runs(unseen)
+    model = _model(rig, used)
+    return located(compare_with(used, model, elsewhere), model, used, elsewhere)
 
 
 def calibrate(
-    runs: Sequence[Measured],
+    runs: AnyRun | Sequence[AnyRun],
     effects: str | None = None,
     *,
     rig: RigFile | Rig | None = None,
-    hold_out: Sequence[Measured] = (),
-    unseen: Sequence[Measured] = (),
+    hold_out: AnyRun | Sequence[AnyRun] = (),
+    unseen: AnyRun | Sequence[AnyRun] = (),
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Calibrate the model of a robot: find, or fit, effects beside everything else that the runs determine.
 
-    runs: of one robot, at least one.
+    runs: of one robot, at least one; runs, or the paths of their directories.
     effects: which to fit, with commas between, as `backlash:1,joint_offset`: NAME:AXIS, or a name alone for all axes;
     the runs decide where it is None, as in `diagnose`.
     rig: the model to begin with; the rig file of the first run where it is None.
@@ -229,22 +243,23 @@ def calibrate(
     """
     from analysis.diagnosis.evidence.given import given_effects  # noqa: PLC0415
 
-    effects_given = None if effects is None else given_effects(effects, len(_model(rig, runs).robot.axes))
-    return _diagnosed(runs, rig, hold_out, unseen, progress, None, effects_given)
+    used = _runs(runs)
+    effects_given = None if effects is None else given_effects(effects, len(_model(rig, used).robot.axes))
+    return _diagnosed(used, rig, hold_out, unseen, progress, None, effects_given)
 
 
 def diagnose(
-    runs: Sequence[Measured],
+    runs: AnyRun | Sequence[AnyRun],
     *,
     rig: RigFile | Rig | None = None,
-    hold_out: Sequence[Measured] = (),
-    unseen: Sequence[Measured] = (),
+    hold_out: AnyRun | Sequence[AnyRun] = (),
+    unseen: AnyRun | Sequence[AnyRun] = (),
     tolerance_um: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find where simulation and measurement disagree, and which effect is missing in the model.
 
-    runs: of one robot, at least one.
+    runs: of one robot, at least one; runs, or the paths of their directories.
     rig: the model to begin with; the rig file of the first run where it is None.
     hold_out: runs of the same places to judge by, which are not used to find names.
     unseen: runs at another place or radius to judge by.
@@ -265,7 +280,7 @@ def diagnose(
 def calibrated_arm(rig: RigFile | Rig) -> CalibratedArm:
     """Return the arm of a rig file with all that was found of it: forward and inverse kinematics with uncertainty.
 
-    rig: rig file, with the calibration beside it, or the name of a shipped rig.
+    rig: rig file, with the calibration beside it, or the name of a shipped rig or of an arm in the library.
 
     Returns the arm: `forward(q_deg)` gives the poses of its tool, T (n, 4, 4) with lengths in mm, and u_mm (n,), the
     standard uncertainty of the place; `inverse(T, near_deg)` gives q_deg (n, axes), `reached` (n,) and u_mm (n,).
@@ -279,10 +294,10 @@ def calibrated_arm(rig: RigFile | Rig) -> CalibratedArm:
 
 
 def _diagnosed(
-    runs: Sequence[Measured],
+    runs: AnyRun | Sequence[AnyRun],
     rig: RigFile | Rig | None,
-    hold_out: Sequence[Measured],
-    unseen: Sequence[Measured],
+    hold_out: AnyRun | Sequence[AnyRun],
+    unseen: AnyRun | Sequence[AnyRun],
     progress: Callable[[str], None] | None,
     tolerance_um: float | None,
     given: Sequence[Effect] | None,
@@ -291,11 +306,46 @@ def _diagnosed(
     from analysis.movement.between import without_moved  # noqa: PLC0415
     from analysis.runs.loading import refuse_copies  # noqa: PLC0415
 
-    model = _model(rig, runs)
-    refuse_copies((run.path, run.run.readings_sha256) for run in (*runs, *hold_out, *unseen))
-    sound, movements, doubts = without_moved(model, runs)
-    diagnosis = diagnose_with(model, sound, hold_out, unseen, progress or _silent, tolerance_um, given)
+    used, held_out, elsewhere = _runs(runs), _runs(hold_out), _runs(unseen)
+    model = _model(rig, used)
+    refuse_copies((run.path, run.run.readings_sha256) for run in (*used, *held_out, *elsewhere))
+    sound, movements, doubts = without_moved(model, used)
+    diagnosis = diagnose_with(model, sound, held_out, elsewhere, progress or _silent, tolerance_um, given)
     return replace(diagnosis, movements=tuple(movements), doubts=(*doubts, *diagnosis.doubts))
+
+
+def _run(run: AnyRun) -> Measured:
+    """The run itself, or that of a directory. Raises UseError for anything else."""
+    if isinstance(run, str | Path):
+        return load_run(run)
+    if not isinstance(run, Measured):
+        remedy = "give a run of load_run, read_table or simulate, or the path of its directory"
+        raise UseError("run", f"a {type(run).__name__} is no run", remedy)
+    return run
+
+
+def _runs(runs: AnyRun | Sequence[AnyRun]) -> list[Measured]:
+    """The runs of one, or of several."""
+    is_one = isinstance(runs, Measured | str | Path) or not hasattr(runs, "__iter__")
+    several: Sequence[AnyRun] = cast("Sequence[AnyRun]", (runs,) if is_one else runs)
+    return [_run(run) for run in several]
+
+
+def _test(test: TestName) -> TestName:
+    """A test by its name. Raises UseError for another word."""
+    if test not in get_args(TestName):
+        raise UseError("test", f"{test!r} is not a test", f"give one of {', '.join(get_args(TestName))}")
+    return test
+
+
+def _direction(direction: str | None) -> Direction | None:
+    """A direction as people write it: ccw is acw. Raises UseError for another word."""
+    if direction is None:
+        return None
+    way = direction_of(str(direction))
+    if way is None:
+        raise UseError("direction", f"{direction!r} is not a direction", "give acw or cw")
+    return way
 
 
 def _silent(doing: str) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, Jobs, RunsBelow, Scheduler
@@ -17,6 +18,15 @@ from rigs.errors import UseError
 @command(app, "rig analyse runs/lap-acw runs/lap-cw --plot pictures")
 def analyse(
     runs: RunsBelow,
+    rig_file: Annotated[
+        str | None,
+        typer.Option(
+            "--rig",
+            "--arm",
+            autocompletion=completion.rig_files,
+            help="Rig file, or an arm of the library, of tables in the place of runs; default: none.",
+        ),
+    ] = None,
     as_json: AsJson = False,
     as_lines: Annotated[
         bool,
@@ -39,9 +49,9 @@ def analyse(
     scheduler: Scheduler = None,
 ) -> None:
     """Evaluate runs of any test (gauges, poses, touches, paths); every figure has its uncertainty."""
-    from analysis.cli.several import end_with, evaluated, over_runs, runs_below, worst
+    from analysis.cli.several import end_with, evaluated, over_runs, runs_below, with_tables, worst
 
-    paths = runs_below(runs, scheduler)
+    paths = runs_below(with_tables(runs, rig_file), scheduler)
     if as_lines:
         if as_json or plot or each or truth:
             problem = "prints a line for each run, and cannot be combined with --json, --plot, --each or --truth"

@@ -47,7 +47,7 @@ def calibrate(
     import analysis
     from analysis.cli.console import progress_of
     from analysis.cli.diagnose import by_use, say_correct, with_commands_here
-    from analysis.cli.several import end_with, load_runs, worst
+    from analysis.cli.several import end_with, load_runs, with_tables, worst
     from analysis.report.diagnosis_report import hold_new, write_model
     from analysis.report.diagnosis_screen import as_screen
     from analysis.report.plain_console import PlainConsole
@@ -55,6 +55,7 @@ def calibrate(
 
     if output:
         hold_new(output)
+    runs, hold_out, unseen = (with_tables(paths or (), rig_file) for paths in (runs, hold_out, unseen))
     parts = [load_runs(paths) for paths in by_use(runs, hold_out or (), unseen or ())]
     end_with(worst([error for _, errors in parts for error in errors]))
     measured, judges, elsewhere = (runs_of_use for runs_of_use, _ in parts)

@@ -82,10 +82,13 @@ def _check_rig(rig_file: str) -> None:
     from analysis.robot.geometry.driven_programs import feasible_tests
     from analysis.runs.noise.certificate import doubts_of
     from rigs.load import find, load
+    from rigs.readiness import readiness_lines, unmeasurable
     from rigs.schema.feedback import NoFeedback
 
     rig, _ = load(rig_file)
     tests, errors = feasible_tests(rig, rig_file)
+    with_lacks = [FileError(rig_file, missing.problem, missing.remedy) for missing in unmeasurable(rig)]
+    errors = [*with_lacks, *errors]
     gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges.recorded.items())
     say(f"{find(rig_file)}: {'valid, but not all tests can be driven' if errors else 'good'}")
     places = "touches of sockets" if rig.tests.touch else "poses of a tracker"
@@ -97,6 +100,8 @@ def _check_rig(rig_file: str) -> None:
         say(f"  {line}")
     parts = [*(name for name, _ in rig.gauges), "ball", "link"]
     for line in (*doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()), *tests):
+        say(f"  {line}")
+    for line in readiness_lines(rig):
         say(f"  {line}")
     if rig.automatic:
         say(f"  recorded automatically: {', '.join(rule.event for rule in rig.automatic.rules)}")

@@ -59,9 +59,10 @@ def diagnose(
     """Find where simulation and measurement differ, name the missing effects, and verify that they close the gap."""
     import analysis
     from analysis.cli.console import progress_of
-    from analysis.cli.several import end_with, load_runs, worst
+    from analysis.cli.several import end_with, load_runs, with_tables, worst
     from rigs.load import load
 
+    runs, hold_out, unseen = (with_tables(paths or (), rig_file) for paths in (runs, hold_out, unseen))
     if output:  # before anything is computed; what writes pictures is imported for it alone, as it takes half a second
         from analysis.report.diagnosis_report import hold_empty
         from analysis.report.html_page import is_page

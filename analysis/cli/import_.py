@@ -12,7 +12,7 @@ from analysis.cli.commands import app, command
 from analysis.cli.console import say
 from analysis.cli.options import direction_option, operator_or_user
 from analysis.cli.several import for_each
-from analysis.runs.table_layout import JointSource
+from analysis.runs.table_layout import SOCKET, JointSource
 from rigs.errors import UseError
 from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
@@ -24,15 +24,23 @@ def import_(
         typer.Argument(metavar="TABLE…", help="CSV files, workbooks, or bags of ROS 2: docs/tables.md."),
     ],
     rig_file: Annotated[
-        str, typer.Option("--rig", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig.")
+        str,
+        typer.Option(
+            "--rig",
+            "--arm",
+            autocompletion=completion.rig_files,
+            help="Rig file, or the name of a shipped rig or of an arm in the library.",
+        ),
     ],
-    test: Annotated[TestName, typer.Option(help="Test that the tables are of.")],
     output: Annotated[
         Path,
         typer.Option(
             "--output", "-o", help="Run directory to create; of several tables, the directory for a run named as each."
         ),
     ],
+    test: Annotated[
+        TestName | None, typer.Option(help="Test that the tables are of; default: by their columns.")
+    ] = None,
     direction: Annotated[
         Direction | None, direction_option("Direction of yaw and roll; default: the column direction of the table")
     ] = None,
@@ -53,6 +61,9 @@ def import_(
             metavar="rows|COLUMN",
             help="The files are one measurement, joined row by row or by a column; default: a run of each file.",
         ),
+    ] = "",
+    socket: Annotated[
+        str, typer.Option(help="With --test touch: socket that all rows touch; default: the column socket.")
     ] = "",
     topic: Annotated[
         str,
@@ -78,29 +89,50 @@ def import_(
     from analysis.apps.interchange.bags import file_of
     from analysis.cli.console import progress_of
     from analysis.cli.import_map import mapped_run, needs_map
-    from analysis.intake.table_map import MAPPED
     from analysis.runs.written_files import refuse_existing
 
-    if direction and test not in CIRCLES:
-        raise UseError("--direction", f"a {test} test has no direction", "leave it out")
-    if topic and test != MAPPED:
-        raise UseError("--topic", f"is of poses, and the test is {test}", "leave it out")
     operator = operator_or_user(operator)
+    if test:
+        _hold_options(test, direction, topic, socket)
 
     def make_run(table: Path) -> None:
         files = [file_of(source) for source in (tables if join else [table])]
         run = output / table.stem if len(tables) > 1 and not join else output
         refuse_existing(run)
+        kind = test or _by_its_columns(files[0], rig_file)
+        _hold_options(kind, direction, topic, socket)
         label: Any = {"direction": direction, "operator": operator, "placement": placement, "joints": joints}
-        if join or map_file or needs_map(files[0], test):
-            asked: Any = {"map_file": map_file, "join": join, "yes": yes, "topic": topic}
-            measured = mapped_run(files, rig_file, test, run, **asked, **label)
+        if join or map_file or needs_map(files[0], kind, socket):
+            asked: Any = {"map_file": map_file, "join": join, "yes": yes, "topic": topic, "socket": socket}
+            measured = mapped_run(files, rig_file, kind, run, **asked, **label)
         else:
             with progress_of(f"reading {table}"):
-                measured = read_table(files[0], rig_file, test, **label)
+                measured = read_table(files[0], rig_file, kind, **label)
         save_run(measured, run)
         for doubt in measured.doubts:
             say(f"doubt: {doubt}", err=True)
         say(run)
 
     for_each(tables[:1] if join else tables, make_run)
+
+
+def _by_its_columns(table: Path, rig_file: str) -> TestName:
+    from analysis.intake.any_table import test_of
+    from rigs.load import load
+
+    test = test_of(table, load(rig_file)[0])
+    say(f"{table}: a {test} table, by its columns; --test states another", err=True)
+    return test
+
+
+def _hold_options(test: TestName, direction: Direction | None, topic: str, socket: str) -> None:
+    """Raise UseError for an option that a test does not have."""
+    from analysis.intake.table_map import MAPPED
+    from analysis.runs.table_format import kind_named
+
+    if direction and test not in CIRCLES:
+        raise UseError("--direction", f"a {test} test has no direction", "leave it out")
+    if socket and SOCKET not in kind_named(test).layout().required:
+        raise UseError("--socket", f"is of touches, and the test is {test}", "leave it out")
+    if topic and test != MAPPED:
+        raise UseError("--topic", f"is of poses, and the test is {test}", "leave it out")

@@ -12,9 +12,11 @@ from analysis.cli.dialogue import Dialogue, has_keyboard
 from analysis.intake.imports import is_plain, propose_map, read_mapped
 from analysis.intake.map_proposal import Proposal, Question, Reading
 from analysis.intake.table_map import MAPPED, TableMap, load_map, map_text, value_text
+from analysis.intake.touch_map import needs_touch_map, propose_touch_map
 from analysis.runs.table_layout import JointSource
 from analysis.runs.written_files import holding, write_new
 from rigs.errors import FileError, UseError
+from rigs.load import load
 from rigs.schema.vocabulary import Direction, TestName
 
 if TYPE_CHECKING:
@@ -26,9 +28,10 @@ def has_person() -> bool:
     return has_keyboard() and sys.stderr.isatty()
 
 
-def needs_map(table: Path, test: TestName) -> bool:
-    """Return whether a file is no table of docs/tables.md and may be read by a map that is proposed."""
-    return test == MAPPED and not is_plain(table, test)
+def needs_map(table: Path, test: TestName, socket: str = "") -> bool:
+    """Return whether a file is no table of docs/tables.md and may be read by a map that is proposed. socket: of all
+    rows of a table of touches."""
+    return needs_touch_map(table, test, socket) or (test == MAPPED and not is_plain(table, test))
 
 
 def mapped_run(
@@ -41,6 +44,7 @@ def mapped_run(
     join: str,
     yes: bool,
     topic: str,
+    socket: str,
     direction: Direction | None,
     operator: str,
     placement: str,
@@ -51,8 +55,13 @@ def mapped_run(
         table_map = load_map(map_file)
         if topic:
             raise UseError("--topic", "stands in the map already (topic of a file)", "leave it out, or change the map")
+        if socket:
+            raise UseError("--socket", "stands in the map", "leave it out, or change constants in the map")
         if join and join != table_map.join:
             raise UseError("--join", f"is {join}, and the map joins by {table_map.join or 'nothing'}", "leave it out")
+    elif not join and needs_touch_map(files[0], test, socket):
+        table_map = propose_touch_map(files[0], load(rig_file)[0], test, socket)
+        _say_map(table_map)
     elif test != MAPPED:
         raise UseError("--join", f"needs a map of a {test} table", "write one and give it with --map (docs/tables.md)")
     else:
@@ -87,10 +96,14 @@ def _proposed(files: Sequence[Path], rig_file: str, join: str, run: Path, *, top
             chosen = dialogue.ask("\n".join(lines), "--map", _answer_of(question))
             proposal = proposal.answered(question, chosen)
     proposal = proposal.assumed()
-    say("read by this map, which the run keeps:", err=True)
-    for line in map_text(proposal.table_map).splitlines():
-        say(f"  {line}", err=True)
+    _say_map(proposal.table_map)
     return proposal.table_map
+
+
+def _say_map(table_map: TableMap) -> None:
+    say("read by this map, which the run keeps:", err=True)
+    for line in map_text(table_map).splitlines():
+        say(f"  {line}", err=True)
 
 
 def _answer_of(question: Question) -> Callable[[str], Reading]:

@@ -123,7 +123,10 @@ RigArgument = Annotated[
 ModelRig = Annotated[
     str | None,
     typer.Option(
-        "--rig", autocompletion=completion.rig_files, help="Rig file of the model; default: that of the first run."
+        "--rig",
+        "--arm",
+        autocompletion=completion.rig_files,
+        help="Rig file of the model, or an arm of the library; default: that of the first run.",
     ),
 ]
 Anyway = Annotated[

@@ -7,13 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import typer
 
 from analysis.cli.console import say, say_error
 from analysis.runs.batch.outcomes import Failed, Item, Value
-from rigs.errors import RigError
+from rigs.errors import FileError, RigError
 
 if TYPE_CHECKING:
     from analysis import Measured, Result
@@ -135,6 +136,30 @@ def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path
 
     with progress_of("listing the runs", is_still=True):
         return [run if scheduler is None else run.absolute() for run in run_directories(paths)]
+
+
+_TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".dat")
+"""How the names of tables end, which stand in the place of runs."""
+_imported: list[TemporaryDirectory[str]] = []
+"""Where tables were imported to for one command; each is removed as the command ends."""
+
+
+def with_tables(paths: Iterable[Path], rig_file: str | None) -> list[Path]:
+    """Return the paths, each table among them as a run that lasts as long as the command. Raises FileError."""
+    return [_run_of(path, rig_file) if path.suffix.lower() in _TABLES and path.is_file() else path for path in paths]
+
+
+def _run_of(table: Path, rig_file: str | None) -> Path:
+    """Import a table, whose test its columns say, into a temporary directory; return that of its run."""
+    from analysis.api import read_table, save_run
+
+    if rig_file is None:
+        problem = "is a table, and nothing says of which arm"
+        raise FileError(str(table), problem, "give --rig CELL.yaml, or --arm NAME (rig arms lists them)")
+    measured = read_table(table, rig_file)
+    say(f"{table}: read as a {measured.run.manifest.test} table of {rig_file}, by its columns", err=True)
+    _imported.append(TemporaryDirectory(prefix="rig-"))
+    return save_run(measured, Path(_imported[-1].name) / table.stem)
 
 
 def load_runs(

@@ -36,6 +36,8 @@ of 100 random postures of an FR3, an iiwa 14 and a WAM 128 reach all within the 
 reach 70, 94 and 91; 65 to 165 ms a pose."""
 _ORTHONORMAL = 1e-6
 """How far the rows of a rotation may be from unit vectors at right angles: rounding of ten digits, and no mistake."""
+_ONE_FRAME = 2
+"""Dimensions of a single frame (4, 4)."""
 _UNTURNED_DEG, _UNTURNED_DIGITS, _ALIKE_DIGITS = 1e-6, 6, 3
 """Degrees below which a turn is rounding, and decimals of rad to which turns and postures are alike."""
 
@@ -72,26 +74,28 @@ class CalibratedArm:
     rig: Rig
 
     def forward(self, q_deg: Array) -> ArmPoses:
-        """Return the poses of the tool at joint angles q_deg (n, axes), as the controller reports them; of an arm on a
-        rail a column more, where it stands in m. Raises FileError for another number of columns."""
-        angles = np.array(q_deg, dtype=float)
+        """Return the poses of the tool at joint angles q_deg (n, axes), or (axes,) of one posture, as the controller
+        reports them; of an arm on a rail a column more, where it stands in m. Raises FileError for another number."""
+        angles = _numbers(q_deg, "q_deg")
+        angles = angles[None] if angles.ndim == 1 else angles
         widths = (self._axes, self._axes + 1) if self.rig.robot.rail else (self._axes,)
         if angles.ndim != 2 or angles.shape[1] not in widths or not np.isfinite(angles).all():
             problem = f"shape {angles.shape} is not that of finite joint angles (n, {widths[-1]})"
             raise FileError("q_deg", problem, "give a row for each posture")
         q = np.radians(angles)
-        q[:, self._axes :] = np.asarray(q_deg, dtype=float)[:, self._axes :]
+        q[:, self._axes :] = angles[:, self._axes :]
         return ArmPoses(tool_poses(self._model, q), self._u_mm(q), covered(self._known, q))
 
     def inverse(self, T: Array, near_deg: Array | None = None) -> ArmAngles:
-        """Return joint angles that put the tool of the calibrated arm at poses T (n, 4, 4), lengths in mm.
+        """Return joint angles that put the tool of the calibrated arm at poses T (n, 4, 4), or (4, 4), lengths in mm.
 
         Of several postures the one nearest to near_deg (axes,) is taken, or the middle of the limits; each pose after
         the first is solved near the one before. Arms of seven axes keep as near to it as the pose allows. Those of
         fewer than six take the place, with the turn that is nearest to what was asked. Raises FileError for frames that
         are none.
         """
-        poses = np.array(T, dtype=float)
+        poses = _numbers(T, "T")
+        poses = poses[None] if poses.ndim == _ONE_FRAME else poses
         if poses.ndim != 3 or poses.shape[1:] != (4, 4) or not np.isfinite(poses).all():
             raise FileError("T", f"shape {poses.shape} is not that of finite frames (n, 4, 4)", "give a frame a pose")
         R = poses[:, :3, :3]
@@ -101,7 +105,9 @@ class CalibratedArm:
             problem = "holds a frame whose columns are not at right angles, right-handed and of length 1"
             raise FileError("T", problem, "give T[:, :3, :3] as rotations, T[:, :3, 3] in mm and T[:, 3] as 0 0 0 1")
         middle = arm_of(self.rig.robot).limits.mean(axis=1)
-        start = middle if near_deg is None else np.radians(np.array(near_deg, dtype=float))
+        start = middle if near_deg is None else np.radians(_numbers(near_deg, "near_deg"))
+        if start.shape != middle.shape:
+            raise FileError("near_deg", f"shape {start.shape} is not that of one posture", f"give {self._axes} angles")
         q, reached = np.full((len(poses), self._axes), np.nan), np.zeros(len(poses), dtype=bool)
         solved = self._solved if self._axes >= DRIVEN_AXES else self._solved_in_part
         for row, pose in enumerate(poses):
@@ -177,3 +183,11 @@ class CalibratedArm:
         """Whether joints q (axes,) rad stand within their limits, a rounding beyond them too."""
         limits = self._model.arm.limits
         return bool(((q >= limits[:, 0] - 1e-9) & (q <= limits[:, 1] + 1e-9)).all())
+
+
+def _numbers(values: Array, name: str) -> Array:
+    """Return an array of numbers. Raises FileError for what is none."""
+    try:
+        return np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise FileError(name, "is no array of numbers", "give numbers, as numpy takes them") from None

@@ -88,7 +88,7 @@ class GeometricShare:
         """What a file of the geometry has of the model, as a sentence."""
         if self.all_um == 0:
             return "The rig file has no effect that moves the tool: this is the arm as its constants say."
-        moved = f"the effects of the rig file move the tool by {self.all_um:.1f} µm rms over its work"
+        moved = f"in the robot's base its effects move the tool by {self.all_um:.1f} µm rms over the work"
         if not self.left_out:
             return f"All of the model is geometry and is in this file: {moved}."
         names = [f"{effect.effect} {effect.seat}".strip() for effect in self.left_out]

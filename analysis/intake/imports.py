@@ -24,7 +24,8 @@ from analysis.runs.table_format import kind_named
 from analysis.runs.table_layout import MEASURED, PLACE, JointSource
 from daq.store import Run, table_run
 from rigs.errors import FileError, UseError
-from rigs.load import load
+from rigs.load import load, named_by
+from rigs.readiness import require_instruments
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
 
@@ -44,6 +45,8 @@ def read_table(
     Raises FileError for mistakes in either file.
     """
     rig, rig_text = load(rig_file)
+    with named_by(rig_file, rig):
+        require_instruments(rig, test)
     read = read_file(source, test, rig, direction, joints)
     run = table_run(
         source,

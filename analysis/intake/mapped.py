@@ -22,7 +22,7 @@ from analysis.intake.table_map import MAPPED, TO_MM, TO_UNIT, Angles, TableMap, 
 from analysis.procedures.checks.meanings import FEWEST, RIGHT_MM, RIGHT_SHARE, Meaning, left_mm, meanings
 from analysis.robot.kinematics.arm import Arm, Array, forward
 from analysis.runs.table_format import kind_named
-from analysis.runs.table_layout import COUNTS, PLACE, TURN, WORDS, joint_columns
+from analysis.runs.table_layout import COUNTS, PLACE, SOCKET, TURN, WORDS, joint_columns
 from daq.store.chunk import table_schema
 from rigs.errors import FileError, UseError
 from rigs.schema.vocabulary import Direction, TestName
@@ -133,7 +133,7 @@ def table_by(
         if poses.commanded is not None:
             named |= _columns("q{}_commanded_deg", np.degrees(poses.commanded))
     else:
-        named = _named(raw, table_map, test, direction)
+        named = _named(raw, table_map, test, axes, direction)
     used = set(table_map.used())
     for name in raw.names:
         if name not in used:
@@ -146,16 +146,16 @@ def _columns(template: str, values: Array) -> Columns:
     return {template.format(axis): pa.array(column) for axis, column in enumerate(values.T, start=1)}
 
 
-def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direction | None) -> Columns:
-    layout, stated = kind_named(test).layout(), table_map.columns
+def _named(raw: RawTable, table_map: TableMap, test: TestName, axes: int, direction: Direction | None) -> Columns:
+    layout, stated = kind_named(test).layout(axes), table_map.columns
     driven = any(name in layout.required for name in joint_columns(1))
     joints = list(_columns("q{}_deg", np.zeros((1, len(table_map.joints.columns))))) if table_map.joints else []
-    missing = [name for name in layout.required if name not in stated and name not in joints]
+    missing = [name for name in layout.required if name not in {*stated, *joints, *table_map.constants}]
     missing = [name for name in missing if not (direction and name == "direction")]
     if missing or (driven and table_map.joints is None):
         problem = f"names no column for {', '.join(missing[:6]) or 'the joints'}, which a {test} table needs"
         raise FileError("the map", problem, "add it: columns: {NAME: {column: THAT OF THE FILE, unit: ITS UNIT}}")
-    if unknown := [name for name in stated if name not in layout.known]:
+    if unknown := [name for name in (*stated, *table_map.constants) if name not in layout.known]:
         problem = f"names {unknown[0]}, which no {test} table has"
         raise UseError("the map", problem, f"known are {', '.join(layout.known)}")
     problems = Problems()
@@ -166,6 +166,8 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direct
             named[name] = pa.array(angles[:, joints.index(name)])
         elif name in stated:
             named[name] = _column(raw, name, stated[name].column, stated[name].unit, problems)
+        elif name in table_map.constants:
+            named[name] = pa.repeat(table_map.constants[name], len(raw.lines))
         elif name == "direction" and direction:
             named[name] = pa.repeat(direction, len(raw.lines))
     if problems.count:
@@ -175,7 +177,7 @@ def _named(raw: RawTable, table_map: TableMap, test: TestName, direction: Direct
 
 def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: Problems) -> pa.Array:
     """A column by our name: a number in its unit, a count, or a word."""
-    if name not in WORDS and name not in COUNTS:
+    if name not in (*WORDS, *COUNTS, SOCKET):
         our_unit = name.rpartition("_")[2]
         if unit and unit not in TO_UNIT[our_unit]:
             raise FileError("the map", f"gives {name} the unit {unit}", f"give one of {', '.join(TO_UNIT[our_unit])}")
@@ -189,7 +191,7 @@ def _column(raw: RawTable, name: str, column: str, unit: str | None, problems: P
         except ValueError as error:
             problems.add([TableProblem(line, column, str(error))])
             values.append(None)
-    return pa.array(values, pa.string() if name in WORDS else pa.int64())
+    return pa.array(values, pa.int64() if name in COUNTS else pa.string())
 
 
 _STEPS, _ALL_STEPS, _BEST = 8, 60, 3

@@ -13,6 +13,7 @@ from analysis.runs.table_format import kind_named
 from analysis.runs.tables import Table
 from daq.store import table_run
 from rigs.effects import Effect
+from rigs.readiness import require_test
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
 
@@ -30,6 +31,7 @@ def simulate(
     effects: instead of those of the rig file. Poses and paths are those of ISO 9283. Raises FileError where the robot
     cannot do the test.
     """
+    require_test(rig, test)
     return kind_named(test).simulated(rig, direction, Simulation(seed, effects, noise))
 
 

@@ -6,6 +6,7 @@ them with these words.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -27,6 +28,8 @@ class ActWords:
 
     diagnosis: Diagnosis
     texts: Texts = field(default_factory=partial(texts_of, "en"))
+    is_judged_elsewhere: bool = False
+    """Whether runs at another place have judged the model, though they are among those used by now."""
 
     @property
     def next(self) -> str:
@@ -66,8 +69,6 @@ class ActWords:
             key = "act_mount_base"
         if act.kind == "check" and act.effect.part in ("gauges", "clocks"):
             key = "act_check_gauges"
-        if act.kind == "approach" and self.diagnosis.rig.takes_programs and self.diagnosis.rig.gauges.recorded:
-            key = "act_approach_session"
         axis = getattr(act.effect, "axis", None)
         field = size_field(act.effect)
         size = with_uncertainty(act.effect, field, {field: act.u} if act.u is not None else {})
@@ -118,6 +119,8 @@ class ActWords:
         for remark in act.against:
             if act.kind == "measure" and act.test is None and remark.why == "no_place":
                 continue  # its own words say that
+            if remark.why == "not_judged_elsewhere" and self.is_judged_elsewhere:
+                continue
             if remark.why == "doubt" and remark.doubt:
                 phrases.append(texts(f"doubt_{remark.doubt}"))
             else:
@@ -167,7 +170,19 @@ class ActWords:
 def acts_in_words(diagnosis: Diagnosis, texts: Texts) -> list[str]:
     """Every act of a diagnosis as a sentence, the first one first."""
     words = ActWords(diagnosis, texts)
-    return [words.sentence(act) for act in diagnosis.acts]
+    return [words.sentence(act) for act in without_idle_mounts(diagnosis.acts)]
+
+
+def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:
+    """Return the acts, except a new mounting with hardly any gain, unless nothing else is to be done."""
+    idle = [
+        act
+        for act in acts
+        if act.kind == "mount"
+        and act.effect is not None
+        and abs(act.removes_um) <= LEAST_SHARE * (act.removes_um + act.remains_um)
+    ]
+    return tuple(act for act in acts if act not in idle) or tuple(acts)
 
 
 def command(act: Act) -> str:

@@ -44,6 +44,8 @@ _WIDELY = 2.0
 """Times usual from which an effect of usual size that is sure is said beside what makes more. Chosen: one of twenty
 arms without a fault shows as much of it."""
 _MOST_NAMED = 3
+_ALMOST_ALL = 0.95
+"""Share of the error from which a part is called almost all of it. Chosen."""
 
 
 def large_parts(diagnosis: Diagnosis) -> list[BudgetPart]:
@@ -105,6 +107,8 @@ class AnswerWords:
 
     diagnosis: Diagnosis
     texts: Texts = field(default_factory=partial(texts_of, "en"))
+    judged_elsewhere: tuple[float, float] | None = None
+    """Error in µm without and with the model at another place that judged it before its runs joined those used."""
 
     @property
     def headline(self) -> str:
@@ -136,7 +140,11 @@ class AnswerWords:
         values = {"left": micrometres(accuracy.calibrated_um), "before": micrometres(accuracy.before_there_um)}
         if is_complete(self.diagnosis) and accuracy.place == "used":
             return now
-        which = f"calibrated_{accuracy.place}" if self.diagnosis.is_testable else "calibrated_unknown"
+        place: str = accuracy.place
+        if place == "used" and self.judged_elsewhere:
+            before_um, left_um = self.judged_elsewhere
+            place, values = "unseen", {"left": micrometres(left_um), "before": micrometres(before_um)}
+        which = f"calibrated_{place}" if self.diagnosis.is_testable else "calibrated_unknown"
         if self.diagnosis.condition == "out_of_range":
             which, values = "calibrated_out_of_range", {"left": micrometres(self.diagnosis.train.after_um)}
         return f"{now} {self.texts(which, **values)}"
@@ -256,7 +264,8 @@ class AnswerWords:
             return self.texts("large_part", share=share, part=self._with_cancelled(part, self._with_rivals(named)))
         likely = [member for member in part.members if member.odds >= LEAST_ODDS]
         if not likely:
-            return self.texts("large_part", share=share, part=self._with_cancelled(part, self._measured(part)))
+            which = "large_part_almost" if part.index is not None and part.share >= _ALMOST_ALL else "large_part"
+            return self.texts(which, share=share, part=self._with_cancelled(part, self._measured(part)))
         sizes = {id(part.cause): f"{size(part.cause)}, "} if part.cause else {}
         members = ", ".join(
             f"{self.noun(member.effect)} ({sizes.get(id(member), '')}{sure(member.odds)})" for member in likely

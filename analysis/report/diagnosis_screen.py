@@ -166,7 +166,8 @@ def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
             share = closed(gap)
             percents = [f"{100 * share:.1f} %" if math.isfinite(share) else ""] if effects else []
             table.add_row(f"{name}{how}", *map(_number, cells), *percents)
-    return [table]
+    assumed = [] if diagnosis.shows_noise else [Text(texts_of("en")("noise_assumed"), style="dim")]
+    return [table, *assumed]
 
 
 def _number(value: float) -> str:

@@ -56,14 +56,13 @@ def eccentricities_in_words(group: Sequence[Result]) -> list[str]:
         u = float(np.hypot(angle.u, distance.u))
         away = abs(angle.value - distance.value)
         if np.isfinite(u) and away > _BEYOND * u:
-            apart.append((away, away / u))
+            apart.append(away)
     if not apart:
         return []
-    away, times = max(apart)
+    away = max(apart)
     return [
-        f"the eccentricities by angle and by distance differ by up to {away:.3f} mm, {times:.0f} u: u holds the noise "
-        "of the readings, and not the arm's own error once a lap, which turns the tool and shifts its circle by "
-        "different amounts; the ball's own place is known to about that difference"
+        f"the two estimates of the ball's place, by angle and by distance, differ by {1000 * away:.0f} µm: take "
+        "that as its uncertainty"
     ]
 
 

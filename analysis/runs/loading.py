@@ -35,6 +35,7 @@ from analysis.runs.tabular import Tabular
 from daq.store import Run, read_run
 from rigs.errors import FileError
 from rigs.load import calibrated_beside, parse
+from rigs.readiness import missing_gauges
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
 
@@ -151,9 +152,9 @@ def known_doubts(run: Run, rig: Rig) -> list[str]:
         remedy = "replay the capture again on a computer that is less busy, and record that"
         raise FileError(str(run.path), problem, remedy)
     kind, started = kind_named(run.manifest.test), run.manifest.started
-    if kind.gauges and not rig.gauges.recorded:
-        problem = f"is a {run.manifest.test} run, and its rig file has no gauges"
-        raise FileError(str(run.path), problem, "add gauges and feedback to the rig file, and import it again")
+    for missing in missing_gauges(rig, run.manifest.test):
+        remedy = f"{missing.remedy}, and import it again"
+        raise FileError(str(run.path), f"is a {run.manifest.test} run, and its rig file {missing.problem}", remedy)
     if not kind.certified:
         return _doubts(run)
     try:

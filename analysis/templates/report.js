@@ -8,6 +8,27 @@ async function unpacked(id) {
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
 }
 
+// Lines of a legend whose entries stand in columns as wide as the longest name.
+function legendRows(data, width) {
+  const names = data.filter((trace) => trace.showlegend !== false && trace.name).map((trace) => trace.name);
+  const columns = Math.max(1, Math.floor(width / (50 + 7 * Math.max(0, ...names.map((name) => name.length)))));
+  return Math.ceil(names.length / columns);
+}
+
+// Marks that are too near for their words get the words of all at the first: "axis 3, 2, 5".
+function readable(annotations, range, width) {
+  const near = 20 * (range[1] - range[0]) / width;
+  const kept = [];
+  for (const mark of [...annotations].sort((a, b) => a.x - b.x)) {
+    const last = kept.at(-1);
+    if (last && mark.x - last.at < near) {
+      last.text = `${last.text}, ${mark.text.replace(/^[^0-9]*/, "")}`;
+      last.at = mark.x;
+    } else kept.push({ ...mark, at: mark.x });
+  }
+  return kept.map(({ at, ...mark }) => mark);
+}
+
 function painted(picture, colours, ink, step) {
   const data = picture.data.map(({ steps, ...found }) => (steps ? { ...found, y: steps[step] } : found)).map((trace) => {
     if (!trace.role) return trace.marker ? { ...trace, marker: { ...trace.marker, color: ink.text } } : trace;
@@ -21,7 +42,7 @@ function painted(picture, colours, ink, step) {
     shade ? { ...shape, fillcolor: "#f2c14e" } : { ...shape, line: { ...shape.line, color: ink.quiet } });
   const layout = {
     ...given, shapes, height: picture.height, autosize: true,
-    margin: { l: 60, r: 20, t: given.annotations?.length ? 54 : 24, b: 50 },
+    margin: { l: 60, r: given.annotations?.length ? 44 : 20, t: given.annotations?.length ? 54 : 24, b: 50 },
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { color: ink.text, family: "system-ui, sans-serif" },
     legend: { orientation: "h", y: given.polar || given.scene ? -0.08 : -0.22 },
@@ -35,11 +56,14 @@ function painted(picture, colours, ink, step) {
     const sides = ["xaxis", "yaxis", "zaxis"].map((name) => [name, { ...axis, ...given.scene[name] }]);
     layout.scene = { ...given.scene, ...Object.fromEntries(sides) };
   } else {
-    // A telephone has no room for a number each 30°, nor for the legend beside the axis' name.
+    // A telephone has no room for a number each 30°. The legend stands below the axis' name, however many lines it has.
     const coarse = narrow.matches && given.xaxis.dtick ? { dtick: 90 } : {};
     layout.xaxis = { ...axis, ...given.xaxis, ...coarse };
-    if (narrow.matches) Object.assign(layout, { height: picture.height + 60, margin: { ...layout.margin, b: 110 } });
-    if (narrow.matches) layout.legend = { orientation: "h", y: 0, yref: "container", yanchor: "bottom" };
+    const width = Math.min(innerWidth, 1100) - 110, rows = legendRows(data, width);
+    Object.assign(layout, { height: picture.height + 20 * rows, margin: { ...layout.margin, b: 66 + 20 * rows } });
+    layout.legend = { orientation: "h", y: 0, yref: "container", yanchor: "bottom" };
+    const range = given.xaxis.range;
+    if (given.annotations?.length && range) layout.annotations = readable(given.annotations, range, width);
     layout.yaxis = { ...axis, ...given.yaxis };
   }
   return { data, layout };

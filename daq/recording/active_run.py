@@ -30,6 +30,7 @@ from daq.store.manifest import DrivenWith, Operator, Placement, ViewZero, load_m
 from daq.store.startup_recovery import recover_and_log
 from daq.store.writer import MOST_PENDING
 from rigs.errors import CellError, FileError, RigError
+from rigs.readiness import gauges_needed
 from rigs.schema.part import Part
 from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
@@ -53,7 +54,7 @@ _FRESH_S = 3.0
 
 def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> None:
     """Raise CellError if a gauge that the test needs, or the robot, is missing or has no fresh reading."""
-    needed = {"g1_mm", "q1_deg"} | ({"g2_mm"} if test in CIRCLES else set())
+    needed = {"g1_mm", "q1_deg"} | {*(f"{gauge}_mm" for gauge in gauges_needed(test))}
     for column in sorted(needed):
         states = [buffer.state() for buffer in buffers.values() if column in buffer.columns]
         name = "robot" if column == "q1_deg" else column.removesuffix("_mm")

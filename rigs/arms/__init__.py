@@ -78,6 +78,16 @@ def arm_names() -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in _FOLDER.glob("*.yaml")))
 
 
+def arm_files() -> dict[str, Path]:
+    """Return the file of each arm by its name."""
+    return {name: _FOLDER / f"{name}.yaml" for name in arm_names()}
+
+
+def rig_text_of(name: str) -> str:
+    """Return the text of a rig file that has this arm, and nothing else."""
+    return f"name: {name}\n{load_arm(name).text}"
+
+
 def load_arm(name: str) -> Arm:
     """Return an arm by its name, as people write it. Raises FileError with the names that are near."""
     names = arm_names()

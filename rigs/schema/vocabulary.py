@@ -32,6 +32,14 @@ OF_ISO9283: tuple[TestName, ...] = ("pose", "path")
 """The tests of ISO 9283, which a tracker records by itself."""
 WITHOUT_GAUGES: tuple[TestName, ...] = (*OF_ISO9283, "touch")
 """The tests that no gauge reads."""
+PartName = Literal["circle", "hemisphere", "touch", "iso9283"]
+TEST_PARTS: dict[TestName, PartName] = {
+    **dict.fromkeys(CIRCLES, "circle"),
+    **dict.fromkeys(tuple(test for test in get_args(DrivenTest) if test not in CIRCLES), "hemisphere"),
+    **dict.fromkeys(OF_ISO9283, "iso9283"),
+    "touch": "touch",
+}
+"""The part of `tests` in a rig file that says where each test is driven."""
 FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
 """Gauges that no test measures with."""
 

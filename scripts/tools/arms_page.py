@@ -48,7 +48,7 @@ Centres of mass and limits stay as published.
 
 ```sh
 pipx install '.[urdf]'                # once, in the clone: with pytransform3d
-rig import-urdf arm.urdf -o arm.yaml
+rig import-urdf arm.urdf --build light -o arm.yaml
 ```
 
 The chain between two links must have four to seven revolute or continuous joints. They become modified

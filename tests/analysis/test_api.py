@@ -6,6 +6,7 @@ import inspect
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 
@@ -38,6 +39,8 @@ from analysis.cli import app
 from analysis.diagnosis.judge.result import Diagnosis
 from analysis.procedures.shared.simulated_gauges import Noise
 from analysis.procedures.simulate import simulated_run
+from rigs import entry
+from rigs.arms import load_arm
 from rigs.effects.backlash import Backlash
 from rigs.load import load
 from tests.support.handmade_diagnosis import diagnosis
@@ -261,3 +264,66 @@ def test_a_frame_without_pandas_says_what_to_do(results: list[Result], monkeypat
 def test_a_frame_with_pandas(results: list[Result]) -> None:
     pytest.importorskip("pandas")
     assert list(results[0].to_frame().columns) == results[0].to_table().column_names
+
+
+@pytest.fixture
+def kept(laps: list[Measured], tmp_path: Path) -> Path:
+    return save_run(laps[0], tmp_path / "acw")
+
+
+def test_a_path_stands_for_its_run(laps: list[Measured], kept: Path) -> None:
+    assert evaluate(str(kept)).figures["band_deg"].value == pytest.approx(
+        evaluate(laps[0]).figures["band_deg"].value, abs=1e-9
+    )
+    assert compare(kept).to_dict()["runs"]
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: evaluate(5), "run: a int is no run; give a run of load_run"),  # type: ignore[arg-type]
+        (lambda: calibrate(5), "run: a int is no run"),  # type: ignore[arg-type]
+        (lambda: evaluate_runs([None]), "run: a NoneType is no run"),  # type: ignore[list-item]
+        (lambda: simulate("ur10e", "yaw", "left"), "'left' is not a direction; give acw or cw"),  # type: ignore[arg-type]
+        (lambda: simulate("ur10e", "yow", "cw"), "'yow' is not a test; give one of yaw"),  # type: ignore[arg-type]
+        (lambda: analysis.calibrated_arm("ur10e").forward("here"), "is no array of numbers"),  # type: ignore[arg-type]
+        (lambda: analysis.calibrated_arm("ur55"), "no such rig file"),
+    ],
+)
+def test_what_a_person_writes_wrongly_is_a_line(call: Callable[[], object], says: str) -> None:
+    with pytest.raises(RigError) as error:
+        call()
+    assert says in str(error.value) and "\n" not in str(error.value)
+
+
+def test_an_arm_of_the_library_goes_by_its_name_and_takes_one_posture() -> None:
+    arm = analysis.calibrated_arm("ur5")
+    posture = [0.0, -90.0, 90.0, 0.0, 90.0, 0.0]
+    assert arm.rig.name == "ur5" and arm.rig.robot == load_arm("ur5").robot
+    assert np.allclose(arm.forward(posture).T, arm.forward([posture]).T)
+    assert arm.inverse(arm.forward(posture).T[0], posture).q_deg[0] == pytest.approx(posture, abs=1e-6)
+
+
+def test_a_table_says_its_test_by_its_columns(tmp_path: Path) -> None:
+    """As `rig import` reads it: joints called as on a pendant, places in mm."""
+    rig = load("ur5")[0]
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-100, 100, (20, 6))
+    target = np.array([20.0, -10.0, 80.0, 1.0])
+    seen = (analysis.calibrated_arm(rig).forward(q).T @ target)[:, [1, 0, 2]] * [1, -1, 1] + 2000
+    places = seen + rng.normal(0, 0.05, (20, 3))
+    lines = ["J1,J2,J3,J4,J5,J6,tracker_x_mm,tracker_y_mm,tracker_z_mm"]
+    lines += [",".join(f"{value:.6f}" for value in row) for row in np.hstack([q, places])]
+    (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    run = read_table(tmp_path / "poses.csv", "ur5")
+    assert run.run.manifest.test == "pose" and evaluate(run).figures["rms_mm"].value < 0.2
+    (tmp_path / "none.csv").write_text("a,b,c\n1,2,3\n4,5,6\n", encoding="utf-8")
+    with pytest.raises(RigError, match="columns of no test"):
+        read_table(tmp_path / "none.csv", "ur5")
+
+
+def test_rig_metrology_has_the_public_api() -> None:
+    """Installed, this file is the module `rig_metrology`."""
+    assert entry.evaluate is evaluate
+    with pytest.raises(AttributeError):
+        entry.analyse_runs  # noqa: B018 - the access is the test

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from analysis.cli import app
 from daq.acquisition.streams import streams_of
+from rigs.arms import load_arm
 from rigs.errors import CellError, FileError
 from rigs.load import SHIPPED, find, load, load_hidden, parse, shipped, shipped_effects
 from rigs.problems import RigFileError
@@ -429,3 +430,12 @@ def test_the_maker_is_that_of_the_feedback_or_of_the_robots_name() -> None:
     assert (ur.makers, any_makers.makers) == (("ur",), ("fanuc",))
     nameless = any_makers.model_copy(update={"robot": any_makers.robot.model_copy(update={"name": "elbow arm"})})
     assert nameless.maker is None and nameless.makers == MAKERS
+
+
+@pytest.mark.parametrize("name", ["ur10", "ur10e"])
+def test_a_shipped_cell_has_the_arm_of_the_library(name: str) -> None:
+    """One home for each number: what the library says of lengths, limits and masses."""
+    cell, arm = load(name)[0].robot, load_arm(name).robot
+    assert cell.build == arm.build
+    for shipped_axis, axis in zip(cell.axes, arm.axes, strict=True):
+        assert shipped_axis.model_copy(update={"name": axis.name}) == axis

@@ -52,9 +52,10 @@ def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answer
 def described(name: str, gauge: Gauge) -> str:
     """Return which gauge is meant by a name of the rig file, in a line."""
     place = f"{gauge.port}#{gauge.channel}" if gauge.shares else gauge.port
-    guess = f"is taken to count away: it was not pushed; if its reading then grows, give --key {name}.counts=towards"
-    counts = f"counts {gauge.counts}" if "counts" in gauge.model_fields_set else guess
-    return f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side, and {counts}"
+    which = f"{name} is {place} ({gauge.interface}), on the {_SIDES[name]} side"
+    if "counts" in gauge.model_fields_set:
+        return f"{which}, and counts {gauge.counts}"
+    return f"{which}. Push {name} in. If the number goes up, start again with --key {name}.counts=towards"
 
 
 def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
@@ -189,7 +190,7 @@ def _pushed(name: str, remaining: dict[str, FoundGauge], watch: Watch, dialogue:
             gauge = remaining.pop(number)
             return replace(gauge, gauge=gauge.gauge.model_copy(update={"counts": counts}))
         if number in remaining:
-            dialogue.say(f"{name}: {remaining[number].place}; it was not pushed, so it is taken to count away")
+            dialogue.say(f"{name}: {remaining[number].place}, not pushed")
             return remaining.pop(number)
         dialogue.say(f"error: {answer!r}: is not a gauge that is left; type one of {', '.join(remaining)}, or push it")
 

@@ -22,7 +22,7 @@ from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.schema.part import Part
 from rigs.schema.robot import Pose
-from rigs.schema.vocabulary import MeasuredBy
+from rigs.schema.vocabulary import Build, MeasuredBy
 from rigs.yaml_text import read_yaml
 
 _ENDING = ".init"
@@ -39,6 +39,8 @@ class Answers(Part):
     """Gauge 1 and, where there is one, gauge 2; their places on the baseline follow from `baseline_mm`."""
     baseline_mm: Annotated[float, Field(gt=0, le=10_000)] | None = None
     arm: str | None = Field(default=None, max_length=4096)
+    build: Build | None = None
+    """How the arm is built; None as long as the arm library or the arm's own file says it."""
     tool: Pose | None = None
     tolerance_mm: Annotated[float, Field(ge=0, le=1000)] | None = None
     """Error that the work allows at the ball; 0 where there are to be no limits."""
@@ -107,6 +109,7 @@ class Options:
     keys: dict[str, dict[str, Any]]
     baseline_mm: float | None
     arm: str | None
+    build: Build | None
     tool: str | None
     tolerance_mm: float | None
     circle_here: bool | None

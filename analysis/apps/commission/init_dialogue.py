@@ -20,6 +20,7 @@ from analysis.apps.commission.init_answers import (
 from analysis.apps.commission.rig_file_text import chosen_arm, rig_text
 from analysis.apps.commission.robot_questions import (
     ask_arm,
+    ask_build,
     ask_circle,
     ask_robot,
     ask_robot_if_any,
@@ -36,9 +37,9 @@ from rigs.schema.vocabulary import MeasuredBy
 from rigs.text import as_argument
 
 _QUESTIONS: dict[MeasuredBy, tuple[Callable[[Answers, Options, Dialogue], Answers], ...]] = {
-    "gauges": (ask_robot, ask_gauges, ask_baseline, ask_arm, ask_tool, ask_tolerance),
-    "sockets": (ask_arm, ask_robot_if_any, ask_tool, take_options),
-    "tracker": (ask_arm, take_options),
+    "gauges": (ask_robot, ask_gauges, ask_baseline, ask_arm, ask_build, ask_tool, ask_tolerance),
+    "sockets": (ask_arm, ask_build, ask_robot_if_any, ask_tool, take_options),
+    "tracker": (ask_arm, ask_build, take_options),
 }
 """What is asked, in order."""
 

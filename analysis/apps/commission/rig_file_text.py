@@ -34,11 +34,12 @@ _MAX_BYTES = 1_000_000
 
 @dataclass(frozen=True)
 class ChosenArm:
-    """An arm. repeatability_mm: RP of its data sheet, None where not known; source: where its numbers are from."""
+    """An arm. repeatability_mm: RP of its data sheet, None if it is not known; source: of its numbers."""
 
     robot: Robot
     repeatability_mm: float | None
     source: str
+    in_library: bool = False
 
 
 class _ArmFile(Part):
@@ -83,7 +84,7 @@ def _arm_of(name: str) -> ChosenArm:
 
 def _of_library(name: str) -> ChosenArm:
     arm = load_arm(name)
-    return ChosenArm(arm.robot, arm.repeatability_mm, f"the arm library: {arm.maker} {arm.model}")
+    return ChosenArm(arm.robot, arm.repeatability_mm, f"the arm library: {arm.maker} {arm.model}", in_library=True)
 
 
 _BASELINE_MM = 50.0
@@ -114,9 +115,15 @@ def placed(answers: Answers) -> dict[str, Gauge]:
     return {name: gauge.model_copy(update={"offset_mm": at_mm}) for name, at_mm, gauge in signed}
 
 
+def _arm_section(arm: ChosenArm, answers: Answers, tool: Pose) -> str:
+    """Return the section `robot` with this tool, and with the build that was answered."""
+    build = answers.build or arm.robot.build
+    return robot_text(arm.robot.model_copy(update={"tool": tool, "build": build})).rstrip()
+
+
 def _of_gauges(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"# Nominal arm, from {plain(arm.source)}; tool is the ball's place on the flange."
-    yield robot_text(arm.robot.model_copy(update={"tool": answers.tool or arm.robot.tool})).rstrip()
+    yield _arm_section(arm, answers, answers.tool or arm.robot.tool)
     yield ""
     yield "gauges:"
     for gauge_name, gauge in placed(answers).items():
@@ -139,13 +146,13 @@ def _of_gauges(answers: Answers, arm: ChosenArm) -> Iterator[str]:
 
 def _of_tracker(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"# Nominal arm, from {plain(arm.source)}. Where tracker and target are is found from the poses."
-    yield robot_text(arm.robot.model_copy(update={"tool": answers.tool or arm.robot.tool})).rstrip()
+    yield _arm_section(arm, answers, answers.tool or arm.robot.tool)
     yield from _limits(answers, arm.repeatability_mm, "tracker")
 
 
 def _of_sockets(answers: Answers, arm: ChosenArm) -> Iterator[str]:
     yield f"# Nominal arm, from {plain(arm.source)}."
-    yield robot_text(arm.robot.model_copy(update={"tool": Pose()})).rstrip()
+    yield _arm_section(arm, answers, Pose())
     yield ""
     yield from _feedback(answers)
     ball_mm = list(answers.tool.xyz_mm if answers.tool else Touch.model_fields["ball_mm"].default)

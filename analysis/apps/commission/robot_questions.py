@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from textwrap import fill
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from rigs.schema.feedback import Feedback
 from rigs.schema.limits import TOLERANCE_BY_RP, USUAL_RP_MM, WATCH_SHARE, offered_tolerance_mm
 from rigs.schema.part import Vector
 from rigs.schema.robot import Pose, Robot
-from rigs.schema.vocabulary import DRIVEN_AXES, maker_of
+from rigs.schema.vocabulary import DRIVEN_AXES, Build, maker_of
 
 
 def circle_from_start(robot: Robot, joints_deg: Sequence[float], radius_mm: float) -> Circle:
@@ -52,6 +52,12 @@ def _vector(values: Array, decimals: int) -> Vector:
 
 
 _COLUMNS = 79
+_BUILDS: tuple[Build, ...] = get_args(Build)
+_BUILD_QUESTION = """\
+How the arm is built says which plays, zeros and lengths are usual of it:
+  industrial: reducers of large machines; light: strain-wave gears, as of cobots;
+  torque_sensing: with sensors of torque in its joints; servo: hobby servos
+Build"""
 _NO_ROBOT = "none"
 _MOST_TOLERANCE_MM = 1000.0
 
@@ -149,6 +155,24 @@ def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     arm_given = options.arm or answers.arm
     name = read(arm_given) if arm_given else dialogue.ask(question, "--arm", read)
     return answers.model_copy(update={"arm": name})
+
+
+def ask_build(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Ask how an arm is built that is not in the library and whose file does not state it: what is usual of an
+    industrial arm makes faults of a hobby arm's plays."""
+    arm = chosen_arm(answers.arm or "", options.measured_by)
+    build = options.build or answers.build
+    if build is None and arm.robot.build is None and not arm.in_library:
+        build = dialogue.ask(_BUILD_QUESTION, "--build", _build, arm.robot.built)
+        if not dialogue.terminal:
+            dialogue.say(f"{arm.robot.name} is taken to be {build}; state another with --build: {', '.join(_BUILDS)}")
+    return answers if build is None else answers.model_copy(update={"build": build})
+
+
+def _build(text: str) -> Build:
+    if text not in _BUILDS:
+        raise FileError(repr(text), "is no way in which arms are built", f"type {', '.join(_BUILDS)}")
+    return text
 
 
 def _likely_arms(answers: Answers) -> Sequence[str]:

@@ -14,6 +14,7 @@ from analysis.cli import completion
 from analysis.cli.commands import app, command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument
+from rigs.schema.vocabulary import Build
 from rigs.text import plain_lines
 
 
@@ -107,6 +108,10 @@ def import_urdf(
         str | None,
         typer.Option(help="Link that is the flange frame; default: the link named tool0, or the only end."),
     ] = None,
+    build: Annotated[
+        Build | None,
+        typer.Option(help="How the arm is built, by which it is judged what is usual of it; default: not stated."),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="File to write the section to; default: the screen.")
     ] = None,
@@ -115,10 +120,14 @@ def import_urdf(
     from analysis.apps.interchange.urdf import import_urdf as imported
 
     arm = imported(file, base, tip)
-    section = arm.section
+    section = arm.section.with_build(build) if build else arm.section
     write_section(section.text, output)
     for doubt in arm.doubts:
         say(doubt, err=True, mark="note: ")
+    if build is None:
+        judged = f"its plays, zeros and lengths are judged as usual of one that is {section.robot.built}"
+        others = "hobby servos: --build servo; strain-wave gears, as of cobots: --build light"
+        say(f"the build of the arm is not stated, so {judged}; {others}", err=True, mark="note: ")
     difference = f"differs from the URDF by at most {section.largest_mm:.0e} mm and {section.largest_rad:.0e} rad"
     say(f"{arm.base} to {arm.tip}: {difference}", err=True)
 

@@ -74,6 +74,7 @@ def program(
     from analysis.cli.console import progress_of
     from rigs.errors import UseError
     from rigs.load import load, named_by
+    from rigs.readiness import missing_gauges
 
     if dwell_s is not None and test in CIRCLES:
         raise typer.BadParameter(f"the {test} program stands at no targets", param_hint="--dwell-s")
@@ -99,6 +100,8 @@ def program(
     for plan, demand in zip(plans, demands, strict=True):
         for line in demand_lines(plan, demand, names):
             say(f"{plan.name}: {line}", err=True)
+    for missing in missing_gauges(rig, test):
+        say(f"the rig file {missing.problem}, so this test cannot be measured yet; {missing.remedy}", err=True)
     if rig.gauges.recorded:
         say(feedback_note(maker, rig.feedback), err=True)
     for written in paths:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from analysis.apps.session.child_processes import Child
-from analysis.apps.session.session_state import Answer, Deed, PartOfError
+from analysis.apps.session.session_state import ELSEWHERE, Answer, Deed, PartOfError
 from analysis.correction.deviation import Deviation
 from analysis.diagnosis.judge.acts import acts_with
 from analysis.robot.geometry.circle import frame_of
@@ -50,7 +50,9 @@ def infer(used: Sequence[Path], judges: Sequence[Path], rig_file: Path, director
     written = write(diagnosis, text, directory, in_session=True)
     model = next((path for path in written if path.suffix == ".yaml"), None)
     named = acts_with(diagnosis.acts, as_argument(model or directory))
-    words, acts = AnswerWords(diagnosis), ActWords(replace(diagnosis, acts=named))
+    has_judged = any(run.run.manifest.placement == ELSEWHERE for run in runs)
+    words = AnswerWords(diagnosis)
+    acts = ActWords(replace(diagnosis, acts=named), is_judged_elsewhere=has_judged)
     faults = [part_of(diagnosis, entry) for entry in diagnosis.standing]
     parts = [
         PartOfError(

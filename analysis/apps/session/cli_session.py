@@ -83,7 +83,7 @@ def session(
     """
     from analysis.apps.session.session_state import Emulated, Place
     from rigs.errors import UseError
-    from rigs.load import find, load
+    from rigs.load import find, load, named_by
 
     rig, text = load(rig_file)
     place = Place(directory or Path(f"session-{rig.name}"))
@@ -114,7 +114,8 @@ def session(
     )
     screen = _Lines(aside=as_json)
     try:
-        done = run_session(rig, text, place, asked, screen)
+        with named_by(rig_file, rig):
+            done = run_session(rig, text, place, asked, screen)
     except KeyboardInterrupt:
         screen.say(f"interrupted: what was reached is kept in {place.file}, and the same command goes on")
         raise typer.Exit(130) from None

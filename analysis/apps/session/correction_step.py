@@ -107,7 +107,7 @@ def corrected(
     work = correction.work
     if way == "none":
         error = f"{remaining.now_um:.0f} µm rms"
-        sentence = f"No numbers take away much of the error of {error}: its cause is repaired at the arm."
+        sentence = f"Nothing you can enter removes much of this error ({error}). Repair the arm."
         return _correction(way, sentence, remaining.now_um), {}
     pose_u = pose_uncertainty(model, correction.effects)
     by, beside_um, after_um, left_um = (

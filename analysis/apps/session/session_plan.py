@@ -18,7 +18,7 @@ import yaml
 from analysis.apps.makers.programs.motion_plan import Plan, demand_of, seconds_of
 from analysis.apps.makers.programs.planned import LONGEST_ARC_DEG, plans_of
 from analysis.apps.makers.writing import encoded_programs, programs_of
-from analysis.apps.session.session_state import MAIN, Aim, Purpose, Stage, Step
+from analysis.apps.session.session_state import ELSEWHERE, MAIN, Aim, Purpose, Stage, Step
 from analysis.diagnosis.plan.detectability import further_tests, places, with_circle
 from analysis.diagnosis.plan.detectability import plan as plan_tests
 from analysis.diagnosis.plan.proposal import SET_UP_MIN
@@ -26,14 +26,13 @@ from analysis.robot.geometry.driven_programs import circle_program
 from analysis.runs.written_files import write_all_over
 from daq.store.manifest import DrivenWith
 from rigs.errors import FileError, RigPlace, UseError
+from rigs.readiness import require_test
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, Direction, DrivenTest, MakerName, TestName
 from rigs.yaml_text import data_of
 
 DWELL_S = 3.0
 """Seconds at each target of radial and repeatability: arms settle within one, and slow gauges answer a few times."""
-ELSEWHERE = "other"
-"""The stage at the place that is not used to find errors."""
 FIXED = "-fixed"
 """What the names of corrected programs end with. With it they have 23 characters, of the 24 that all languages take."""
 _BOTH: tuple[Direction, ...] = ("acw", "cw")
@@ -93,13 +92,11 @@ def planned(
 
     Raises FileError where the arm cannot drive its circle, UseError where the time is too short for anything.
     """
-    if rig.tests.circle is None:
-        if not rig.gauges.recorded:
-            problem = "has no gauges, beside which a session drives circles"
-            remedy = "measure poses (rig plan RIG --poses 60) or touches (rig record touch), then rig diagnose"
-            raise FileError(RigPlace.of(rig.name), problem, remedy)
-        remedy = "start rigd with it, and lead the robot around the ball: rig circle fit --live --rig FILE --write"
-        raise FileError(RigPlace.of(rig.name), "has no tests.circle to drive", remedy)
+    if not rig.gauges.recorded:
+        problem = "has no gauges, and a session drives circles that are read by two"
+        remedy = "measure poses (rig plan RIG --poses 60) or touches (rig record touch), then rig diagnose"
+        raise FileError(RigPlace.of(rig.name), problem, remedy)
+    require_test(rig, MAIN)
     minutes -= pace.thinking_min
     main = Stage(name=MAIN, words=_set_up(MAIN, None))
     backbones = list(_backbones(rig, aim, main))

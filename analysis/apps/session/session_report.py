@@ -8,8 +8,7 @@ from pathlib import Path
 from analysis.api import diagnose, evaluate_runs
 from analysis.apps.session.answer import Driven, path_error
 from analysis.apps.session.correction_step import CORRECTIONS, reading_deg
-from analysis.apps.session.session_plan import ELSEWHERE
-from analysis.apps.session.session_state import Place, Session, Verified, own_programs
+from analysis.apps.session.session_state import ELSEWHERE, Place, Session, Verified, own_programs
 from analysis.report.page.page_content import BeforeAfter, gather, judge
 from analysis.report.page.write_page import write_page
 from analysis.runs.loading import load_measured

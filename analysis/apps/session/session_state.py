@@ -39,6 +39,8 @@ MOST_TRIES = 3
 
 MAIN: DrivenTest = CIRCLES[0]
 """The test by which a session finds errors and shows that they are gone."""
+ELSEWHERE = "other"
+"""The stage at the place that is not used to find errors."""
 Aim = Literal["faults", "accuracy", "check"]
 """What a session is for: what is worn, loose or shifted; how accurate the arm can be made; or whether all is well."""
 Purpose = Literal["find", "judge", "verify"]

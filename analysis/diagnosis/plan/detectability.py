@@ -28,6 +28,7 @@ from analysis.robot.model.predict import SetUp
 from analysis.runs.table_format import kinds
 from rigs.effects import Effect, turned
 from rigs.errors import FileError, UseError
+from rigs.readiness import missing_for, require_test
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, SocketDistance
 from rigs.schema.effect import healthy, healthy_size, label_of, name_of, phases, scaled
@@ -470,19 +471,25 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3, level: float = 1.0)
 
 def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
     """Return the tests of a comma-separated list, or, for None, those that the rig is set up for. Raises UseError for
-    an unknown name."""
+    an unknown name, and FileError for a rig that lacks something for a test that is named, or for all of them."""
     if names is None:
-        circle: tuple[TestName, ...] = CIRCLES if rig.tests.circle else ()
-        if rig.tests.touch and not circle and not rig.tests.hemisphere:
-            return ("touch",)
         at_targets = next(kind.test for kind in kinds() if kind.part == "hemisphere")
-        return (*circle, at_targets) if rig.tests.hemisphere else circle or CIRCLES
+        offered: tuple[TestName, ...] = (*CIRCLES, at_targets)
+        ready = tuple(test for test in offered if not missing_for(rig, test))
+        if not ready and rig.tests.touch:
+            return ("touch",)
+        if not ready:
+            require_test(rig, offered[0])
+        return ready
     every: tuple[TestName, ...] = (*CIRCLES, *(kind.test for kind in kinds() if kind.further))
     asked = [name.strip() for name in names.split(",")]
     for name in asked:
         if name not in every:
             raise UseError("--tests", f"{name!r} is not a test", f"give one or more of {','.join(every)}")
-    return tuple(name for name in every if name in asked)
+    tests = tuple(name for name in every if name in asked)
+    for test in tests:
+        require_test(rig, test)
+    return tests
 
 
 def _further_tests(

@@ -20,7 +20,7 @@ from analysis.diagnosis.fit.candidates import candidates_for, columns_for
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.plan.expected import without_bands
 from analysis.procedures.prediction import nominal_setup
-from analysis.robot.geometry.pose_pool import Sight, axes_in_turn, drawn_poses, in_order_of_ways
+from analysis.robot.geometry.pose_pool import Sight, axes_in_turn, drawn_poses, in_order_of_ways, joint_ranges
 from analysis.robot.kinematics.arm import Array, Integers, arm_of, forward
 from analysis.robot.model.predict import model_of
 from analysis.runs.table_layout import came_from_columns, joint_columns
@@ -142,6 +142,11 @@ def planned_poses(rig: Rig, count: int, sight: Sight | None = None, *, one_axis:
             RigPlace.of(rig.name), problem, "leave out robot.rail, and add e1_mm, spread over the rail, by hand"
         )
     arm, rng = arm_of(rig.robot), np.random.default_rng(_SEED)
+    low, high = joint_ranges(arm)
+    for axis in np.flatnonzero(low >= high).tolist():
+        first, last = rig.robot.axes[axis].limits_deg
+        problem = f"limits_deg [{first:g}, {last:g}] leave {rig.robot.axis_words(axis + 1)} no room to move"
+        raise FileError(RigPlace.of(rig.name, f"robot.axes[{axis + 1}]"), problem, "give them in degrees")
     q = drawn_poses(arm, max(_POOL, 3 * count), sight, rng)
     if len(q) < 2 * count:
         problem = f"only {len(q)} poses were found that the arm takes clear of floor and column, and that are seen"

@@ -23,7 +23,7 @@ from analysis.procedures.shared.lap_curve import SEED, LapCurve, at_resolution, 
 from analysis.procedures.shared.quantity import Quantity
 from analysis.procedures.shared.reduction import PHI, Reduced, nodes_of, reduced
 from analysis.procedures.shared.result_curves import CircleCurve
-from analysis.procedures.shared.simulated_gauges import Simulation, hold_gauged, read_by_gauges
+from analysis.procedures.shared.simulated_gauges import Simulation, read_by_gauges
 from analysis.robot.geometry.circle import frame_of, link_angle, link_readings
 from analysis.robot.geometry.driven_programs import circle_laps, circle_of
 from analysis.robot.kinematics.arm import Array, Integers
@@ -38,6 +38,7 @@ from analysis.runs.table_format import Kind
 from analysis.runs.table_layout import JOINTS, TIME_U, Layout
 from analysis.runs.tables import CircleTable
 from rigs.errors import FileError
+from rigs.readiness import require_test
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CircleTest, Direction
 
@@ -329,7 +330,7 @@ class CircleKind(Kind[CircleTable]):
         return replace(table, g_mm=values)
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> CircleTable:
-        hold_gauged(rig, self.test)
+        require_test(rig, self.test)
         if direction is None:
             raise FileError(f"{self.test} test", "needs a direction", "give --direction cw, acw or both")
         laps = circle_laps(rig, direction)

@@ -13,7 +13,7 @@ from analysis.procedures.checks.finding import Finding
 from analysis.procedures.checks.meanings import PLACE_UNKNOWN, Verdict, judged_by_path
 from analysis.procedures.checks.place import PLACE, Off, off_targets, place_findings
 from analysis.procedures.checks.units import target_units
-from analysis.procedures.shared.simulated_gauges import Simulation, hold_gauged, read_by_gauges
+from analysis.procedures.shared.simulated_gauges import Simulation, read_by_gauges
 from analysis.robot.geometry.driven_programs import hemisphere_of
 from analysis.robot.geometry.hemisphere import hemisphere_frame, target_angles
 from analysis.robot.kinematics.arm import Array, Integers, Mask
@@ -25,6 +25,7 @@ from analysis.runs.table_format import SAME_RAD, Kind
 from analysis.runs.table_layout import RAIL, RAIL_FROM, came_from_columns
 from analysis.runs.tables import PlaceTable, TargetTable
 from rigs.errors import FileError
+from rigs.readiness import require_test
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Hemisphere
 from rigs.schema.vocabulary import Direction
@@ -54,7 +55,7 @@ class TargetKind(Kind[H]):
         return replace(table, g_mm=values[:, 0])
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> H:
-        hold_gauged(rig, self.test)
+        require_test(rig, self.test)
         table = self.driven(rig)
         return self.with_readings(table, read_by_gauges(rig, table, self.setup(rig), run))
 

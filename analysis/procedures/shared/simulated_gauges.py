@@ -13,14 +13,11 @@ from itertools import accumulate, islice
 import numpy as np
 
 from analysis.procedures.prediction import path_of, predict
-from analysis.robot.geometry.driven_programs import hold_six
 from analysis.robot.kinematics.arm import Array
 from analysis.robot.model.predict import SetUp, model_of
 from analysis.runs.tables import GaugeTable
 from rigs.effects import Effect, turned
-from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import TestName
 
 _DWELL_S = 4.0
 """The time from one target to the next."""
@@ -44,14 +41,6 @@ class Simulation:
     seed: int | None
     effects: Sequence[Effect] | None = None
     noise: Noise | None = None
-
-
-def hold_gauged(rig: Rig, test: TestName) -> None:
-    """Raise FileError for a rig that cannot drive a test of the ball link, or has no gauges to read it."""
-    hold_six(rig)
-    if not rig.gauges.recorded:
-        what = f"has no gauges, and a {test} test is measured with them"
-        raise FileError(f"rig {rig.name}", what, "add gauges and feedback to the rig file")
 
 
 def read_by_gauges(rig: Rig, program: GaugeTable, setup: SetUp, run: Simulation) -> Array:

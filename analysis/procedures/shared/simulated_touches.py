@@ -18,6 +18,7 @@ from analysis.runs.noise.cell_noise import SEAT_MM
 from analysis.runs.tables import TouchTable
 from rigs.effects import Effect
 from rigs.errors import FileError
+from rigs.readiness import require_part
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Touch
 
@@ -36,9 +37,7 @@ _REACHED = (0.35, 0.7)
 
 def touch_of(rig: Rig) -> Touch:
     """Return the touch test of a rig. Raises FileError where the rig file has none."""
-    if rig.tests.touch is None:
-        raise FileError(f"rig {rig.name}", "has no tests.touch", "add it: touch: {sockets: [A, B]}")
-    return rig.tests.touch
+    return require_part(rig, rig.tests.touch, "touch")
 
 
 def planned_touches(rig: Rig, seed: int = 0) -> TouchTable:

@@ -26,7 +26,7 @@ from markupsafe import Markup
 from analysis.api import Result
 from analysis.diagnosis.fit.selection_state import FAULT
 from analysis.diagnosis.judge.acts import is_done
-from analysis.report.act_words import ActWords
+from analysis.report.act_words import ActWords, without_idle_mounts
 from analysis.report.answer_words import AnswerWords
 from analysis.report.chart import Picture
 from analysis.report.diagnosis_words import micrometres, remains_lines, remains_rows
@@ -162,6 +162,7 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
     gaps = diagnosis_charts(report.found, texts) if report.found else []
     pictures = [picture for section in sections for picture in section.pictures] + list(gaps)
     verdict = judge(report.results, report.rig.limits, report.found)
+    judged = report.after.judged if report.after and report.after.joined else None
     days = sorted(run.started[:10] for run in runs)
     span = days[0] if days[0] == days[-1] else f"{days[0]} – {days[-1]}"
     return pages.get_template("report.html").render(
@@ -172,8 +173,9 @@ def rendered(report: Report, texts: Texts, heading: Heading = NO_HEADING) -> str
         verdict=verdict,
         sentence_of=lambda verdict: verdict_sentence(verdict, texts),
         named=named,
-        answer=AnswerWords(report.found, texts) if report.found else None,
+        answer=AnswerWords(report.found, texts, judged) if report.found else None,
         acts=_acts(report, texts),
+        is_sound=bool(report.found and report.found.next_act and report.found.next_act.why == "sound"),
         cut_off=f"{FAULT:g}",
         budget=budget_rows(report.found, texts) if report.found else None,
         remains=remains_rows(report.found.remains, texts) if report.found and report.found.remains else [],
@@ -201,10 +203,12 @@ def _acts(report: Report, texts: Texts) -> list[str]:
     """What is to be done, the first act first; of a robot that was corrected without the correction, which is done."""
     if report.found is None:
         return []
-    after, words = report.after, ActWords(report.found, texts)
+    after = report.after
+    words = ActWords(report.found, texts, is_judged_elsewhere=bool(after and after.joined))
     way = after.way if after and after.driven else None
     elsewhere = bool(way or (after and after.joined))
-    acts = (act for act in report.found.acts if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere))
+    every = without_idle_mounts(report.found.acts)
+    acts = (act for act in every if not is_done(act.kind, act.why, way=way, elsewhere=elsewhere))
     return [words.sentence(act, corrected=bool(way)) for act in acts]
 
 

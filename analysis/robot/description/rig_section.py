@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from analysis.robot.description.axis_lines import AxisLines, DenavitHartenberg, 
 from analysis.robot.kinematics.arm import RAIL_MM, Array, arm_of, forward, roll_pitch_yaw
 from rigs.errors import FileError
 from rigs.schema.robot import JointAxis, Pose, Rail, Robot, identity
+from rigs.schema.vocabulary import Build
 from rigs.text import plain
 from rigs.yaml_text import flow
 
@@ -52,6 +53,11 @@ class Section:
     text: str
     largest_mm: float
     largest_rad: float
+
+    def with_build(self, build: Build) -> Section:
+        """Return the section of an arm whose build a person states."""
+        text = self.text.replace("\n  axes:", f"\n  build: {build}\n  axes:", 1)
+        return replace(self, robot=self.robot.model_copy(update={"build": build}), text=text)
 
 
 def robot_of(name: str, constants: DenavitHartenberg, joints: Sequence[Joint], rail: Rail | None = None) -> Robot:

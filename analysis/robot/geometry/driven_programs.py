@@ -21,9 +21,10 @@ from analysis.robot.kinematics.follow import follow
 from analysis.robot.kinematics.newton import newton
 from rigs.errors import FileError, PathError, RigPlace
 from rigs.load import named_by
+from rigs.readiness import missing_arm, require_part
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability
-from rigs.schema.vocabulary import DRIVEN_AXES, Direction
+from rigs.schema.vocabulary import Direction
 
 _ACCELERATION_MM_S2 = 200.0
 """Acceleration of a controller on a calibration circle, a gentle one."""
@@ -39,28 +40,19 @@ _SHORTEST_MOVE_S = 0.6
 
 def hold_six(rig: Rig) -> None:
     """Raise FileError for an arm that cannot drive the tests of the ball link."""
-    if (axes := len(rig.robot.axes)) != DRIVEN_AXES:
-        problem = f"is an arm of {axes} axes, and circles, hemispheres and their programs are of {DRIVEN_AXES}"
-        raise FileError(RigPlace.of(rig.name), problem, "measure it by poses or touches: docs/any-arm.md")
-    if rig.robot.rail:
-        problem = "is an arm on a rail, and circles, hemispheres and their programs are of one that stands"
-        raise FileError(RigPlace.of(rig.name), problem, "measure it by poses or touches, or leave out robot.rail")
+    for missing in missing_arm(rig):
+        raise missing.error(rig)
 
 
 def circle_of(rig: Rig) -> Circle:
     """The circle of a rig. Raises FileError for a rig without one."""
     hold_six(rig)
-    if rig.tests.circle is None:
-        raise FileError(RigPlace.of(rig.name), "the rig file has no tests.circle", "add it: centre, posture, radius")
-    return rig.tests.circle
+    return require_part(rig, rig.tests.circle, "circle")
 
 
 def hemisphere_of(rig: Rig) -> Hemisphere:
     """The hemisphere of a rig. Raises FileError for a rig without one."""
-    if rig.tests.hemisphere is None:
-        where = RigPlace.of(rig.name)
-        raise FileError(where, "the rig file has no tests.hemisphere", "add it: centre, posture, radius")
-    return rig.tests.hemisphere
+    return require_part(rig, rig.tests.hemisphere, "hemisphere")
 
 
 @dataclass(frozen=True)

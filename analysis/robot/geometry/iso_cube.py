@@ -27,6 +27,7 @@ from analysis.robot.kinematics.inverse import inverse
 from analysis.robot.kinematics.joint_limits import within_limits
 from analysis.robot.kinematics.newton import conditioning, newton
 from rigs.errors import FileError, PathError, RigPlace
+from rigs.readiness import require_part
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Iso9283
 from rigs.schema.robot import Robot
@@ -98,10 +99,7 @@ class Cube:
 
 def iso9283_of(rig: Rig) -> Iso9283:
     """Return the ISO 9283 test of a rig. Raises FileError where the rig file has none."""
-    if rig.tests.iso9283 is None:
-        problem = "the rig file has no tests.iso9283"
-        raise FileError(RigPlace.of(rig.name), problem, "add it: tests: {iso9283: {}} looks for a cube by itself")
-    return rig.tests.iso9283
+    return require_part(rig, rig.tests.iso9283, "iso9283")
 
 
 def cube_of(rig: Rig) -> Cube:

@@ -42,7 +42,7 @@ class Sight:
 
 def drawn_poses(arm: Arm, count: int, sight: Sight | None, rng: np.random.Generator) -> Array:
     """Joint angles (n, 6) rad of at most so many poses, drawn evenly in joint space, that are clear and seen."""
-    low, high = _used(arm)
+    low, high = joint_ranges(arm)
     drawn = np.empty((0, len(low)))
     for _ in range(_DRAWS):
         q = rng.uniform(low, high, (4 * count, len(low)))
@@ -54,8 +54,9 @@ def drawn_poses(arm: Arm, count: int, sight: Sight | None, rng: np.random.Genera
     return drawn[:count]
 
 
-def _used(arm: Arm) -> tuple[Array, Array]:
-    """The lowest and highest angles (axes,) rad to which joints go."""
+def joint_ranges(arm: Arm) -> tuple[Array, Array]:
+    """Return the lowest and highest angles (axes,) rad to which joints go; a lowest above its highest if the limits of
+    an axis leave it nothing."""
     low, high = arm.limits.T
     return np.maximum(low + _MARGIN_RAD, -_HALF_TURN), np.minimum(high - _MARGIN_RAD, _HALF_TURN)
 
@@ -70,7 +71,7 @@ def axes_in_turn(arm: Arm, count: int, sight: Sight | None, rng: np.random.Gener
     ways = np.empty((len(postures), arm.axes, 2))
     for row, joint in np.ndindex(len(postures), arm.axes):
         angle, ends = postures[row, joint], []
-        for end in (float(limit[joint]) for limit in _used(arm)):
+        for end in (float(limit[joint]) for limit in joint_ranges(arm)):
             angles = np.linspace(angle, end, 2 + int(abs(end - angle) / _STEP_RAD))
             q = np.repeat(postures[row][None], len(angles), axis=0)
             q[:, joint] = angles

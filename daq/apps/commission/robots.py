@@ -131,6 +131,7 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
     place of every other.
     """
     failed: list[str] = []
+    answers = False
     try:
         for tried in _tries(address) if named is None else [_try(named)]:
             if evidence_of(tried.trial.items).enough or (named and tried.trial.samples):
@@ -145,14 +146,17 @@ def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
                     reported=stopped or _own_report(tried.trial),
                 )
             trial = tried.trial
-            silence = "not understood" if trial.received else "nothing arrived"
+            answers |= _accepts(tried)
+            quiet = "accepts the connection and sends nothing" if _accepts(tried) else "nothing arrived"
+            silence = "sends what is not understood" if trial.received else quiet
             why = trial.error.what if trial.error else _own_report(trial) or silence
             failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {why}")
     except ValidationError:
         return RobotReport(
             address, problem="is not an address", remedy="give HOST, tcp://HOST:PORT or udp://ADDRESS:PORT"
         )
-    return RobotReport(address, problem="; ".join(dict.fromkeys(failed)), remedy=_remedy(address))
+    remedy = _remedy(address, named, answers=answers)
+    return RobotReport(address, problem="; ".join(dict.fromkeys(failed)), remedy=remedy)
 
 
 def joints_of(robot: Feedback) -> tuple[float, ...]:
@@ -226,8 +230,17 @@ def _own_report(trial: Trial) -> str:
     return reports[-1] if reports else ""
 
 
-def _remedy(address: str) -> str:
+def _accepts(tried: _Tried) -> bool:
+    """Return whether something accepted the connection and kept it."""
+    is_lost = any(fault.kind == FaultKind.DISCONNECTED for fault in faults_of(tried.trial.items))
+    return bool(tcp_address(tried.feedback.port)) and not tried.trial.error and not is_lost
+
+
+def _remedy(address: str, named: Feedback | None, *, answers: bool) -> str:
+    """Return what to do about a robot that reports no joints. answers: whether something accepts its connection."""
     tcp, udp = tcp_address(address), udp_address(address)
+    if named is not None and named.interface != "line_feed":
+        return f"check that {named.interface} is served at this address and allowed in the controller's settings"
     if udp and udp[1] == _STREAM_MOTION:
         return "check the address, the cable, and that the controller has option J519"
     if udp:
@@ -235,8 +248,13 @@ def _remedy(address: str) -> str:
     if tcp and tcp[1] == _OPC_UA:
         return "switch the OPC UA server on, and allow anonymous reading without encryption in its settings"
     if tcp and tcp[1] != _RTDE:
-        return "start the program that prints; for a Universal Robots arm give its host alone"
+        return (
+            "start the program that prints; for a Universal Robots arm give its host alone, or --key "
+            "feedback.interface=ur_rtde if RTDE has this port; rig interfaces lists the others"
+        )
+    first = "allow RTDE in its settings (Security, Services)" if answers else "switch it on"
     return (
-        "switch it on; where a program prints lines give tcp://HOST:PORT, for FANUC's Stream Motion udp://HOST:60015, "
-        "and where the controller calls this computer (KUKA RSI, ABB EGM) udp://ADDRESS:PORT"
+        f"{first}; where RTDE has another port give tcp://HOST:PORT and --key feedback.interface=ur_rtde, where a "
+        "program prints lines tcp://HOST:PORT, for FANUC's Stream Motion udp://HOST:60015, and where the controller "
+        "calls this computer (KUKA RSI, ABB EGM) udp://ADDRESS:PORT"
     )

@@ -98,7 +98,7 @@ def test_what_is_no_frame_and_no_posture_is_refused() -> None:
     for T in (np.zeros((1, 4, 4)), np.diag([1.0, 1, -1, 1])[None], np.eye(3)[None], np.full((1, 4, 4), np.nan)):
         with pytest.raises(FileError, match=r"^T: "):
             arm.inverse(T)
-    for q_deg in (np.zeros((2, 5)), np.zeros(6), np.full((1, 6), np.inf)):
+    for q_deg in (np.zeros((2, 5)), np.zeros(5), np.full((1, 6), np.inf)):
         with pytest.raises(FileError, match="q_deg"):
             arm.forward(q_deg)
 

@@ -261,7 +261,7 @@ def test_work_where_no_run_measured_is_said_to_be_unknown(tmp_path: Path) -> Non
     assert not (tmp_path / "0" / "corrected-path.csv").exists(), "a guess was written as a correction"
     words = ["correct", str(cell), "--path", str(path), "--anyway", "-o"]
     said = " ".join(CliRunner().invoke(app, [*words, str(tmp_path / "1")]).stdout.split())
-    assert "No run shows how large the error stays where the work is." in said
+    assert "The work area was not measured; the error there is unknown." in said
     assert "how well they are reached is not known: no run says it" in said and "nan" not in said
     found = json.loads(CliRunner().invoke(app, [*words, str(tmp_path / "2"), "--json"]).stdout)
     assert found["work"]["unknown_share"] == 1.0

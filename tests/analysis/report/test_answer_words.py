@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 from typing import Any, get_args
 
 import pytest
+from rich.console import Console
 
 from analysis.diagnosis.judge.acts import Act, Against, Cost, Doubt, JudgedOn, NamingTest, Objection, is_done
-from analysis.diagnosis.judge.result import BudgetPart, Condition, Member
+from analysis.diagnosis.judge.result import Accuracy, BudgetPart, Condition, Member
 from analysis.report.act_words import ActWords, acts_in_words
 from analysis.report.answer_words import AnswerWords
+from analysis.report.diagnosis_screen import as_screen
 from analysis.report.diagnosis_words import micrometres
 from analysis.report.texts import LANGUAGES, Language, texts_of
 from rigs.effects import VOCABULARY
@@ -64,7 +67,7 @@ def test_nothing_is_missing_only_where_runs_repeat_and_no_place_differs() -> Non
     found = diagnosis("nothing_unusual", effects=(), budget=(scatter,), runs=("a", "b"), repeated=True)
     found = replace(found, rig=found.rig.model_copy(update={"effects": (PLAY.effect,)}))
     for change, begins in (
-        ({"where": ()}, "Nothing is missing in the model"),
+        ({"where": ()}, "The model is complete"),
         ({}, f"Little is missing in the model: most of what is left differs from run to run, and {len(found.where)} "),
         ({"where": (), "runs": ("a",)}, "Nothing more that is missing in the model shows here"),
         ({"where": (), "repeated": False}, "Nothing more that is missing in the model shows here"),
@@ -117,8 +120,8 @@ def test_what_is_sure_is_counted_first_and_what_has_a_rival_is_said_of_it_alone(
     headline = AnswerWords(diagnosis("named", effects=(PLAY, PLAY, ZERO))).headline
     assert headline.startswith("2 faults were found: play of axis 1")
     assert headline.endswith(
-        "; beside that one cause is open: zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file, "
-        "30 % of the error."
+        "; one further cause could not be identified: zero of axis 5 (beta) or length a of axis 5 (beta) in the rig "
+        "file, 30 % of the error."
     )
     alone = AnswerWords(diagnosis("ambiguous", effects=(ZERO,))).headline
     assert alone.startswith("There is a fault, and these tests cannot tell which: zero of axis 5")
@@ -242,3 +245,22 @@ def test_a_later_act_says_what_is_left_with_those_before_it() -> None:
     alone = ActWords(diagnosis(acts=(REPAIR,))).next
     both = ActWords(diagnosis(acts=(replace(REPAIR, with_before_um=1.2, with_before_u_um=0.3),))).next
     assert "entered before it, 1.2 ± 0.3 µm remain" in both and "before it" not in alone
+
+
+def test_what_another_place_judged_is_said_where_its_runs_joined() -> None:
+    """A session's screen said what it leaves elsewhere, and its page that this is not known."""
+    used = replace(diagnosis("named"), accuracy=Accuracy(None, None, 6.12, 21.4, 1.9, 6.3, "used"))
+    assert "how much elsewhere is not known" in AnswerWords(used).accuracy
+    told = AnswerWords(used, judged_elsewhere=(93.0, 1.7)).accuracy
+    assert "After a calibration 1.7 µm remain of 93 µm rms at another place" in told and "not known" not in told
+    act = Act("load", "correction", removes_um=4.0, remains_um=2.0, against=(Against("not_judged_elsewhere"),))
+    assert "elsewhere is not known" in ActWords(used).sentence(act)
+    assert "elsewhere" not in ActWords(used, is_judged_elsewhere=True).sentence(act)
+
+
+def test_noise_that_no_run_repeats_is_said_to_be_assumed() -> None:
+    told = "No run was repeated, so the noise is assumed"
+    for shows_noise in (True, False):
+        screen = io.StringIO()
+        Console(width=200, file=screen).print(as_screen(diagnosis("named", shows_noise=shows_noise)))
+        assert (told in screen.getvalue()) != shows_noise

@@ -125,7 +125,7 @@ def test_names_stay_listed_outside_the_library_with_what_is_left_beside_them() -
     for words in (
         "0.0521",
         "One fault was found: play of axis 1",
-        "beside that one cause is open: zero of axis 5",
+        "one further cause could not be identified: zero of axis 5",
         "1. Check that ball, gauges and base sit firm",
         "2. Inspect and repair what causes the play of axis 1",
         "1.4 µm (5 % of the gap): yaw cw, angle",

@@ -21,5 +21,4 @@ def test_an_error_of_the_arm_says_why_two_eccentricities_differ_and_a_sound_arm_
     apart, u = abs(by_angle.value - by_distance.value), float(np.hypot(by_angle.u, by_distance.u))
     assert apart > 4 * u and by_distance.value == pytest.approx(by_angle.value, abs=1)
     (line,) = eccentricities_in_words([sound, bent])
-    assert f"differ by up to {apart:.3f} mm, {apart / u:.0f} u: u holds the noise of the readings, and not" in line
-    assert line.endswith("the ball's own place is known to about that difference")
+    assert line.endswith(f"differ by {1000 * apart:.0f} µm: take that as its uncertainty")

@@ -26,12 +26,11 @@ def first_sentence(entries: ControllerEntries, *, entered: bool = False) -> str:
     maker, targets = entries.controller.maker, f"{entries.by_targets_um:.0f} µm"
     if not entries.entries:
         better = entries.carried_by_targets_um >= _REPORTED_UM
-        by_themselves = "nor do corrected targets for certain (those of a --path or --program are judged by themselves)"
-        instead = f"corrected targets (--path) leave {targets}" if better else by_themselves
+        instead = f" Corrected targets (--path) leave {targets}." if better else ""
         return (
-            f"Nothing is to be entered at this {maker} controller: with frame and tool taught with the robot "
-            f"nothing shows that its parameters take away any of the tool's {entries.before_um:.0f} µm over the work; "
-            f"{instead}.{base_note(entries.base_u_um, entries.by_targets_um)}"
+            f"Do not change the {maker} controller: these runs do not show that it would help (error over the work "
+            f"{entries.before_um:.0f} µm rms, with frame and tool taught with the robot).{instead}"
+            f"{base_note(entries.base_u_um, entries.by_targets_um)}"
         )
     count = "the value" if len(entries.entries) == 1 else f"the {len(entries.entries)} values"
     reads = entries.controller.changes_reading

@@ -61,6 +61,9 @@ def as_table(corrections: Corrections) -> RenderableType:
         use = Text("not corrected", "yellow") if support.use == "none" else Text(support.use, "green")
         effects.add_row(plain(corrections.rig, support.effect), value, use, support.reason)
     parts: list[RenderableType] = [Text(_first(corrections), style="bold")]
+    if calibrated := corrections.rig.calibrated:
+        of_runs = f"the diagnosis states that of its runs, {calibrated.before_um:.0f} µm rms, which cover a part of it"
+        parts.append(Text(f"The error over the work is of the whole work area; {of_runs}."))
     if effects.row_count:
         parts += [Text(), whole(effects)]
     if why := why_nothing(corrections.rig):

@@ -23,9 +23,8 @@ HERE = {"/dev/ttyUSB0": "FT232R", "/dev/ttyUSB1": "", "/dev/ttyS0": "CNC"}
 
 def options(*ports: str) -> Options:
     nothing: dict[str, dict[str, object]] = {"g1": {}, "g2": {}, "feedback": {}}
-    return Options(
-        Path("cell.yaml"), "cell", "gauges", None, ports, (), nothing, None, None, None, None, None, 70.0, 0.3, (1,)
-    )
+    unasked = [None] * 6
+    return Options(Path("cell.yaml"), "cell", "gauges", None, ports, (), nothing, *unasked, 70.0, 0.3, (1,))
 
 
 def asked(monkeypatch: pytest.MonkeyPatch, typed: str, *ports: str, terminal: bool = True) -> tuple[list[str], str]:

@@ -81,7 +81,12 @@ def test_from_a_cell_to_a_checked_rig_file(tmp_path: Path, gauges: str, robot: s
 @pytest.mark.parametrize(
     ("measured_by", "arm", "more", "then"),
     [
-        ("sockets", "so-101", ("--tool", "30,0,90"), "socket, q1_deg … q5_deg"),
+        (
+            "sockets",
+            "so-101",
+            ("--tool", "30,0,90"),
+            "q1_deg … q5_deg or J1 … J5; --socket NAME",
+        ),
         ("sockets", "ur10e", ("--tool", "0,0,120", "--robot", "none"), "rig import touches.csv"),
         ("tracker", "widowx-250", ("--tool", "0,0,90", "--tolerance-mm", "0.2"), "rig import poses.csv"),
     ],
@@ -130,9 +135,9 @@ def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> Non
         (first, -20),
     ]
     assert rig.limits.of("repeatability", "bi_mm") == Limit(watch=0.2, fail=0.4)
-    pushed = "is taken to count away: it was not pushed"
-    for name, port, side, counts in (("g1", second, "+", "counts towards"), ("g2", first, "-", pushed)):
-        assert f"{name} is {port} (sylvac_opto_rs), on the {side} side, and {counts}" in done.stdout
+    assert f"g1 is {second} (sylvac_opto_rs), on the + side, and counts towards" in done.stdout
+    unpushed = "Push g2 in. If the number goes up, start again with --key g2.counts=towards"
+    assert f"g2 is {first} (sylvac_opto_rs), on the - side. {unpushed}" in done.stdout
     assert "good" in done.stdout and "next:" in done.stdout
     assert "rigd 'My Cell.yaml'" in done.stdout and "rig circle fit --live" in done.stdout
 
@@ -321,3 +326,22 @@ def test_answers_are_private_while_they_are_kept(tmp_path: Path) -> None:
     (kept,) = tmp_path.iterdir()
     assert kept.name == "cell.yaml.init" and kept.stat().st_mode & 0o777 == 0o600
     assert os.geteuid() == kept.stat().st_uid
+
+
+def test_an_arm_of_a_file_is_asked_how_it_is_built(tmp_path: Path) -> None:
+    """Plays of half a degree are usual of hobby servos, and four faults of an industrial arm."""
+    section = load_arm("so-101").text.replace("  build: servo\n", "")
+    (tmp_path / "arm.yaml").write_text(f"robot:\n{section.partition('robot:')[2]}", encoding="utf-8")
+    words = ("--measured-by", "sockets", "--arm", "arm.yaml")
+    done = init(tmp_path, *words, "--tool", "30,0,90", "--build", "servo")
+    assert done.returncode == 0 and load(tmp_path / "cell.yaml")[0].robot.build == "servo", done.stderr
+    done = init(tmp_path, "second.yaml", *words, "--tool", "30,0,90")
+    assert "is taken to be light; state another with --build: industrial, light, torque_sensing, servo" in one_space(
+        done.stdout
+    )
+    assert load(tmp_path / "second.yaml")[0].robot.build == "light"
+    assert "Invalid value for '--build'" in one_line(init(tmp_path, "third.yaml", *words, "--build", "hobby"), 2)
+
+
+def one_space(text: str) -> str:
+    return " ".join(text.split())

@@ -18,7 +18,7 @@ from analysis.diagnosis.judge.result import BudgetPart, Diagnosis, Member, Named
 from analysis.diagnosis.judge.verdict import Gaps, condition_of, shows_time
 from analysis.diagnosis.plan.detectability import PossibleTest
 from analysis.diagnosis.plan.naming_tests import NamingTests, naming_tests
-from analysis.report.act_words import ActWords
+from analysis.report.act_words import ActWords, without_idle_mounts
 from analysis.report.answer_words import AnswerWords
 from analysis.runs.tables import CircleTable
 from rigs.calibration import Judged, ground_of, verdict_of
@@ -72,9 +72,7 @@ def test_the_demo_is_told_all_three_by_name_in_the_first_sentence_and_what_remov
     assert mastered == (zero.posterior > 20 / 21)
     named = [act.test.test for act in others if act.why == "group" and act.test]
     assert mastered or named == ["--unseen"]
-    assert ActWords(found).next.startswith(
-        "Load corrected programs or enter values at the controller, one of the two and never both"
-    )
+    assert "choose one, never both: (a) corrected programs" in ActWords(found).next
 
 
 def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> None:
@@ -82,7 +80,7 @@ def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> No
     load_act = Act("load", "correction", removes_um=4.0, remains_um=2.0, command=("correct", "so.yaml", "-o", "D"))
     repair = Act("repair", "fault", removes_um=4.0, remains_um=2.0, effect=Backlash(axis=1, width_deg=0.1))
     of_six = ActWords(diagnosis(acts=(load_act, repair)))
-    assert "with --program FILE (or --path TARGETS.csv) or --for fanuc." in of_six.next
+    assert "(b) values for the controller, rig correct so.yaml -o D --for fanuc." in of_six.next
     assert "instead of the correction" in of_six.sentence(repair)
     assert "the correction" not in of_six.sentence(repair, corrected=True)
     five = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": RIG.robot.axes[:5]})})
@@ -92,7 +90,18 @@ def test_the_correction_is_offered_as_the_arm_can_take_it_and_named_once() -> No
     )
     assert not any(word in of_five.next for word in ("program", "--for", "values"))
     approach = Act("approach", "history", effect=Backlash(axis=1, width_deg=0.1))
-    assert "only rig session" in of_six.what(approach) and "session" not in of_five.what(approach)
+    same_side = "Until the play of axis 1 (Theta) is repaired, let the robot reach every point from the same side."
+    for words in (of_six, of_five):
+        assert words.what(approach) == f"{same_side} It cannot be programmed away."
+
+
+def test_mounting_anew_that_changes_nothing_is_not_asked_for() -> None:
+    idle = Act("mount", "fault", removes_um=0.1, remains_um=33.0, effect=Backlash(axis=1, width_deg=0.1))
+    load_act = Act("load", "correction", removes_um=4.0, remains_um=2.0, command=("correct", "so.yaml", "-o", "D"))
+    assert without_idle_mounts((idle, load_act)) == (load_act,)
+    assert without_idle_mounts((idle,)) == (idle,), "an answer has an act"
+    removing = replace(idle, removes_um=20.0)
+    assert without_idle_mounts((removing, load_act)) == (removing, load_act)
 
 
 def test_a_group_above_a_third_names_its_members_and_the_runs_that_only_judged_would_name_one() -> None:
@@ -162,7 +171,7 @@ def test_a_play_of_twice_the_usual_is_no_fault_however_little_else_the_arm_shows
     found = one_play()
     (play,) = found.effects
     assert found.level < 0.2 and play.doubt == "usual" and is_sure(found, found.budget[0])
-    assert AnswerWords(found).headline.startswith("99 % of the error comes from play of axis 1 (Theta) (0.0199")
+    assert AnswerWords(found).headline.startswith("Almost all of the error (99 %) is play of axis 1 (Theta) (0.0199")
     assert found.condition != "undecided"  # what is sure is not doubted for having been driven once
     today, cause = found.acts[:2]
     assert (today.kind, cause.kind, cause.why) == ("approach", "repair", "not_enough")

@@ -182,3 +182,39 @@ def test_without_scripts_text_tables_and_pictures_are_seen(page: Path, tmp_path:
         assert one.value("[...document.querySelectorAll('.still')].every(one => one.naturalWidth && one.offsetParent)")
         assert one.value("document.querySelectorAll('.main-svg').length") == 0
         assert one.value("document.querySelectorAll('table').length") > 3
+
+
+_LAID_OUT = """
+(() => {
+  const box = (node) => node.getBoundingClientRect(), problems = [];
+  for (const live of document.querySelectorAll('.live')) {
+    const frame = box(live), legend = live.querySelector('.legend'), title = live.querySelector('.xtitle');
+    if (legend && title) {
+      const [a, b] = [box(legend), box(title)];
+      const beside = a.left > b.right || b.left > a.right;
+      if (a.top < b.bottom && b.top < a.bottom && !beside) problems.push('legend on title');
+      if (a.bottom > frame.bottom + 1) problems.push('legend cut');
+    }
+    const marks = [...live.querySelectorAll('.annotation-text-g')].map(box).sort((a, b) => a.left - b.left);
+    marks.forEach((mark, k) => {
+      if (mark.right > frame.right + 1) problems.push('mark cut');
+      if (k && mark.left - marks[k - 1].left < 12) problems.push('marks overlap');
+    });
+  }
+  return problems.join(', ');
+})()
+"""
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_no_label_is_cut_and_no_legend_covers_a_title(opened: Browser, page: Path, width: int) -> None:
+    narrow = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
+    opened.send("Emulation.setDeviceMetricsOverride", **narrow)
+    try:
+        opened.send("Page.navigate", url=page.as_uri())
+        opened.until(DRAWN)
+        assert opened.value(_LAID_OUT) == ""
+    finally:
+        opened.send("Emulation.clearDeviceMetricsOverride")
+        opened.send("Page.navigate", url=page.as_uri())
+        opened.until(DRAWN)

@@ -1,0 +1,69 @@
+"""Reading a table unattended: its test is inferred from its columns, and its map must leave no question."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from analysis.apps.interchange.bags import is_bag
+from analysis.intake.column_groups import groups_of
+from analysis.intake.imports import is_plain, propose_map, read_mapped, read_table
+from analysis.intake.raw_table import layout_of, read_raw, text_of
+from analysis.intake.read import read_whole
+from analysis.intake.table_map import MAPPED
+from analysis.intake.touch_map import needs_touch_map, propose_touch_map
+from analysis.runs.loading import Measured
+from analysis.runs.table_format import kinds
+from analysis.runs.table_layout import SOCKET
+from rigs.errors import FileError
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.vocabulary import TestName
+
+_GIVE_TEST = "say which with --test"
+
+
+def read_any_table(
+    source: Path, *, rig_file: str | Path, test: TestName | None = None, socket: str = "", **label: Any
+) -> Measured:
+    """Return the run of a table as it comes, not written. test: inferred from the columns if None; socket: of all rows
+    of touches; label: direction, operator, placement and joints, as of `read_table`.
+
+    Raises FileError, also for a table whose columns leave open what only a person knows.
+    """
+    rig = load(rig_file)[0]
+    kind = test_of(source, rig) if test is None else test
+    if needs_touch_map(source, kind, socket):
+        table_map = propose_touch_map(source, rig, kind, socket)
+        return read_mapped([source], table_map, rig_file=rig_file, test=kind, **label)
+    if kind != MAPPED or is_plain(source, kind):
+        return read_table(source, rig_file=rig_file, test=kind, **label)
+    proposal = propose_map([source], rig_file)
+    if proposal.questions:
+        asks = "; ".join(f"{question.key}: {question.asks}" for question in proposal.questions)
+        raise FileError(str(source), f"leaves open what only a person knows ({asks})", "answer it: rig import asks")
+    return read_mapped([source], proposal.assumed().table_map, rig_file=rig_file, test=kind, **label)
+
+
+def test_of(source: Path, rig: Rig) -> TestName:
+    """Return the test that a table is of, by its columns. Raises FileError if it may be of several, or of none."""
+    where, axes, data = str(source), len(rig.robot.axes), read_whole(source)
+    if is_bag(data):
+        raise FileError(where, "is a bag, which may hold poses or a circle", _GIVE_TEST)
+    header = data[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace")
+    names = {name.strip().strip('"') for name in header.split(",")}
+    layouts = {kind.test: set(kind.layout(axes).required) - {"direction"} for kind in kinds()}
+    ours = [test for test, required in layouts.items() if required <= names]
+    ours = [test for test in ours if not any(layouts[test] < layouts[other] for other in ours)]
+    if len(ours) == 1:
+        return ours[0]
+    if ours:
+        raise FileError(where, f"may be of {' or '.join(ours)}, whose columns are the same", _GIVE_TEST)
+    if any(name.lower() == SOCKET for name in names):
+        return next(kind.test for kind in kinds() if SOCKET in kind.layout().required)
+    lines, text_layout = text_of(data, where)
+    raw = read_raw(lines, layout_of(lines, text_layout.encoding, where), where)
+    groups = groups_of(raw, [axis.name for axis in rig.robot.axes])
+    if groups.joints and groups.seen:
+        return MAPPED
+    raise FileError(where, f"has columns of no test: {', '.join(raw.names[:20])}", _GIVE_TEST)

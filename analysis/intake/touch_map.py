@@ -1,0 +1,78 @@
+"""The map of touches as a person wrote them down: joints under any of their usual names, and one socket for all rows
+where no column names it.
+
+A person with one punch mark has no column for it, and types `J1 … J6` from the pendant.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from analysis.intake.column_groups import groups_of
+from analysis.intake.raw_table import RawTable, layout_of, read_raw, text_of
+from analysis.intake.read import read_whole
+from analysis.intake.table_map import Angles, Column, TableMap
+from analysis.runs.table_format import kind_named
+from analysis.runs.table_layout import SOCKET, joint_columns
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import FEWEST_AXES, TestName
+
+_FULL_TURN = 2 * np.pi
+"""Joints that all stay within a turn in radians are in radians: in degrees they would hardly have moved."""
+
+
+def needs_touch_map(path: Path, test: TestName, socket: str) -> bool:
+    """Return whether a table of touches has other columns than those of docs/tables.md, or its socket is given."""
+    if SOCKET not in kind_named(test).layout().required:
+        return False
+    header = read_whole(path)[:100_000].split(b"\n")[0].decode("utf-8-sig", "replace")
+    names = {name.strip().strip('"') for name in header.split(",")}
+    return bool(socket) or not {SOCKET, *joint_columns(FEWEST_AXES)} <= names
+
+
+def propose_touch_map(path: Path, rig: Rig, test: TestName, socket: str) -> TableMap:
+    """Return the map of a table of touches. socket: of all rows; empty if a column has it, or the rig file one socket.
+
+    Raises FileError if the file has no joints of the arm, or no socket is known.
+    """
+    where = str(path)
+    lines, text_layout = text_of(read_whole(path), where)
+    layout = layout_of(lines, text_layout.encoding, where)
+    raw = read_raw(lines, layout, where)
+    optional = [name for name in kind_named(test).layout(len(rig.robot.axes)).optional if name in raw.names]
+    joints = _joints(raw, rig, set(optional))
+    column = next((name for name in raw.names if name.strip().lower() == SOCKET), None)
+    columns = {name: Column(column=name) for name in optional}
+    if column and not socket:
+        return TableMap(files=(layout,), joints=joints, columns={SOCKET: Column(column=column), **columns})
+    return TableMap(files=(layout,), joints=joints, columns=columns, constants={SOCKET: socket or _only(rig, where)})
+
+
+def _joints(raw: RawTable, rig: Rig, optional: set[str]) -> Angles:
+    """Return the columns of joints and their unit."""
+    groups = [
+        group
+        for group in groups_of(raw, [axis.name for axis in rig.robot.axes]).joints
+        if not optional & set(group.columns)
+    ]
+    group = next((group for group in groups if group.role == "measured"), groups[0] if groups else None)
+    if group is None:
+        axes = len(rig.robot.axes)
+        problem = f"has no columns that are the {axes} joints of the arm: {', '.join(raw.names[:20])}"
+        raise FileError(raw.where, problem, f"name them q1_deg … q{axes}_deg, or J1 … J{axes}")
+    is_small = np.nanmax(np.abs(raw.numbers(group.columns))) <= _FULL_TURN
+    is_radians = group.unit == "rad" if group.unit else is_small
+    return Angles(columns=group.columns, unit="rad" if is_radians else "deg")
+
+
+def _only(rig: Rig, where: str) -> str:
+    """Return the one socket of a rig file. Raises FileError if there are several, or none."""
+    sockets = rig.tests.touch.sockets if rig.tests.touch else ()
+    if len(sockets) == 1:
+        return sockets[0]
+    declared = f", of {', '.join(sockets)}" if sockets else ""
+    problem = "does not say which socket each row touches"
+    raise FileError(where, problem, f"add a column socket, or give --socket NAME for all rows{declared}")

@@ -1,0 +1,55 @@
+"""Tables in the place of runs, and names of the arm library in the place of rig files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis import calibrated_arm
+from tests.support.command_line import ran
+
+TARGET = np.array([20.0, -10.0, 80.0, 1.0])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A tracker's poses of a UR5, as somebody has them."""
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-100, 100, (30, 6))
+    seen = (calibrated_arm("ur5").forward(q).T @ TARGET)[:, [1, 0, 2]] * [1, -1, 1] + 2000
+    rows = np.hstack([q, seen + rng.normal(0, 0.05, seen.shape)])
+    lines = ["J1,J2,J3,J4,J5,J6,tracker_x_mm,tracker_y_mm,tracker_z_mm"]
+    lines += [",".join(f"{value:.6f}" for value in row) for row in rows]
+    (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return tmp_path
+
+
+def test_a_table_is_analysed_by_an_arm_of_the_library(folder: Path) -> None:
+    done = ran("analyse", "poses.csv", "--arm", "ur5", "--json", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "poses.csv: read as a pose table of ur5, by its columns" in done.stderr
+    (run,) = json.loads(done.stdout)["runs"]
+    assert run["test"] == "pose" and run["figures"]["rms_mm"]["value"] < 0.2
+
+
+def test_a_table_without_an_arm_is_refused_in_a_line(folder: Path) -> None:
+    done = ran("diagnose", "poses.csv", cwd=folder)
+    assert done.returncode == 3
+    assert done.stderr.startswith("error: poses.csv: is a table, and nothing says of which arm; give --rig")
+
+
+def test_an_import_infers_its_test_and_says_it(folder: Path) -> None:
+    done = ran("import", "poses.csv", "--arm", "ur5", "-o", "runs/poses", cwd=folder)
+    assert done.returncode == 0 and "poses.csv: a pose table, by its columns" in done.stderr
+    assert ran("analyse", "runs/poses", cwd=folder).returncode == 0
+
+
+def test_a_library_arm_is_a_rig_file_without_tests(folder: Path) -> None:
+    done = ran("check", "ur5", cwd=folder)
+    assert done.returncode == 0 and "ready for these tests: none" in done.stdout
+    done = ran("simulate", "ur5", "--test", "yaw", "-o", "sim", cwd=folder)
+    assert done.stderr.startswith("error: ur5: has no gauges, which yaw, roll")
+    assert ran("export-urdf", "ur5", "-o", "arm.urdf", cwd=folder).returncode == 0

@@ -1,0 +1,54 @@
+"""Which tests a rig file is ready for, by one predicate that commands and kinds of test share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from analysis.runs.table_format import kind_named
+from rigs.load import SHIPPED, parse
+from rigs.readiness import gauges_needed, missing_for, readiness_lines
+from rigs.rig import Rig
+from rigs.schema.vocabulary import TestName
+from tests.support.command_line import ran
+
+_FANUC = (SHIPPED / "paper-fanuc.yaml").read_text(encoding="utf-8")
+
+
+def one_gauge() -> str:
+    """The shipped cell without its second gauge."""
+    return _FANUC[: _FANUC.index("  g2:\n")] + _FANUC[_FANUC.index("\nfeedback:") :]
+
+
+@pytest.mark.parametrize("test", get_args(TestName))
+def test_the_gauges_that_a_rig_file_needs_are_those_that_the_test_reads(test: TestName) -> None:
+    assert gauges_needed(test) == kind_named(test).gauges
+
+
+def test_a_file_without_its_second_gauge_is_ready_for_distances_alone() -> None:
+    rig: Rig = parse(one_gauge(), "cell.yaml")
+    ready = [test for test in get_args(TestName) if not missing_for(rig, test)]
+    assert ready == ["radial", "repeatability"]
+    assert [missing.key for missing in missing_for(rig, "yaw")] == ["gauges.g2"]
+    assert "not yaw, roll: has one gauge, and" in "\n".join(readiness_lines(rig))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("check", "CELL"),
+        ("simulate", "CELL", "--test", "yaw", "-o", "sim"),
+        ("plan", "CELL", "--tests", "roll,radial"),
+        ("session", "CELL", "--for", "fanuc", "--emulated", "--fast", "-o", "session"),
+    ],
+)
+def test_a_command_that_needs_two_gauges_says_so_first(words: tuple[str, ...], tmp_path: Path) -> None:
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(one_gauge(), encoding="utf-8")
+    done = ran(*(str(cell) if word == "CELL" else word for word in words), cwd=tmp_path)
+    first = next(line for line in done.stderr.splitlines() if line)
+    assert done.returncode == 3
+    assert first.startswith("error: ") and "cell.yaml: has one gauge, and yaw" in first and "add gauges.g2" in first
+    assert sorted(path.name for path in tmp_path.iterdir()) in (["cell.yaml"], ["cell.yaml", "session"])
