@@ -26,7 +26,7 @@ from analysis.diagnosis.judge.calibrated_model import calibrated_model
 from analysis.diagnosis.judge.disagreement import staircase_of
 from analysis.diagnosis.judge.misses import LeftOut, places_left_out, remains_of, widening_of
 from analysis.diagnosis.judge.residuals import bands_above_noise, curves_of, maps_of, places
-from analysis.diagnosis.judge.result import Accuracy, Diagnosis, Gap, Named, NextTest, Unexplained
+from analysis.diagnosis.judge.result import Accuracy, Diagnosis, Gap, Named, NextTest, Unexplained, fault_rivals
 from analysis.diagnosis.judge.unexplained import unexplained_of
 from analysis.diagnosis.judge.validation import Stages, gap, held_out_gains, shows_noise, stages_of
 from analysis.diagnosis.judge.verdict import (
@@ -40,11 +40,13 @@ from analysis.diagnosis.judge.verdict import (
     judged_of,
     named_effects,
     named_vibration,
+    needs_runs,
     remainder_of,
     runs_to_decide,
     shows_time,
     standing_of,
     standing_within,
+    within_unexplained,
     without_useless,
 )
 from analysis.diagnosis.plan.detectability import FurtherTests, possible_tests, shortest, sigma_between
@@ -193,13 +195,23 @@ def diagnose(
     doubts += [*doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, fitted)]
     kinds = tuple(dict.fromkeys(run.run.manifest.test for run in used))
     linear = result.linear
-    further = cache(partial(possible_tests, rig, kinds, linear.blocks, linear.setups, result.state.level))
+    further = cache(
+        partial(
+            possible_tests, rig, kinds, result.blocks_as_shown, linear.setups, result.state.level,
+            noise_share=result.noise_share,
+        )
+    )  # fmt: skip
     next_test = None
-    if verdicts.condition == "ambiguous":
+    named = list(verdicts.effects)
+    if verdicts.condition == "ambiguous" or (verdicts.condition == "undecided" and verdicts.runs_to_decide is None):
         progress("choosing a test that separates the rivals")
         next_test, why_none = _next_test(named, further)
         doubts += why_none
-    asks = verdicts.condition not in ("not_testable_here", "undecided", "out_of_range") and given is None
+    asks = (
+        verdicts.condition not in ("not_testable_here", "out_of_range")
+        and verdicts.runs_to_decide is None
+        and given is None
+    )
     tests = naming_tests(further, result, verdicts.budget, named, (sound, elsewhere)) if asks else []
     place = JudgedPlace(verdicts.accuracy.place, fitted, elsewhere or judges or sound, stages, gaps.judged)
     diagnosis = replace(
@@ -301,6 +313,8 @@ def _verdicts_of(
     poses were read before the joints came to rest."""
     whole, gaps = both
     remainder, is_material = remainder_of(result, named, result.scatter_limits_um, gaps.train)
+    named = within_unexplained(named, remainder.um if is_material else 0.0)
+    named = sorted(named, key=lambda name: (not name.stands, -name.worth_um))
     condition = condition_of(result, named, remainder, whole, is_material=is_material, early=early)
     linear, measure = result.linear, Measure(result.linear)
     drawn = [linear.in_mm(measure.without_set_up(linear.residual(effects))) for effects in ((), result.effects)]
@@ -309,7 +323,7 @@ def _verdicts_of(
         condition=condition,
         accuracy=accuracy,
         budget=tuple(Budget(result, gaps.train).parts(named, changes)) if is_testable else (),
-        runs_to_decide=runs_to_decide(result, named) if condition == "undecided" else None,
+        runs_to_decide=runs_to_decide(result, named) if condition == "undecided" and needs_runs(named) else None,
         rig=rig,
         runs=gaps.train.runs,
         where=places(linear.blocks, drawn[0], measure.scatter_mm()),
@@ -322,8 +336,8 @@ def _verdicts_of(
         setups=linear.setups,
         groups=tuple(
             (name_of(name.effect), *(name_of(rival.effect) for rival in name.rivals))
-            for name in ambiguous_names(named)
-            if name.rivals
+            for name in named
+            if name.rivals and (name in ambiguous_names(named) or fault_rivals(name))
         ),
         not_testable=result.selection.not_testable(result.state, result.posterior),
         next_test=None,
@@ -366,7 +380,9 @@ def _names(runs: Sequence[Measured]) -> list[str]:
 def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest | None, list[str]]:
     """Return the shortest test that, beside the existing runs, separates the first ambiguous name from its closest
     rival; otherwise a doubt."""
-    name = next((name for name in ambiguous_names(named) if name.rivals), None)
+    open_ones = [(name, name.rivals) for name in ambiguous_names(named)]
+    open_ones += [(name, tuple(fault_rivals(name))) for name in named]
+    name, rivals = next(((name, rivals) for name, rivals in open_ones if rivals), (None, ()))
     if name is None:
         return None, []
     try:
@@ -376,7 +392,7 @@ def _next_test(named: Sequence[Named], further: FurtherTests) -> tuple[NextTest 
     if not possible:
         reasons = "; ".join(f"{test}: {why}" for test, why in impossible[:_FEW_TESTS])
         return None, [f"no further test is possible with this rig file ({reasons or 'it declares no other'})"]
-    best = shortest(possible, sigma_between(name.effect, name.rivals[0].effect), is_separable)
+    best = shortest(possible, sigma_between(name.effect, rivals[0].effect), is_separable)
     if best is None:
         return None, [
             f"no other test separates {name_of(name.effect)} from its rivals: their corrections have the same effect"

@@ -20,6 +20,7 @@ from analysis.diagnosis.judge.result import (
     BudgetPart,
     Diagnosis,
     Named,
+    fault_rivals,
     is_sure,
     is_there,
     likely_rivals,
@@ -210,6 +211,9 @@ class AnswerWords:
         values = {"um": micrometres(diagnosis.remainder.um), "share": percent(diagnosis.remainder.share)}
         if diagnosis.condition in ("named", "ambiguous"):
             return ""
+        open_ones = [named for named in diagnosis.effects if fault_rivals(named)]
+        if diagnosis.condition == "undecided" and open_ones and diagnosis.runs_to_decide is None:
+            return " ".join(map(self._usual_or_fault, open_ones[:_MOST_NAMED]))
         single = any(part.index is not None for part in large_parts(diagnosis))
         which: str = "nothing_unusual" if diagnosis.condition == "uncalibrated" and single else diagnosis.condition
         if is_complete(diagnosis):
@@ -243,6 +247,15 @@ class AnswerWords:
         unit = quantity_of(effect, size_field(effect), {}).sign
         nouns = self.texts("or").join(map(self.noun, (effect, *named.twins)))
         return self.texts("says_out_of_range", parameter=nouns, size=size(named), limit=f"{limit:.4g} {unit}".rstrip())
+
+    def _usual_or_fault(self, named: Named) -> str:
+        """An effect of usual size and the faults that may be meant instead, each with its odds."""
+        faults = self.texts("or").join(
+            f"{self.noun(rival.effect)} ({sure(rival.posterior)})" for rival in fault_rivals(named)
+        )
+        return self.texts(
+            "says_usual_or_fault", usual=self.noun(named.effect), odds=sure(named.posterior), faults=faults
+        )
 
     def _faults(self) -> tuple[list[str], list[str]]:
         """The faults as a part of a sentence, and those that have rivals where others are sure as another."""

@@ -154,7 +154,8 @@ def _faults(diagnosis: Diagnosis) -> list[RenderableType]:
 
 def _gaps(diagnosis: Diagnosis) -> list[RenderableType]:
     effects = bool(diagnosis.standing)
-    last = ("calibrated", "noise floor") if diagnosis.is_modelled else ("noise floor",)
+    floor = "noise floor" if diagnosis.shows_noise else "assumed noise"
+    last = ("calibrated", floor) if diagnosis.is_modelled else (floor,)
     headings = ("before", "after", *last, "closed") if effects else ("rms", *last)
     table = bare_table("µm rms", *map(right, headings))
     places = (("runs used", diagnosis.train), ("held-out runs", diagnosis.held_out), ("unseen place", diagnosis.unseen))

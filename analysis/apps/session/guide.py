@@ -258,7 +258,7 @@ class Guide:
         if len(session.stages) >= 2 + _MOST_MORE:
             return None
         addition: tuple[Stage, tuple[Step, ...]] | None = None
-        if answer.next_test and (answer.condition == "ambiguous" or session.is_last(answer)):
+        if answer.next_test and (_needs_other_test(answer) or session.is_last(answer)):
             tests = tuple(dict.fromkeys(step.test for step in session.runs_for("find")))
             addition = separating(self.rig, answer.next_test, tests, len(session.stages) + 1)
         elif answer.condition == "undecided" and answer.runs_to_decide is not None:
@@ -278,6 +278,11 @@ class Guide:
 
 # ----------------------------------------------------------------------------------------------------------------------
 # What each event makes of the state.
+
+
+def _needs_other_test(answer: Answer) -> bool:
+    """Return whether another test is needed to tell causes apart, and no more runs of the same."""
+    return answer.condition == "ambiguous" or (answer.condition == "undecided" and answer.runs_to_decide is None)
 
 
 def _adopted(state: State, run: str, program: str) -> Outcome:

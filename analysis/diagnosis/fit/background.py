@@ -491,6 +491,20 @@ def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FreeForm:
     return FreeForm(forms[k].words, strength * forms[k].columns, float(gains[k].max()) - FREE_PRICE)
 
 
+def discrepancy_evidence(functions: Array, posterior: Posterior) -> tuple[float, float]:
+    """Return the log evidence that free functions (N, c) of one amplitude gain beside everything else, after the price
+    of that amplitude, and their likeliest amplitude.
+
+    They are the discrepancy between the arm and every model of the library (Kennedy and O'Hagan 2001).
+    """
+    products, slope = posterior.cavity(functions)
+    power, turn = np.linalg.eigh(products)
+    power, strengths = np.maximum(power, 0.0), _STRENGTHS[:, None]
+    gains = 0.5 * ((turn.T @ slope) ** 2 / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1)
+    best = int(np.argmax(gains))
+    return float(gains[best]) - FREE_PRICE, float(np.sqrt(_STRENGTHS[best]))
+
+
 def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
     """Yield the free forms that the runs could show, with columns (N, c): functions (n, c) rad or mm at the samples of
     each block."""

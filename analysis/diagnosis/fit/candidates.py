@@ -286,7 +286,8 @@ class Columns:
     ball and stamps. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the prior variances of
     the coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean` (p,) their means at
     level one. `not_seen` lists names that no fault size makes visible. Constants of the arm have widths of their own
-    where they are `constants_apart`, as of touches. `turned` (axes): turns of joints.
+    where they are `constants_apart`, as of touches. `turned` (axes): turns of joints. `functions` is the number of
+    free functions, the last columns, that stand for causes outside the library.
     """
 
     X: Array
@@ -299,6 +300,7 @@ class Columns:
     not_seen: tuple[str, ...] = ()
     constants_apart: bool = False
     turned: tuple[float, ...] = ()
+    functions: int = 0
     _products: WeakKeyDictionary[Response, dict[tuple[int, bytes], Array]] = field(
         default_factory=WeakKeyDictionary, init=False, repr=False
     )
@@ -312,6 +314,16 @@ class Columns:
         for form in self.forms:
             among[form.name] += form.weight
         return among
+
+    @property
+    def scattered(self) -> int:
+        """The number of columns of scatter between runs, after those of set-ups."""
+        return self.X.shape[1] - self.set_ups.stop - self.functions
+
+    @property
+    def discrepancy(self) -> slice:
+        """The columns of free functions, which stand for causes outside the library."""
+        return slice(self.X.shape[1] - self.functions, self.X.shape[1])
 
     @cached_property
     def likelihoods(self) -> Array:
@@ -429,13 +441,27 @@ class Columns:
         equal = np.array([weights[0] if np.ptp(weights) == 0 else 0.0 for weights in each])
         return equal, [band for band, weights in enumerate(each) if np.ptp(weights) > 0]
 
-    def variance(self, level: float, curves: JointCurves | None = None) -> Array:
+    def variance(self, level: float, curves: JointCurves | None = None, discrepancy: float = 0.0) -> Array:
         """Return the prior variance (p,) of the coefficients in an arm that has `level` times the healthy size of every
-        effect; waves of joints have that of their curves, if these are given."""
+        effect; waves of joints have that of their curves, if these are given. `discrepancy` is the amplitude of causes
+        outside the library."""
         variance: Array = level**2 * self.healthy + self.fixed
         if curves is not None:
             variance[self.curves.columns] = self.curves.variance(curves)
+        variance[self.discrepancy] = discrepancy**2
         return variance
+
+    def with_discrepancy(self, functions: Array) -> Columns:
+        """Return the same columns and, last, free functions (N, c) of unit amplitude."""
+        none = np.zeros(functions.shape[1])
+        return replace(
+            self,
+            X=np.concatenate([self.X, functions], axis=1),
+            healthy=np.concatenate([self.healthy, none]),
+            fixed=np.concatenate([self.fixed, none]),
+            healthy_mean=np.concatenate([self.healthy_mean, none]),
+            functions=functions.shape[1],
+        )
 
     def usual_variance(self, level: float) -> Array:
         """Return the largest variance (p,), in healthy sizes squared, that is usual of the coefficients at a level:

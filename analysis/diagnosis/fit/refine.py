@@ -39,6 +39,9 @@ computed again. Chosen: at 2 % the uncertainty of a play of 0.1° was 28 % too l
 
 _AT_LIMIT = 1e-6
 """Share of its limit within which a size is at the limit: rounding."""
+_WHOLE = 0.5
+"""Share of the orders of gears that are whole: the numbers of teeth, and of turns of a stage where its ratio is whole.
+Chosen: a wave of another order loses half of its odds at most."""
 
 _One = TypeVar("_One")
 
@@ -151,6 +154,21 @@ def refine(
             return first
         effects = first.effects
     return solved(effects, alike=True)
+
+
+def whole_order_gain(refined: Refined, place: int) -> float:
+    """Return the log evidence that a fitted wave gains since many orders are whole; 0 for all other effects.
+
+    A fit takes the order for continuous. The evidence for the nearest whole order over a continuous one is the ratio of
+    the densities of posterior and prior there (Dickey 1971). Without it, order 2.00 ± 0.02 paid 3.2 for its digits.
+    """
+    for k, unknown in enumerate(refined.unknowns):
+        if unknown.effect == place and unknown.field == "order":
+            sd, value = float(np.sqrt(refined.covariance[k, k])), float(refined.values[k])
+            off, expected = round(value) - value, round(value) - unknown.expected
+            ratio = unknown.spread / sd * np.exp(0.5 * (expected / unknown.spread) ** 2 - 0.5 * (off / sd) ** 2)
+            return float(np.log(1 - _WHOLE + _WHOLE * ratio))
+    return 0.0
 
 
 def _departures(linear: Linearisation, effect: Effect, *, alike: bool) -> Response:

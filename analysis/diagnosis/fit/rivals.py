@@ -3,13 +3,13 @@ between them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analysis.diagnosis.fit.responses import Worth, worth
 from analysis.diagnosis.fit.selection import Selection
-from analysis.diagnosis.fit.selection_state import FAULT, SelectionState
+from analysis.diagnosis.fit.selection_state import FAULT, SelectionState, least_fault
 from analysis.robot.kinematics.arm import Array
 from rigs.schema.effect import label_of, name_of, size_of
 
@@ -23,6 +23,12 @@ _SWAPS = 4
 """Largest number of replacements of a name by its rival. Chosen: each costs a search."""
 _RIVALS = 4
 """Largest number of rivals that are fitted. Chosen: those further behind have negligible odds."""
+_CAUTIOUS = 0.25
+"""Level of an arm below which odds are averaged with those at this level. Chosen: a standard deviation of the prior of a
+level below that of a healthy arm."""
+_NEARLY = 0.5
+"""Share of the least fault that the linear form of a rival must have to be fitted where faults alone count. Chosen: a
+fit hardly doubles a size."""
 _DOUBT = 5.0
 """Log evidence behind a name within which a rival is also fitted beside the name, to check whether it explains
 something else. Chosen: odds of 150 to 1."""
@@ -45,7 +51,7 @@ def compare_with_rivals(
     evidence replaces the fault, and the search continues from there.
 
     An effect of healthy size, or one that is a fault only in this arm and changes readings by no more than the limits
-    (b,) µm, has no rivals, because it is not reported as a fault.
+    (b,) µm, is not reported as a fault: of its rivals only those count that would be one.
     """
     state = without_needless_names(selection, state, limits)
     swapped: set[int] = set()
@@ -56,12 +62,12 @@ def compare_with_rivals(
             effect = state.effects[place]
             moves = abs(size_of(effect)) >= FAULT or _worth(selection, state, place).is_material(limits)
             is_reported = state.may_be_fault(place) and moves
-            odds = rival_odds(selection, state, place) if is_reported else RivalOdds(1.0)
+            odds = cautious_odds(selection, state, place, faults_only=not is_reported)
             compared.append(odds)
             if swaps_left and place not in swapped and odds.rivals and odds.rivals[0][1] > odds.odds:
                 rival_state = selection.select(odds.rivals[0][0])
                 swapped.add(place)
-                if selection.evidence(rival_state) > selection.evidence(state):
+                if selection.evidence_of_names(rival_state) > selection.evidence_of_names(state):
                     state, swapped = rival_state, set()
                     break
         else:
@@ -97,20 +103,45 @@ def _worth(selection: Selection, state: SelectionState, place: int) -> Worth:
     return worth(selection.linear, change)
 
 
-def rival_odds(selection: Selection, state: SelectionState, place: int) -> RivalOdds:
-    """Return the odds of a name and of its rivals: effects that explain as much without it and nothing beside it."""
-    forms, effect = selection.columns.forms, state.effects[place]
+def cautious_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
+    """Return the odds of a name and of its rivals as `rival_odds`, of a quiet arm averaged with those at a usual level.
+
+    The level comes from what the readings show most, mostly waves of gears. Constants that a set-up absorbs may be
+    usual in the same arm, and beside them a rival may explain as much.
+    """
+    odds = rival_odds(selection, state, place, faults_only=faults_only)
+    if state.level >= _CAUTIOUS:
+        return odds
+    usual = rival_odds(selection, replace(state, level=_CAUTIOUS), place, faults_only=faults_only)
+    likely: dict[str, tuple[SelectionState, float]] = {}
+    for tried, share in (*odds.rivals, *usual.rivals):
+        name = name_of(tried.effects[-1])
+        first, before = likely.get(name, (tried, 0.0))
+        likely[name] = first, before + share / 2
+    rivals = tuple(sorted(likely.values(), key=lambda rival: -rival[1]))
+    return RivalOdds((odds.odds + usual.odds) / 2, rivals, (odds.healthy_odds + usual.healthy_odds) / 2)
+
+
+def rival_odds(selection: Selection, state: SelectionState, place: int, *, faults_only: bool = False) -> RivalOdds:
+    """Return the odds of a name and of its rivals: effects that explain as much without it and nothing beside it; with
+    `faults_only` of those rivals alone that would be faults."""
+    forms, effect, build = selection.columns.forms, state.effects[place], selection.backgrounds.build
     without = selection.without(state, place)
     bare, whole = selection.evidence(without), selection.evidence(state)
-    gain = whole - bare
+    gain = whole - bare + selection.usual_gain(effect, state.level)
     now = selection.posterior(state)
     gains = selection.gains(state, now)
     without_name = selection.posterior(without)
+    size = without_name.gains(forms, without.level).size
     linear = selection.gains(without, without_name)
+    linear += selection.usual_gains([form.effect for form in forms], size, without.level)
     # The linear form of a large effect may lose a third of what its fit gains, and so may those of its rivals.
     own_linear = max((linear[k] for k, form in enumerate(forms) if form.name == name_of(effect)), default=gain)
     least = min(gain - _NEAR, _MISSED * min(gain, own_linear))
     score = linear - np.maximum(gains, 0.0)
+    if faults_only:
+        least_faults = np.array([least_fault(form.effect, build) for form in forms])
+        score[size < _NEARLY * least_faults] = -np.inf
     rivals: list[tuple[SelectionState, float]] = []
     seen: set[str] = set()
     for k in np.argsort(-score).tolist():
@@ -122,7 +153,9 @@ def rival_odds(selection: Selection, state: SelectionState, place: int) -> Rival
         if name_of(tried.effects[-1]) == name_of(effect):
             continue
         seen.add(name_of(tried.effects[-1]))
-        instead = selection.evidence(tried) - bare
+        if faults_only and abs(size_of(tried.effects[-1])) <= least_fault(tried.effects[-1], build):
+            continue
+        instead = selection.evidence(tried) - bare + selection.usual_gain(tried.effects[-1], without.level)
         gain_over = instead - max(float(gains[k]), 0.0)
         # A wave may be beside the name already, and have another order only without it.
         is_new = np.isfinite(gains[k])

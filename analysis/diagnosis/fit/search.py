@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -92,6 +92,23 @@ class SearchResult:
         """The variance (N,) of the residual of each entry over that of the noise."""
         return np.asarray(self.state.strength[self.columns.band], dtype=float)
 
+    @cached_property
+    def blocks_as_shown(self) -> list[Block]:
+        """The blocks, of which those with assumed noise have as much of it as their readings show."""
+        root = np.sqrt(np.minimum(self.strength, 1.0))
+        blocks = zip(self.linear.blocks, self.linear.rows, strict=True)
+        return [block if block.measured else replace(block, sd_mm=root[rows] * block.sd_mm) for block, rows in blocks]
+
+    @property
+    def noise_share(self) -> float:
+        """The share of the assumed noise of circles, as a standard deviation, that their readings show; 1 if it was
+        measured."""
+        pairs = zip(self.blocks_as_shown, self.linear.blocks, strict=True)
+        shown = [(after.sd_mm, before.sd_mm) for after, before in pairs if before.sampling and not before.measured]
+        if not shown:
+            return 1.0
+        return float(np.sqrt(sum(np.sum(after**2) for after, _ in shown) / sum(np.sum(sd**2) for _, sd in shown)))
+
     @property
     def beyond_noise(self) -> Array:
         """The share (N,) of the residual of each entry that is beyond the noise, root mean square."""
@@ -124,15 +141,16 @@ class SearchResult:
 
     @property
     def free_share(self) -> Array:
-        """What free forms add to the whitened readings (N,)."""
-        free = self.fit.free.columns
-        return free @ self.posterior.term_means[len(self.posterior.term_means) - free.shape[1] :]
+        """What free forms and the discrepancy add to the whitened readings (N,): nothing names that."""
+        free, own = self.fit.free.columns, self.columns.discrepancy
+        of_forms = free @ self.posterior.term_means[len(self.posterior.term_means) - free.shape[1] :]
+        return np.asarray(of_forms + self.columns.X[:, own] @ self.posterior.mean[own], dtype=float)
 
     @cached_property
     def calibrated_posterior(self) -> Posterior:
-        """The posterior without free forms. No model holds them, and what they take and the background gives back would
-        be left in it: 92 µm where the names alone left 19."""
-        if not self.state.free_forms:
+        """The posterior without free forms and discrepancy. No model holds them, and what they take and the background
+        gives back would be left in it: 92 µm where the names alone left 19."""
+        if not self.state.free_forms and not self.state.discrepancy:
             return self.posterior
         return self.selection.posterior(self.selection.without_free_forms(self.state))
 
@@ -163,6 +181,10 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
                 break
         so_far = state.effects
         setups = selection.linear.setups_moved_by(selection.moves(state))
+    selection, foreign = selection.beside_discrepancy(state)
+    if foreign.discrepancy:
+        progress("comparing names with causes outside the library")
+        state, odds = compare_with_rivals(selection, foreign, limits_um(selection.linear))
     return SearchResult(selection, state, odds)
 
 

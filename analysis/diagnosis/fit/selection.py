@@ -20,12 +20,13 @@ from analysis.diagnosis.fit.background import (
     Posterior,
     best_free_form,
     cavity_evidence,
+    discrepancy_evidence,
     fault_evidence,
     free_forms_of,
 )
 from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Columns, fault_sizes, order_of
 from analysis.diagnosis.fit.joint_curves import JointCurves, is_of_curve
-from analysis.diagnosis.fit.refine import FIT_ROUNDS, no_effects, refine
+from analysis.diagnosis.fit.refine import FIT_ROUNDS, no_effects, refine, whole_order_gain
 from analysis.diagnosis.fit.responses import Linearisation, Response
 from analysis.diagnosis.fit.selection_state import (
     DRIVEN_WAVES,
@@ -96,6 +97,8 @@ _OF_SET_UP = 0.01
 """Share of a column that is left where a set-up may do as it likes, below which it is one of its terms. Chosen: beside
 a soft joint the last length, on which the torque depends, leaves 0.002, and was named as 24 mm for 36 µm; what is no
 term leaves 0.6 and more."""
+_LEFT = 1.5
+"""Strength of a band above which a cause outside the library is tried. Chosen: cells without one have up to 1.2."""
 _CURVE_ROUNDS, _ENOUGH_OF_CURVES = 3, 2.0
 """Largest number of fits of curves in turn with the weights of wild readings, and the log evidence that one must gain
 for the next. Chosen: a wild pose among 30 of a UR10 took three."""
@@ -117,8 +120,8 @@ class Selection:
 
     @cached_property
     def _log_choices(self) -> Array:
-        """The logarithm (n,) of the number of forms of the name of each form."""
-        return np.log([self.columns.among[form.name] / form.weight for form in self.columns.forms])
+        """The logarithm (n,) of one over the likelihood of each form among those of its name."""
+        return np.asarray(-np.log(self.columns.likelihoods), dtype=float)
 
     @cached_property
     def _hyperparameters(self) -> Hyperparameters:
@@ -322,7 +325,54 @@ class Selection:
     def without_free_forms(self, state: SelectionState) -> SelectionState:
         """Return the state without its free forms, with the same effects and the noise that it shows then."""
         none = Response(np.empty((len(self.linear.y), 0)))
-        return self._renewed(replace(state, free_forms=(), refined=replace(state.refined, free=none)))
+        return self._renewed(replace(state, free_forms=(), discrepancy=0.0, refined=replace(state.refined, free=none)))
+
+    def beside_discrepancy(self, state: SelectionState) -> tuple[Selection, SelectionState]:
+        """Return a selection with free functions for causes outside the library, and the state in it without the names
+        that pay no more beside them; the same where nothing shows that there are any.
+
+        A name that imitates such a cause leaves something, which is fitted by the next name. So names are judged once
+        more beside functions of every angle, way, time and place of the ball, whose amplitude comes from the readings.
+        """
+        waves = [effect for effect in state.possible_faults(state.effects) if _is_wave_of_joint(effect)]
+        is_suspect = bool(state.free_forms) or (state.strength > _LEFT).any() or len(waves) > 1
+        if not self._free or not is_suspect:
+            return self, state
+        columns = self.columns.with_discrepancy(np.concatenate([form.columns for form in self._free], axis=1))
+        selection = Selection(self.linear, columns)
+        bare = selection._refitted(replace(state, free_forms=()))
+        begins = [selection.with_likeliest_discrepancy(begun) for begun in beginnings(bare)]
+        gain, foreign = selection._likeliest(begins)
+        if not foreign.discrepancy or gain <= self.evidence(state):
+            return self, state
+        return selection, selection.without_imitators(selection.settled(foreign))
+
+    def with_likeliest_discrepancy(self, state: SelectionState) -> SelectionState:
+        """Return the state with the likeliest amplitude of causes outside the library beside its names, 0 if none pays
+        its price."""
+        functions = self.columns.X[:, self.columns.discrepancy]
+        none = replace(state, discrepancy=0.0)
+        gain, amplitude = discrepancy_evidence(functions, self.posterior(none))
+        return self._renewed(replace(none, discrepancy=amplitude)) if gain > 0 else none
+
+    def without_imitators(self, state: SelectionState) -> SelectionState:
+        """Return the state without names that causes outside the library explain as well: all waves of joints together,
+        which make up any function of angles, and then one by one."""
+        waves = [k for k, effect in enumerate(state.effects) if _is_wave_of_joint(effect)]
+        for group in [waves] if len(waves) > 1 else []:
+            without = state
+            for place in reversed(group):
+                without = self.without(without, place)
+            without = self.with_likeliest_discrepancy(without)
+            state = without if self.evidence(without) >= self.evidence(state) else state
+        place = 0
+        while place < len(state.effects):
+            without = self.with_likeliest_discrepancy(self.without(state, place))
+            if self.evidence(without) >= self.evidence(state):
+                state = without
+            else:
+                place += 1
+        return self._renewed(self._refitted(state))
 
     def not_testable(self, state: SelectionState, posterior: Posterior) -> tuple[str, ...]:
         """Return the names that these tests would not show at the size of a large fault, beside everything else that
@@ -380,27 +430,65 @@ class Selection:
         seen = np.array([((refined.values[row] + posterior.term_means[row]) / variance * unit) ** 2])
         # The variance that an arm of this state has in the form nearest to the effect.
         forms, usual = self.columns.forms, state.level**2
-        if of_name := [k for k, form in enumerate(forms) if form.name == name_of(effect)]:
-            apart = np.nan_to_num([abs(order_of(forms[k].effect) - order_of(effect)) for k in of_name])
-            nearest = of_name[int(np.argmin(apart))]
+        if (nearest := self._nearest_form(effect)) is not None:
             usual *= self.columns.likelihoods[nearest]
             if state.curves is not None and self._is_of_curve(effect):
                 usual = self.columns.variance(1.0, state.curves)[list(forms[nearest].columns)].sum()
         share = cavity_evidence(values, seen, float(usual))
         fault = fault_evidence(values, seen, state.level) - share + self._fault_price
         healthy = cavity_evidence(values, seen, state.level**2) - share - _HEALTHY_PRICE
-        log_choices = float(np.log(self.columns.among.get(name_of(effect), 1)))
-        return float(fault if self._is_of_curve(effect) else max(fault, healthy)) - log_choices
+        return float(fault if self._is_of_curve(effect) else max(fault, healthy)) - self._choices_of(effect)
+
+    def _nearest_form(self, effect: Effect) -> int | None:
+        """Return the index of the form of the name of an effect, of waves that of the nearest order; None if its name
+        has no form."""
+        forms, order = self.columns.forms, order_of(effect)
+        of_name = [k for k, form in enumerate(forms) if form.name == name_of(effect)]
+        apart = np.nan_to_num([abs(order_of(forms[k].effect) - order) for k in of_name])
+        return of_name[int(np.argmin(apart))] if of_name else None
+
+    def _choices_of(self, effect: Effect) -> float:
+        """Return the log evidence that the choice of an effect among the forms of its name costs.
+
+        Waves are as likely as in the background: by octaves. With all of 125 orders equally likely, order 2 paid 2.6
+        more than that, and a ball's form took the place of a gear error of the axis that makes the circle.
+        """
+        nearest = self._nearest_form(effect) if np.isfinite(order_of(effect)) else None
+        if nearest is not None:
+            return float(self._log_choices[nearest])
+        return float(np.log(self.columns.among.get(name_of(effect), 1)))
 
     def price(self, effect: Effect, level: float) -> float:
         """Return the prior log odds of an effect of its size and form over those of the wide prior of the fit."""
-        size, sizes = size_of(effect), fault_sizes(level)
-        fault = self._fault_price + np.log(np.mean(np.exp(-0.5 * (size / sizes) ** 2) / sizes) + 1e-300)
-        may_be_healthy = not self._is_of_curve(effect)
-        healthy = -_HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level) if may_be_healthy else -np.inf
-        wide = -0.5 * (size / LARGEST_FAULT) ** 2 - np.log(LARGEST_FAULT)
-        log_choices = np.log(self.columns.among.get(name_of(effect), 1))
-        return float(np.logaddexp(fault, healthy) - wide - log_choices) - self._against_stated(effect)
+        size, healthy = size_of(effect), -np.inf
+        if not self._is_of_curve(effect):
+            healthy = -_HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level)
+        odds = float(self._size_odds(size, level, healthy))
+        return odds - self._choices_of(effect) - self._against_stated(effect)
+
+    def usual_gain(self, effect: Effect, level: float) -> float:
+        """Return the log odds that an effect gains over its price in a comparison of names, since it may be usual."""
+        return float(self.usual_gains([effect], np.array([size_of(effect)]), level)[0])
+
+    def usual_gains(self, effects: Sequence[Effect], size: Array, level: float) -> Array:
+        """Return the log odds (n,) that effects of some sizes (n,), in healthy sizes, gain over their prices in a
+        comparison of names, since they may be usual.
+
+        Every arm has a usual amount of every effect. That a search does not look for it below a gain is no odds
+        against it, and neither is an arm that shows less of most others.
+        """
+        usual = np.array([max(level, effect.usual_times(self.backgrounds.build)) for effect in effects])
+        price = self._size_odds(size, level, -_HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level))
+        gains = self._size_odds(size, level, -0.5 * (size / usual) ** 2 - np.log(usual)) - price
+        return np.where([self._is_of_curve(effect) for effect in effects], 0.0, gains)
+
+    def _size_odds(self, size: Array | float, level: float, healthy: Array | float) -> Array:
+        """Return the prior log odds (n,) of sizes (n,), in healthy sizes, as of faults, or with the log odds `healthy`
+        (n,) as of effects that every arm has, over those of the wide prior of the fit."""
+        sizes, each = fault_sizes(level), np.asarray(size, dtype=float)[..., None]
+        fault = self._fault_price + np.log(np.mean(np.exp(-0.5 * (each / sizes) ** 2) / sizes, axis=-1) + 1e-300)
+        wide = -0.5 * (np.asarray(size) / LARGEST_FAULT) ** 2 - np.log(LARGEST_FAULT)
+        return np.asarray(np.logaddexp(fault, healthy) - wide, dtype=float)
 
     def _against_stated(self, effect: Effect) -> float:
         """Return the log evidence that readings must give for shapes of an effect that are not as the rig file states:
@@ -413,9 +501,14 @@ class Selection:
         """Return the log evidence of a state, up to a constant."""
         evidence = self.backgrounds.of(state).evidence(state.refined.fitted_terms)
         prices = sum(self.price(effect, state.level) for effect in state.effects)
+        prices += sum(whole_order_gain(state.refined, place) for place in range(len(state.effects)))
         if stands_softly(state.effects):
             prices -= _HEALTHY_PRICE  # the shoulder's softness is free beside it, as if it were fitted
         return evidence + prices - FREE_PRICE * len(state.free_forms)
+
+    def evidence_of_names(self, state: SelectionState) -> float:
+        """Return the log evidence of a state, up to a constant, for a comparison of its names with others."""
+        return self.evidence(state) + sum(self.usual_gain(effect, state.level) for effect in state.effects)
 
     def without(self, state: SelectionState, place: int) -> SelectionState:
         """Return the state without one effect, with the others fitted again along their tangents."""
@@ -477,7 +570,9 @@ class Selection:
             if twice := frozenset(k for k, added in with_each.items() if is_twice(added.effects)):
                 state = replace(state, refused=state.refused | twice)
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
-            rise, changed = self._likeliest(list(with_each.values()))
+            # The level that each name leaves may decide: beside the right one the arm is quieter.
+            renewed = self._renewed if len(with_each) > 1 else (lambda added: added)
+            rise, changed = self._likeliest([renewed(added) for added in with_each.values()])
             rise -= self.evidence(state)
             if gain[best[0]] < _MUCH and rise <= 0:
                 for k in best:
@@ -540,3 +635,8 @@ class Selection:
         free = np.concatenate([np.empty((len(self.linear.y), 0)), *(form.columns for form in state.free_forms)], axis=1)
         refined = refine(self.linear, self.backgrounds.of(state), state.effects, free=free, rounds=rounds)
         return replace(state, refined=refined)
+
+
+def _is_wave_of_joint(effect: Effect) -> bool:
+    """Return whether an effect is a wave of a joint over its angle."""
+    return is_wave(effect) and effect.STAGE == "joint"

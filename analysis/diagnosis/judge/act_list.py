@@ -20,6 +20,7 @@ from analysis.diagnosis.judge.result import (
     Diagnosis,
     Gap,
     Named,
+    fault_rivals,
     is_open,
     is_sure,
     likely_rivals,
@@ -225,7 +226,7 @@ def _repair(diagnosis: Diagnosis, judged: JudgedPlace, k: int, named: Named, don
 def _of_the_place(diagnosis: Diagnosis, judged: JudgedPlace) -> list[Against]:
     """Return what speaks against every figure."""
     against = [Against("not_judged_elsewhere")] if judged.place == "used" else []
-    if diagnosis.condition == "undecided":
+    if diagnosis.runs_to_decide is not None:
         against.append(Against("few_runs", runs=diagnosis.runs_to_decide))
     if diagnosis.condition == "outside_library":
         against.append(Against("unexplained"))
@@ -281,7 +282,7 @@ def _measurements(
         largest = max(slow, key=lambda named: named.worth_um)
         um, effect = largest.worth_um, largest.effect
         acts.append(Act("measure", "one_lap", parts=parts, remains_um=um, effect=effect, runs=_REPEATS))
-    elif diagnosis.condition == "undecided":
+    elif diagnosis.runs_to_decide is not None:
         parts = tuple(
             k for k, part in enumerate(diagnosis.budget) if part.rank == "undecided" and part.index is not None
         )
@@ -295,7 +296,7 @@ def _measurements(
 
     fitted = {k: diagnosis.effects[part.index] for k, part in enumerate(diagnosis.budget) if part.index is not None}
     for k, named in fitted.items():
-        if named.stands and likely_rivals(named):
+        if (named.stands and likely_rivals(named)) or fault_rivals(named):
             acts.append(test_of("rivals", k))
     for k, part in enumerate(diagnosis.budget):
         if (part.members and not part.cause) or (k in fitted and is_open(part, fitted[k])):
@@ -322,7 +323,7 @@ def _comes_first(measurement: Act, acts: Sequence[Act], diagnosis: Diagnosis) ->
     if measurement.why == "few_runs":
         return not any(act.kind == "load" and act.place != "used" for act in acts)
     if measurement.why == "rivals":
-        return bool(acts) and acts[0].parts == measurement.parts
+        return diagnosis.condition == "undecided" or (bool(acts) and acts[0].parts == measurement.parts)
     return measurement.why == "group" and not acts
 
 

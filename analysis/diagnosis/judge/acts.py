@@ -22,12 +22,14 @@ convert readings that were taken in another way; check the rig file and the vari
 JudgedOn = Literal["unseen", "held_out", "used"]
 """Where a figure was found: at another place, on held-out runs, or on the runs used."""
 Doubt = Literal[
-    "usual", "one_lap", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better"
-]
+    "usual", "one_lap", "healthy_shows_it", "rival", "held_out", "unsure", "contradicted", "series", "no_better",
+    "unexplained",
+]  # fmt: skip
 """Why the diagnosis does not stand by an effect: it is no larger than elsewhere in this arm or in healthy ones; it is
 slow, and one lap each way shows no time; a healthy arm may show it by chance; a rival is likelier; it makes held-out
 runs worse; what it does is not known to half of itself; set-ups show different shares of it; it is one of more waves
-than a joint has; or the model explains the runs no better with it."""
+than a joint has; the model explains the runs no better with it; or an unexplained error that is not much smaller may
+be what it imitates."""
 Objection = Literal["rivals", "doubt", "not_judged_elsewhere", "few_runs", "unexplained", "no_place"]
 """What speaks against an act: another cause may be meant (`names`); the diagnosis does not stand by the effect
 (`doubt`); no run of another place judged it; the runs are too few (`runs` of each kind decide); much remains that no

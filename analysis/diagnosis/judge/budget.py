@@ -15,7 +15,7 @@ from analysis.diagnosis.fit.candidates import LARGEST_FAULT, Form
 from analysis.diagnosis.fit.responses import Linearisation, Response, basis_of, worth
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.fit.selection_state import FAULT, combined_effect
-from analysis.diagnosis.judge.result import LARGE_SHARE, BudgetPart, Gap, Member, Named, Rank, Share
+from analysis.diagnosis.judge.result import LARGE_SHARE, SURE_SIGMA, BudgetPart, Gap, Member, Named, Rank, Share
 from analysis.robot.kinematics.arm import Array, Integers
 from rigs.effects import Effect
 from rigs.schema.effect import PartKind, healthy, label_of, scaled, size_field, size_of
@@ -306,7 +306,8 @@ class Budget:
         """The rms in µm of what differs from run to run, with the noise."""
         result = self.result
         forms = result.columns.set_ups.stop
-        moved = result.columns.X[:, forms:] @ result.posterior.mean[forms:]
+        scattered = slice(forms, forms + result.columns.scattered)
+        moved = result.columns.X[:, scattered] @ result.posterior.mean[scattered]
         inside = self.measure.um((1 - result.beyond_noise) * result.posterior.residual + moved)
         return float(np.sqrt(inside**2 + self._apart_um2))
 
@@ -340,6 +341,10 @@ class SizesBySetUp:
         """Return the share that each set-up shows, with its standard uncertainty."""
         sds = np.sqrt(np.diag(self.covariance))
         return tuple(Share(*share) for share in zip(self.setups, self.value.tolist(), sds.tolist(), strict=True))
+
+    def directions(self) -> int:
+        """Return the number of set-ups that each show the name by themselves, and at least 1."""
+        return max(int(np.sum(self.value > SURE_SIGMA * np.sqrt(np.diag(self.covariance)))), 1)
 
     def birge_ratio(self) -> float:
         """Return the factor by which the uncertainties of the name are larger than the noise of the readings explains,

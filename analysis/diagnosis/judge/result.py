@@ -189,6 +189,8 @@ class Rival:
     effect: Effect
     sd: dict[str, float]
     posterior: float
+    is_fault: bool = False
+    """Whether it would be a fault: larger than arms of its build show."""
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types: kind and seats of the effect, its parameters with their standard uncertainties."""
@@ -224,6 +226,8 @@ class Named:
     twins: tuple[Effect, ...] = ()
     shown: bool = True
     """Whether its cause was shown: a wave of which the joint drove fewer than two names no gear."""
+    directions: int = 1
+    """Number of independent directions that show it: set-ups that each show its size, and runs that had no part."""
 
     @property
     def stands(self) -> bool:
@@ -570,6 +574,11 @@ class Diagnosis(Tabular):
 def likely_rivals(named: Named) -> list[Rival]:
     """Return the rivals of a name that cannot be dismissed."""
     return [rival for rival in named.rivals if rival.posterior * ODDS >= named.posterior]
+
+
+def fault_rivals(named: Named) -> list[Rival]:
+    """Return the rivals of an effect of usual size that cannot be dismissed and would be faults."""
+    return [rival for rival in likely_rivals(named) if rival.is_fault and named.doubt == "usual"]
 
 
 def is_open(part: BudgetPart, named: Named) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby, permutations
-from operator import attrgetter, itemgetter
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -174,6 +174,8 @@ class PossibleTest:
     minutes: float
     programs: int
     set_ups: int
+    is_other_kind: bool = False
+    """Whether it measures something else than the runs used, and not only elsewhere or at another speed."""
 
 
 FurtherTests = Callable[[], tuple[list[PossibleTest], list[tuple[str, str]]]]
@@ -194,9 +196,16 @@ def shortest(
     possible: Sequence[PossibleTest], sigma: Callable[[PossibleTest], float], enough: Callable[[float], bool]
 ) -> tuple[PossibleTest, float] | None:
     """Return the possible test of the fewest minutes whose sigmas are enough, with these; None where none has enough.
-    A test is simulated whole for its sigmas, some seconds for a circle, so longer ones than it are not simulated."""
-    by_minutes = attrgetter("minutes")
-    for _, group in groupby(sorted(possible, key=by_minutes), key=by_minutes):
+    A test is simulated whole for its sigmas, some seconds for a circle, so longer ones than it are not simulated.
+
+    Tests of another kind precede the same kind elsewhere or at another speed, which an error that no effect describes
+    may change in the same way.
+    """
+
+    def effort(test: PossibleTest) -> tuple[bool, float]:
+        return not test.is_other_kind, test.minutes
+
+    for _, group in groupby(sorted(possible, key=effort), key=effort):
         best, sigmas = max(((test, sigma(test)) for test in group), key=itemgetter(1))
         if enough(sigmas):
             return best, sigmas
@@ -210,9 +219,10 @@ def possible_tests(
     setups: Mapping[str, SetUp],
     level: float = 1.0,
     runs: int = 3,
+    noise_share: float = 1.0,
 ) -> tuple[list[PossibleTest], list[tuple[str, str]]]:
     """Return each further test that the arm can drive, beside the existing blocks, and those that it cannot drive, with
-    the reason."""
+    the reason. `noise_share` is the share of the assumed noise, as a standard deviation, that the runs used show."""
     possible, impossible = [], []
     shared = [SharedBlock(block, (), setups[block.setup]) for block in without_bands(blocks)]
     for further in further_tests(rig, tests):
@@ -223,10 +233,12 @@ def possible_tests(
             except FileError as error:
                 refused = refused or error.what
                 continue
+            added = [replace(block, sd_mm=noise_share * block.sd_mm) for block in added]
             expected = ExpectedPosterior(beside(shared, without_bands(added), places), level)
             set_ups = len({block.setup for block in added})
             minutes = sum(block.count * float(np.ptp(block.path.t_s)) for block in added) / 60
-            possible.append(PossibleTest(words, further.why, expected, minutes, len(added), set_ups))
+            is_other = not set(further.tests) <= set(tests)
+            possible.append(PossibleTest(words, further.why, expected, minutes, len(added), set_ups, is_other))
             break
         else:
             impossible.append((further.choices[0][0], refused))

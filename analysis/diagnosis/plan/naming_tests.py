@@ -18,7 +18,7 @@ from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.responses import linearise
 from analysis.diagnosis.fit.search import SearchResult
 from analysis.diagnosis.judge.acts import Cost, NamingTest
-from analysis.diagnosis.judge.result import CERTAIN_ODDS, BudgetPart, Named, is_open, likely_rivals
+from analysis.diagnosis.judge.result import CERTAIN_ODDS, BudgetPart, Named, fault_rivals, is_open, likely_rivals
 from analysis.diagnosis.plan.detectability import FurtherTests, PossibleTest, shortest, sigma_between
 from analysis.diagnosis.plan.expected import SEPARABLE, ExpectedPosterior, without_bands
 from rigs.effects import Effect
@@ -83,6 +83,8 @@ def naming_tests(
         if name is None or is_open(part, name):
             likeliest = [name.effect] if name else [member.effect for member in part.members[:1] if not part.cause]
             asked += [(k, effect, None) for effect in likeliest if not is_play(effect)]
+        elif rivals := fault_rivals(name):
+            asked.append((k, name.effect, rivals[0].effect))
         elif name.stands and part.share > _MUCH and likely_rivals(name):
             asked.append((k, name.effect, name.rivals[0].effect))
     if not asked:

@@ -185,13 +185,13 @@ def test_a_rival_that_is_beside_the_name_already_explains_nothing_more_there(mon
 def test_only_what_is_a_fault_in_a_quiet_arm_alone_has_no_rivals_below_the_limits(
     offset_deg: float, level: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is larger than any healthy arm shows is never too small to say."""
+    """What is larger than any healthy arm shows is always said; the rest has only faults as rivals."""
     zero, linear, compared = JointOffset(axis=3, offset_deg=offset_deg), healthy(), list[str]()
     selection = Selection(holding(linear, shown_by(linear, [zero]) + white(linear, 18)), healthy_columns())
     state = replace(selection.initial_state((zero,)), level=level)
 
-    def odds(_: Selection, of: SelectionState, place: int) -> RivalOdds:
-        compared.append(name_of(of.effects[place]))
+    def odds(_: Selection, of: SelectionState, place: int, *, faults_only: bool) -> RivalOdds:
+        compared.extend([] if faults_only else [name_of(of.effects[place])])
         return RivalOdds(1.0)
 
     monkeypatch.setattr("analysis.diagnosis.fit.rivals.rival_odds", odds)
@@ -216,11 +216,11 @@ def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch:
     monkeypatch.setattr("analysis.diagnosis.fit.rivals.without_needless_names", lambda _, state, limits: state)
     monkeypatch.setattr(
         "analysis.diagnosis.fit.rivals.rival_odds",
-        lambda selection, state, place: RivalOdds(0.1, ((state, 0.9),), state.level),
+        lambda selection, state, place, **_: RivalOdds(0.1, ((state, 0.9),), state.level),
     )
     monkeypatch.setattr(SelectionState, "may_be_fault", lambda *_: True)
     monkeypatch.setattr(Selection, "select", likelier)
-    monkeypatch.setattr(Selection, "evidence", lambda _, state: -state.level)
+    monkeypatch.setattr(Selection, "evidence_of_names", lambda _, state: -state.level)
     last, rivalries = compare_with_rivals(selection, first, np.zeros(len(healthy().blocks)))
     assert last is swaps[-1] and len(swaps) > 1
     assert [one.healthy_odds for one in rivalries] == [last.level] * 2
