@@ -180,6 +180,7 @@ def without_idle_mounts(acts: Sequence[Act]) -> tuple[Act, ...]:
         for act in acts
         if act.kind == "mount"
         and act.effect is not None
+        and act.removes_um is not None
         and abs(act.removes_um) <= LEAST_SHARE * (act.removes_um + act.remains_um)
     ]
     return tuple(act for act in acts if act not in idle) or tuple(acts)

@@ -24,8 +24,8 @@ _SWAPS = 4
 _RIVALS = 4
 """Largest number of rivals that are fitted. Chosen: those further behind have negligible odds."""
 _CAUTIOUS = 0.25
-"""Level of an arm below which odds are averaged with those at this level. Chosen: a standard deviation of the prior of a
-level below that of a healthy arm."""
+"""Level of an arm below which odds are averaged with those at this level. Chosen: one standard deviation of the prior
+of a level below the level of a healthy arm."""
 _NEARLY = 0.5
 """Share of the least fault that the linear form of a rival must have to be fitted where faults alone count. Chosen: a
 fit hardly doubles a size."""
