@@ -145,7 +145,7 @@ class ActWords:
             return texts("next_repeat" if act.why == "few_runs" else "act_one_lap", cause=cause, count=act.runs)
         if act.why in ("elsewhere", "revisit", "not_visible"):
             return texts(self._of_places("next_plan") if act.why == "not_visible" else f"act_{act.why}")
-        if act.why == "follows" and (found := self.diagnosis.unexplained) and (followed := found.likeliest):
+        if act.why == "follows" and self.diagnosis.unexplained and (followed := self.diagnosis.unexplained.likeliest):
             joint = texts.axis(self.diagnosis.rig.robot, followed.axis) if followed.axis else ""
             return texts(f"act_follows_{followed.what}", joint=joint)
         if test is None:

@@ -84,20 +84,20 @@ def arms_apart_tables(apart: ArmsApart) -> RenderableType:
     return Group(Text(head), where, table, *(Text(doubt, style="yellow") for doubt in apart.doubts))
 
 
-def fitting_arm_table(found: FittingArm) -> RenderableType:
+def fitting_arm_table(fitting: FittingArm) -> RenderableType:
     """Which arm fits the runs and by how much, in a line, and what each leaves."""
-    better = found.better
+    better = fitting.better
     head = "These runs do not tell the two arms apart."
     if better is not None:
-        (worse,) = (fit for fit in found.fits if fit is not better)
+        (worse,) = (fit for fit in fitting.fits if fit is not better)
         head = (
             f"{better.file} fits: it leaves {micrometres(better.rms_um)} rms of the readings, and {worse.file} "
-            f"{micrometres(worse.rms_um)} rms, {found.times:.3g} times as much."
+            f"{micrometres(worse.rms_um)} rms, {fitting.times:.3g} times as much."
         )
     table = Table("arm", right("µm rms left"), right("at most"), header_style="bold")
-    for fit in found.fits:
+    for fit in fitting.fits:
         table.add_row(fit.file, f"{fit.rms_um:.1f}", f"{fit.largest_um:.1f}")
-    return Group(Text(head), table, *(Text(doubt, style="yellow") for doubt in found.doubts))
+    return Group(Text(head), table, *(Text(doubt, style="yellow") for doubt in fitting.doubts))
 
 
 _STYLE = {"confirmed": "green", "weak": "yellow", "unconfirmed": "red"}

@@ -149,11 +149,11 @@ def _which_fits(arms: Sequence[Path], runs: Sequence[Path], as_json: bool) -> No
     with progress_of() as progress:
         measured = [analysis.load_run(path) for path in runs]
         progress("fitting both arms to the runs")
-        found = fitting_arm(measured, [(str(arm), _rig_of(arm, measured)) for arm in arms])
+        fitting = fitting_arm(measured, [(str(arm), _rig_of(arm, measured)) for arm in arms])
     if as_json:
-        say_json(found.to_dict())
+        say_json(fitting.to_dict())
     else:
-        PlainConsole().print(fitting_arm_table(found))
+        PlainConsole().print(fitting_arm_table(fitting))
 
 
 def _rig_of(arm: Path, runs: Sequence[Measured]) -> Rig:

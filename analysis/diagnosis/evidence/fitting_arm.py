@@ -42,14 +42,14 @@ class FittingArm(Tabular):
     @property
     def better(self) -> ArmFit | None:
         """The arm that fits clearly better; None if the runs do not tell them apart."""
-        best, other = sorted(self.fits, key=lambda fit: fit.rms_um)
-        return best if best.rms_um < _CLEARLY * other.rms_um else None
+        best, worse = sorted(self.fits, key=lambda fit: fit.rms_um)
+        return best if best.rms_um < _CLEARLY * worse.rms_um else None
 
     @property
     def times(self) -> float:
         """How many times as much the worse arm leaves as the better one."""
-        best, other = sorted(fit.rms_um for fit in self.fits)
-        return other / best if best > 0 else np.inf
+        best, worse = sorted(fit.rms_um for fit in self.fits)
+        return worse / best if best > 0 else np.inf
 
     def to_table(self) -> pa.Table:
         """A row for each arm: file, rms_um, largest_um."""

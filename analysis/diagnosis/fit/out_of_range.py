@@ -19,7 +19,7 @@ from rigs.effects import Effect, size_field
 from rigs.schema.effect import identity, is_wave, name_of
 
 _CANDIDATES = 4
-"""Constants of the arm that are fitted alone, those whose columns resemble the residual most. Chosen: in 20 simulated
+"""Constants of the arm that are fitted alone, those whose columns resemble the residual most. Chosen: in 13 simulated
 cells the wrong one was always among the first two."""
 _LARGE = 0.25
 """Share of its limit from which a constant is looked at again: several large ones may share what one beyond its limit

@@ -9,6 +9,7 @@ fifth entry of the spectrum is left out.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -45,15 +46,15 @@ def unexplained_of(result: SearchResult, left_out: LeftOut | None, rms_um: float
         groups[left_out.rows] = -1 - left_out.group
     weight = np.sqrt(result.state.robust)
     off = weight * whole
-    found = []
+    follows = []
     for what, axis, columns in _subjects(result):
         free = columns if left_out is not None else linear.without_set_up(columns)
         if np.any(free):
-            found.append(Followed(what, axis, share_left_out(weight[:, None] * free, off, groups)))
-    found.sort(key=lambda followed: -followed.share)
+            follows.append(Followed(what, axis, share_left_out(weight[:, None] * free, off, groups)))
+    follows.sort(key=lambda followed: -followed.share)
     scatters = left_out is not None and not any(block.measured for block in linear.blocks)
-    is_scatter = scatters and all(followed.share < _NOTHING for followed in found)
-    return Unexplained(rms_um, tuple(found), _scatter_um(result) if is_scatter else None)
+    is_scatter = scatters and all(followed.share < _NOTHING for followed in follows)
+    return Unexplained(rms_um, tuple(follows), _scatter_um(result) if is_scatter else None)
 
 
 def _folds(result: SearchResult) -> Integers:
@@ -68,15 +69,12 @@ def _subjects(result: SearchResult) -> list[tuple[What, int | None, Array]]:
     """Return each subject with the changes (N, c) of the readings by errors that follow it."""
     linear, subjects = result.linear, list[tuple[What, int | None, Array]]()
     joints = range(1, linear.axes + 1)
-    of_joint: dict[What, Callable[[Block, int], Array]] = {
+    of_joint: dict[What, Callable[..., Array]] = {
         "angle": _angle, "load": _load, "speed": _speed, "approach": _approach
     }  # fmt: skip
     for what, function in of_joint.items():
         for axis in joints:
-            columns = linear.by_joint(
-                axis,
-                lambda block, f=function, k=axis - 1: _UNIT_RAD * f(block, k),  # type: ignore[misc]
-            )
+            columns = _UNIT_RAD * linear.by_joint(axis, partial(function, joint=axis - 1))
             subjects.append((what, axis, columns))
     subjects.append(("time", None, np.concatenate([linear.by_joint(axis, _time) for axis in joints], axis=1)))
     subjects.append(("place", None, linear.at_entries([_place(block) for block in linear.blocks])))

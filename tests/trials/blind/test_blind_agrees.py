@@ -39,6 +39,8 @@ EXAMPLES: list[tuple[str, dict[str, Any], dict[str, float], float]] = [
     ("transmission_error", {"axis": 4}, {"order": 8.0, "phase_deg": 40.0}, 0.005),
     ("compliance", {"axis": 2}, {"payload_kg": 7.0}, 5e-5),
     ("compliance", {"axis": 3}, {"payload_kg": 0.0}, 5e-5),
+    ("strain_wave", {"axis": 2}, {"knee_Nm": 40.0}, 1e-4),
+    ("strain_wave", {"axis": 3}, {"knee_Nm": 5.0}, 1e-4),
     ("link_bending", {"axis": 2}, {}, 1e-4),
     ("link_bending", {"axis": 3}, {}, 1e-4),
     ("reversal_spike", {"axis": 1}, {"decay_s": 1.0}, 0.005),

@@ -25,12 +25,14 @@ HEALTHY = {
     "vibration": 0.002,
     "link_bending": 1e-4,
     "joint_scale": 5e-5,
+    "strain_wave": 1e-5,
 }
 """Sizes of a good arm (effects.md), in the unit of the size; the page has none for link_bending, 0.05 mm at 500 Nm, nor
-for joint_scale."""
+for joint_scale and strain_wave."""
 SIZE = {
     "joint_offset": "offset_deg",
     "joint_scale": "relative",
+    "strain_wave": "deg_per_Nm",
     "link_geometry": "delta",
     "backlash": "width_deg",
     "transmission_error": "amplitude_deg",

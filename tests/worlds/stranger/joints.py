@@ -86,6 +86,16 @@ def compliance(fault: Fault, trace: Trace) -> Array:
     return np.radians(fault.size) * torque
 
 
+def strain_wave(fault: Fault, trace: Trace) -> Array:
+    """Three regions of the torque, each with a stiffness of its own, behind a loss."""
+    torque, knee = trace.torque[:, int(fault.keys["axis"]) - 1], fault.shape["knee_Nm"]
+    if loss := fault.shape.get("loss", 0.0):
+        torque = torque + lagging(torque, loss * knee, 0.0, fault.begin)
+    corners = np.array([0.0, knee, 3.5 * knee, 1e6])
+    twist = np.concatenate([[0.0], np.cumsum(np.diff(corners) / [1.0, 1.55, 1.75])])
+    return np.radians(fault.size) * np.sign(torque) * np.interp(np.abs(torque), corners, twist)
+
+
 def reversal_spike(fault: Fault, trace: Trace) -> Array:
     """Against the new direction after each reversal; rough: two decays, and a rise that takes a moment."""
     decay, share = fault.shape["decay_s"], 0.4 * fault.rough
@@ -119,6 +129,7 @@ ON_JOINT: MappingProxyType[str, Form] = MappingProxyType({
     "backlash": backlash,
     "transmission_error": transmission_error,
     "compliance": compliance,
+    "strain_wave": strain_wave,
     "reversal_spike": reversal_spike,
     "wrist_coupling": wrist_coupling,
     "servo_lag": servo_lag,
