@@ -11,12 +11,10 @@ turn.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from analysis.robot.kinematics.arm import Array, Integers, Mask, arm_of
-from analysis.runs.tables import PoseTable, Table, TouchTable
+from analysis.runs.tables import Table
 from rigs.effects.transmission_error import TransmissionError
 from rigs.rig import Rig
 from rigs.text import listed
@@ -31,7 +29,7 @@ a share g of it free with a probability of at most n (1 - g)^(n - 1)."""
 
 def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]:
     """Return poses or touches with each joint counted in one turn, and a message for each joint that was not."""
-    if not isinstance(table, PoseTable | TouchTable):
+    if not table.kind.of_places:
         return table, ()
     limits, turned, doubts = arm_of(rig.robot).limits, np.zeros(table.q.shape), list[str]()
     for axis in range(1, min(len(limits), table.q.shape[1]) + 1):
@@ -40,8 +38,7 @@ def without_whole_turns(table: Table, rig: Rig) -> tuple[Table, tuple[str, ...]]
         if turns.any() and not _has_fractional_wave(rig, axis):
             turned[:, axis - 1] = _TURN * turns
             doubts += [_counted_further(table, axis, turns, k) for k in np.unique(turns[turns != 0]).tolist()]
-    came_from = None if table.came_from is None else table.came_from - turned
-    return replace(table, q=table.q - turned, came_from=came_from) if doubts else table, tuple(doubts)
+    return table.kind.counted_back(table, turned) if doubts else table, tuple(doubts)
 
 
 def turns_further(angle: Array, limits: Array) -> Integers:
@@ -81,7 +78,8 @@ def beyond_limits(table: Table, rig: Rig) -> tuple[str, ...]:
             farthest = np.degrees(angle[np.argmax(np.abs(angle - (low + high) / 2))])
             doubts.append(
                 f"axis {axis} is outside its limits of {np.degrees(low):.6g}° to {np.degrees(high):.6g}°: it stands at "
-                f"{farthest:.1f}° {_rows(table, outside)}; check the column, its zero, and limits_deg of the rig file"
+                f"{farthest:.1f}° {_row_words(table, outside)}; check the column, its zero, and limits_deg of the rig "
+                "file"
             )
     return tuple(doubts)
 
@@ -100,12 +98,12 @@ def _counted_further(table: Table, axis: int, turns: Integers, count: int) -> st
     way = f"{abs(count)} whole turn{'s' * (abs(count) > 1)} {'further' if count > 0 else 'back'}"
     low, high = np.degrees([table.q[rows, axis - 1].min(), table.q[rows, axis - 1].max()])
     return (
-        f"axis {axis} is counted {way} {_rows(table, rows)} ({low:.1f}° to {high:.1f}°): the postures are the same and "
-        "are taken within one turn; check how the angle was exported"
+        f"axis {axis} is counted {way} {_row_words(table, rows)} ({low:.1f}° to {high:.1f}°): the postures are the "
+        "same and are taken within one turn; check how the angle was exported"
     )
 
 
-def _rows(table: Table, chosen: Mask) -> str:
+def _row_words(table: Table, chosen: Mask) -> str:
     """Return the rows of the file that a mask (n,) chooses, in words."""
     rows = np.sort(table.rows[chosen]).tolist()
     if len(rows) == 1:

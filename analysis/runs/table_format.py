@@ -231,6 +231,14 @@ class Kind(ABC, Generic[T]):
         stayed; None where rows do not say from where joints came."""
         return None
 
+    def last_moves(self, table: T) -> Array | None:
+        """Return by how much each joint turned (n, axes) rad in its last move; None if rows do not state it."""
+        return None
+
+    def counted_back(self, table: T, turns_rad: Array) -> T:
+        """Return the table with joints counted back by whole turns (n, axes) rad; only of stands in no order."""
+        return table
+
     def far(self, table: T, arm: Arm) -> Far | None:
         """Return which rows lie far from all others, of places; others are judged beside the calibrated arm alone."""
         return None

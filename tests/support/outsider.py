@@ -90,12 +90,13 @@ def case(seed: int) -> Case:
     q = np.repeat(rng.uniform(low, high, (STATIONS, 6)), 1 + STEPS, axis=0)
     q[:, 1] += np.radians(STEP_DEG) * rng.standard_normal(len(q))
     model = replace(model_of(load("ur10")[0]), effects=())
-    empty = PoseTable(q, np.zeros((len(q), 3)), None)
+    came_from = np.concatenate([q[:1], q[:-1]])
+    empty = PoseTable(q, np.zeros((len(q), 3)), None, came_from=came_from)
     there = moved_setup(nominal_setup(model.rig, empty), empty, rng.normal(0, 30, 9))
     others = [scaled(one, times) for one, times in zip(BESIDE, TIMES, strict=True)]
     holding = replace(model, effects=(*HIDDEN, *others))
     xyz = predict(holding, empty, path_of(model, empty), there)[:, [3, 7, 11]]
-    seen = PoseTable(q, xyz + rng.normal(0, NOISE_MM, xyz.shape), None)
+    seen = replace(empty, xyz_mm=xyz + rng.normal(0, NOISE_MM, xyz.shape))
     run = observe_run(model, seen, "poses")
     return Case(run, fit_run_setups([run])[0])
 

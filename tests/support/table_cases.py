@@ -52,7 +52,7 @@ def rows_of(test: TestName, direction: Direction = "acw") -> Rows:
         rng = np.random.default_rng(1)
         n = 24
         if test == "pose":
-            table = _poses(np.radians(np.array([-2.8, 35.8, 7.6, 171.0, 136.6, -5.7]) + rng.uniform(-20, 20, (n, 6))))
+            table = _poses(np.radians(np.array([-2.8, 35.8, 7.6, 171.0, 110.0, -5.7]) + rng.uniform(-20, 20, (n, 6))))
         else:
             table = _targets(test, n, rng)
     extra = [EXTRA[k % len(EXTRA)] for k in range(len(table["q1_deg"]))]

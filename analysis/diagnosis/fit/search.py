@@ -27,7 +27,6 @@ from analysis.diagnosis.fit.selection import Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import SetUp
-from analysis.runs.tables import PoseTable
 from rigs.effects import Effect
 from rigs.schema.vocabulary import Build
 from rigs.text import counted
@@ -277,7 +276,7 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     """Return a message with the remedy if the joints of poses were read too early, and an empty tuple otherwise. The N
     entries of the search result are whitened; the fitted joint errors are (axes,) rad."""
     linear = result.linear
-    rows = linear.at_entries([np.full(len(block.y_mm), _states_way(block)) for block in linear.blocks])
+    rows = linear.at_entries([np.full(len(block.y_mm), _moves(block) is not None) for block in linear.blocks])
     if not rows.any():
         return ()
     taken = basis_of(np.concatenate([linear.U, *_by_angle(linear, _smooth)], axis=1))
@@ -318,9 +317,10 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     return (f"{message}, unlike with a play; wait longer before reading a pose, or import with --joints commanded",)
 
 
-def _states_way(block: Block) -> bool:
-    """Return whether the rows of a block are poses that state from where their joints came."""
-    return isinstance(block.table, PoseTable) and block.table.came_from is not None
+def _moves(block: Block) -> Array | None:
+    """Return the last moves of joints (n, axes) rad of the poses of a block; None if they do not state them."""
+    kind = block.table.kind
+    return kind.last_moves(block.table) if kind.of_tracker else None
 
 
 def _by_angle(linear: Linearisation, shape: Callable[[Array], Array]) -> list[Array]:
@@ -368,10 +368,10 @@ def _of_joint(off: Callable[[Array], Array], joint: int) -> Callable[[Block], Ar
     path, and zero for other tests."""
 
     def samples(block: Block) -> Array:
-        path, table = block.path, block.table
+        path, moves = block.path, _moves(block)
         columns = np.zeros((len(path.q), 1))
-        if isinstance(table, PoseTable) and table.came_from is not None:
-            columns[path.rows, 0] = off(table.q[:, joint] - table.came_from[:, joint])
+        if moves is not None:
+            columns[path.rows, 0] = off(moves[:, joint])
         return columns
 
     return samples

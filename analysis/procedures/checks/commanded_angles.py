@@ -16,7 +16,6 @@ from analysis.robot.kinematics.arm import Array, arm_of
 from analysis.robot.model.scene import load_of, pull
 from analysis.runs.csv_tables import Rows
 from analysis.runs.loading import Measured
-from analysis.runs.tables import CircleTable
 
 COMMANDS = "commands"
 _LEAST_DEG = 0.01
@@ -48,7 +47,7 @@ class CommandError:
 def command_errors(run: Measured) -> tuple[CommandError, ...]:
     """Return how each axis missed its commands; empty if the run does not have both sets of angles."""
     source = run.run.table
-    both = None if source is None else _both(Rows(source))
+    both = None if source is None else _both_angles(Rows(source))
     if both is None:
         return ()
     measured, commanded = both
@@ -59,8 +58,8 @@ def command_errors(run: Measured) -> tuple[CommandError, ...]:
         if axes == len(run.rig.robot.axes)
         else None
     )
-    swept = isinstance(run.table, CircleTable) and len(run.table.t_s) == len(off)
-    speed = np.gradient(measured, run.table.t_s, axis=0) if swept and isinstance(run.table, CircleTable) else None
+    t_s = Rows(source).times() if source is not None and run.table.kind.swept else None
+    speed = None if t_s is None else np.gradient(measured, t_s, axis=0)
     return tuple(
         CommandError(
             axis=k + 1,
@@ -78,18 +77,18 @@ def command_findings(run: Measured) -> Iterator[Finding]:
     large = [error for error in command_errors(run) if error.rms_deg > _LEAST_DEG]
     if not large:
         return
-    which = "commanded" if _has(run, "q1_measured_deg") else "measured"
+    which = "commanded" if _has_column(run, "q1_measured_deg") else "measured"
     fact = f"measured less commanded angles: {'; '.join(error.words for error in large)}; the {which} angles are used"
     remedy = "a difference that goes with load or speed is of the drives, and no error of the arm's geometry"
     columns = tuple(f"q{error.axis}_deg" for error in large)
     yield Finding(COMMANDS, "likely", columns, "angles that were not reached", fact, remedy)
 
 
-def _has(run: Measured, name: str) -> bool:
+def _has_column(run: Measured, name: str) -> bool:
     return run.run.table is not None and name in run.run.table.column_names
 
 
-def _both(rows: Rows) -> tuple[Array, Array] | None:
+def _both_angles(rows: Rows) -> tuple[Array, Array] | None:
     """Return measured and commanded angles (n, axes) rad of a table; None if it does not have both."""
     axes = range(1, rows.axes + 1)
     for other, is_measured in (("measured", True), ("commanded", False)):

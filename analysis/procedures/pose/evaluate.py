@@ -451,7 +451,8 @@ class Pose(PlaceKind[PoseTable]):
         )
 
     def simulated(self, rig: Rig, direction: Direction | None, run: Simulation) -> PoseTable:
-        return simulated_cube(rig, run.seed, run.effects)
+        q, xyz_mm, came_from = simulated_cube(rig, run.seed, run.effects)
+        return PoseTable(q, xyz_mm, None, came_from=came_from)
 
     def far(self, table: PoseTable, arm: Arm) -> Far:
         return far_poses(table, without_setup(arm))

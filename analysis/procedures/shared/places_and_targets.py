@@ -168,10 +168,17 @@ class PlaceKind(Kind[P]):
     def path(self, model: Model, table: P) -> Path:
         return visits(table.q, table.came_from)
 
+    def last_moves(self, table: P) -> Array | None:
+        return None if table.came_from is None else table.q - table.came_from
+
+    def counted_back(self, table: P, turns_rad: Array) -> P:
+        came_from = None if table.came_from is None else table.came_from - turns_rad
+        return replace(table, q=table.q - turns_rad, came_from=came_from)
+
     def sides(self, table: P) -> Integers | None:
-        if table.came_from is None:
+        way = self.last_moves(table)
+        if way is None:
             return None
-        way = table.q - table.came_from
         return np.where(np.abs(way) > SAME_RAD, np.sign(way), 0).astype(np.int64)
 
     def read(self, model: Model, table: P, path: Path, scene: Scene, setup: SetUp) -> Array:

@@ -26,7 +26,6 @@ from analysis.robot.kinematics.arm import Arm, Array, arm_of, transform
 from analysis.robot.model.motion import Motion
 from analysis.robot.model.predict import Model, Path, model_of, moved, stops
 from analysis.runs.noise.cell_noise import TRACKER_MM
-from analysis.runs.tables import PoseTable
 from rigs.effects import Effect
 from rigs.errors import RigPlace
 from rigs.rig import Rig
@@ -41,14 +40,15 @@ _STEPS = 2000
 """Steps along each path, between which joints turn evenly: on the circles that is off by less than 1 µm."""
 
 
-def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> PoseTable:
-    """Return the poses of the cube as a tracker sees them, `seed` None for no noise, with where each joint came from;
-    effects: instead of those of the rig file. Raises FileError where the arm has no room for the cube."""
+def simulated_cube(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> tuple[Array, Array, Array]:
+    """Return joints (n, 6) rad and places (n, 3) mm of the cube as a tracker sees them, and from where each joint came
+    (n, 6) rad; `seed`: None for no noise; effects: instead of those of the rig file. Raises FileError if the arm has no
+    room for the cube."""
     q, rng = cycle_stops(rig), np.random.default_rng(seed or 0)
     noise = 0.0 if seed is None else float(np.hypot(TRACKER_MM, STOPS_MM))
     from_start = np.concatenate([cube_of(rig).q[:1], q])
     places = tool_places(model_of(rig, effects), from_start)[1:] + noise * rng.standard_normal((len(q), 3))
-    return PoseTable(q, seen_by_tracker(rig, places, rng), None, came_from=from_start[:-1])
+    return q, seen_by_tracker(rig, places, rng), from_start[:-1]
 
 
 def simulated_path(rig: Rig, seed: int | None, effects: Sequence[Effect] | None = None) -> tuple[Array, Array]:

@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from analysis.apps.makers.controller_entries import ControllerEntries, controller_entries
+from analysis.apps.makers.controller_entries import (
+    Constant,
+    ControllerEntries,
+    Projection,
+    _certain,
+    controller_entries,
+)
 from analysis.apps.makers.correct_rig import correct_rig
 from analysis.apps.makers.report.program_report import reached
 from analysis.cli import app
@@ -294,3 +300,25 @@ def test_without_the_joint_angles_of_the_runs_coverage_is_unknown(tmp_path: Path
     path.write_text(",".join(JOINTS) + "\n0,-80,100,-20,80,0\n")
     found = correct_rig(_rig("ur10e", [_known(JointOffset(axis=3, offset_deg=0.05), 0.002)]), path)
     assert found.path and found.path[2].covered is None and not found.path[2].doubts
+
+
+class _SumIsSure(Projection):
+    """Two changes of which the second is needed beside the first, and the first is not needed beside the second."""
+
+    def gains(self, fewer: Projection, *_: object) -> bool:  # type: ignore[override]
+        return self.constants[0] in fewer.constants
+
+
+def test_a_change_that_falls_below_its_uncertainty_without_others_is_not_entered() -> None:
+    constants = (Constant(2, "q_deg"), Constant(3, "q_deg"))
+    every = _SumIsSure(constants, np.array([1.0, 0.2]), np.ones(2), np.eye(2, 6), np.ones((1, 6)), ())
+    moves = np.zeros((2, 1, 6))
+    moves[:, 0, :2] = [[0.9, 0.18], [0.0, 0.05]]  # one standard uncertainty each
+    projection, u = _certain(load("ur10e")[0], (), every, np.zeros((1, 6)), moves)
+    assert (np.abs(projection.values) >= u).all() and projection.constants == ()
+
+
+def test_nothing_to_enter_has_no_steps() -> None:
+    rig = _rig("ur10e", [_known(JointOffset(axis=2, offset_deg=1e-5), 1e-2)])
+    at = controller_entries(rig, supports(rig), "ur")
+    assert at.entries == () and at.steps == ()

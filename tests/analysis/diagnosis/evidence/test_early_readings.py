@@ -32,7 +32,8 @@ CAME = np.diff(Q, axis=0, prepend=Q[:1])
 
 
 def _ahead(reported: Array) -> Diagnosis:
-    return found_in([measured(PoseTable(reported, XYZ, None), "pose", "pose", RIG)], RIG)
+    table = PoseTable(reported, XYZ, None, came_from=reported - CAME)
+    return found_in([measured(table, "pose", "pose", RIG)], RIG)
 
 
 def _reported(found: Diagnosis) -> dict[int, float]:

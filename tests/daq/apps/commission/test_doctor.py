@@ -169,6 +169,17 @@ def test_a_gauge_far_below_what_its_line_carries() -> None:
     assert finding and finding.verdict is OK
 
 
+def test_signed_readings_that_are_read_as_unsigned_are_wrong() -> None:
+    stream = streams_of(parse(rig_text(), "bench"))[0]
+    values = [0.012, 65.517, 0.004, 65.531, 0.007]
+    columns = len(stream.columns)
+    samples = [replace(s, values=(v,) * columns) for s, v in zip(_samples(20, 2, 0), values, strict=False)]
+    found = list(trial._of_signs(stream, trial.Trial(samples, 2.0, 360, 360)))
+    assert [one.verdict for one in found] == [Verdict.WRONG] * columns and found[0].remedy == "set `type: int16`"
+    sound = [replace(s, values=(0.01,) * columns) for s in samples]
+    assert not list(trial._of_signs(stream, trial.Trial(sound, 2.0, 360, 360)))
+
+
 def test_readings_that_came_all_at_once_have_no_pace() -> None:
     """The link was lost after its first piece."""
     stream = streams_of(parse(rig_text(), "bench"))[0]
