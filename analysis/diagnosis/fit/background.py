@@ -448,6 +448,8 @@ _WAVES = 24
 """Half waves over the range of an angle, or over the duration of a run. Their strength falls as one over their number,
 as in the path of a random walk, so that a function may bend and step. Chosen: fine enough for a feature of a few
 degrees."""
+_WAVES_BY_WAY = 8
+"""The same of an error that changes with the way a joint turns. Chosen: friction and torque change slowly."""
 _POWERS = np.array([0.5, 1.0, 2.0])
 """Powers of the speed that describe an error that depends on speed. Chosen: square root, linear and quadratic, which
 cover friction and inertia."""
@@ -535,6 +537,24 @@ def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
     for where, shares in (("both gauges", (1.0, 1.0)), ("gauge 1", (1.0, 0.0)), ("gauge 2", (0.0, 1.0))):
         yield FreeForm(f"something that changes with time in {where}", linear.by_gauge(shares, _time))
     yield FreeForm("something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _around))
+
+
+def discrepancy_functions(linear: Linearisation) -> Array:
+    """Return the functions (N, c) of unit amplitude that stand for causes outside the library: every free form, and of
+    each joint an error that goes with its angle and the way it turns together, as hysteresis and drag of cables do."""
+    q = [block.path.q for block in linear.blocks if block.sampling]
+    low, span = (
+        np.min([np.min(each, axis=0) for each in q], axis=0),
+        np.max([np.ptp(each, axis=0) for each in q], axis=0),
+    )
+
+    def both(joint: int, block: Block) -> Array:
+        waves = _waves((block.path.q[:, joint] - low[joint]) / span[joint], _UNIT_RAD)[:, :_WAVES_BY_WAY]
+        return np.asarray(waves * np.tanh(_rates(block)[:, [joint]] / _SLOW), dtype=float)
+
+    turning = [axis for axis in range(1, linear.axes + 1) if span[axis - 1] > 0]
+    by_way = [linear.by_joint(axis, partial(both, axis - 1)) for axis in turning]
+    return np.concatenate([*(form.columns for form in free_forms_of(linear)), *by_way], axis=1)
 
 
 def _time(block: Block) -> Array:

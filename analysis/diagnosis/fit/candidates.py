@@ -318,7 +318,7 @@ class Columns:
     @property
     def scattered(self) -> int:
         """The number of columns of scatter between runs, after those of set-ups."""
-        return int(self.X.shape[1]) - self.set_ups.stop - self.functions
+        return int(self.X.shape[1] - self.set_ups.stop - self.functions)
 
     @property
     def discrepancy(self) -> slice:

@@ -13,6 +13,7 @@ from analysis.diagnosis.evidence.observation import ObservedRun
 from analysis.diagnosis.evidence.setups import fit_run_setups
 from analysis.diagnosis.fit.background import Posterior
 from analysis.diagnosis.fit.candidates import Columns, candidates_for, columns_for
+from analysis.diagnosis.fit.discrepancy import beside_discrepancy
 from analysis.diagnosis.fit.refine import Refined
 from analysis.diagnosis.fit.responses import (
     LEAST_MATERIAL_UM,
@@ -23,7 +24,7 @@ from analysis.diagnosis.fit.responses import (
     plain_worth,
 )
 from analysis.diagnosis.fit.rivals import RivalOdds, compare_with_rivals
-from analysis.diagnosis.fit.selection import Selection
+from analysis.diagnosis.fit.selection import Effort, Selection
 from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
 from analysis.robot.kinematics.arm import Array, Mask
 from analysis.robot.model.predict import SetUp
@@ -164,15 +165,16 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
     change readings by no more than the scatter of one run have no rivals."""
     refitted: tuple[Effect, ...] = ()
     so_far: tuple[Effect, ...] = ()
+    effort = Effort()
     setups, begun = _starting_setups(runs, progress)
     for turn in range(_ITERATIONS):
         progress("computing the response to each effect" + " again" * (turn > 0))
-        selection = _selection(runs, setups, so_far)
+        selection = replace(_selection(runs, setups, so_far), effort=effort)
         progress("selecting effects")
         begun = selection.fitted_again(selection.initial_state(so_far, begun), refitted)
         refitted = begun.possible_faults(begun.effects)
         state = selection.select(begun, stops=turn < _STOPS)
-        is_last = turn + 1 == _ITERATIONS
+        is_last = turn + 1 == _ITERATIONS or effort.is_spent
         if is_last or selection.holds_for(state):
             progress("comparing names with their rivals")
             state, odds = compare_with_rivals(selection, state, limits_um(selection.linear))
@@ -180,7 +182,7 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
                 break
         so_far = state.effects
         setups = selection.linear.setups_moved_by(selection.moves(state))
-    selection, foreign = selection.beside_discrepancy(state)
+    selection, foreign = beside_discrepancy(selection, state)
     if foreign.discrepancy:
         progress("comparing names with causes outside the library")
         state, odds = compare_with_rivals(selection, foreign, limits_um(selection.linear))

@@ -8,7 +8,7 @@ and estimates the noise again, until neither pays. All that is not named stays p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,6 @@ from analysis.diagnosis.fit.background import (
     Posterior,
     best_free_form,
     cavity_evidence,
-    discrepancy_evidence,
     fault_evidence,
     free_forms_of,
 )
@@ -72,6 +71,9 @@ _DEPTH = 40
 healthy effects."""
 _SEARCH_ROUNDS = 40
 """Largest number of rounds; each adds or removes one effect, so it equals the largest number of effects."""
+_MOST_ROUNDS = 60
+"""Largest number of rounds of all selections of a search. Chosen: cells with up to three faults took 10 to 30, and one
+with an unknown cause did not end; what remains then widens the uncertainties by the strength of its band."""
 _HEALTHY_PRICE = 6.0
 """Log evidence that a single form at healthy size must gain to be fitted. Chosen: a smaller gain changes no verdict."""
 _OFF_STATED = 3.0
@@ -97,8 +99,6 @@ _OF_SET_UP = 0.01
 """Share of a column that is left where a set-up may do as it likes, below which it is one of its terms. Chosen: beside
 a soft joint the last length, on which the torque depends, leaves 0.002, and was named as 24 mm for 36 µm; what is no
 term leaves 0.6 and more."""
-_LEFT = 1.5
-"""Strength of a band above which a cause outside the library is tried. Chosen: cells without one have up to 1.2."""
 _CURVE_ROUNDS, _ENOUGH_OF_CURVES = 3, 2.0
 """Largest number of fits of curves in turn with the weights of wild readings, and the log evidence that one must gain
 for the next. Chosen: a wild pose among 30 of a UR10 took three."""
@@ -107,12 +107,25 @@ _FEW_ROUNDS = 3
 those in turn with the noise. Chosen: in a case for development the first two gained nearly all that a fit gained."""
 
 
+@dataclass
+class Effort:
+    """The rounds that a search has taken, which are bounded: an error that no name reduces would go on."""
+
+    rounds: int = 0
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether no further round is taken."""
+        return self.rounds >= _MOST_ROUNDS
+
+
 @dataclass(frozen=True)
 class Selection:
     """The selection of effects for the residual (N,) of one linearisation."""
 
     linear: Linearisation
     columns: Columns
+    effort: Effort = field(default_factory=Effort, compare=False)
 
     @cached_property
     def _fault_price(self) -> float:
@@ -131,6 +144,11 @@ class Selection:
     def backgrounds(self) -> Backgrounds:
         """The backgrounds of states: everything that is not fitted as an effect."""
         return Backgrounds(self.columns, self.linear.blocks[0].model.rig.robot.built)
+
+    @property
+    def shows_free_forms(self) -> bool:
+        """Whether the readings show errors without a name."""
+        return bool(self._free)
 
     @cached_property
     def _free(self) -> tuple[FreeForm, ...]:
@@ -156,16 +174,16 @@ class Selection:
             # more.
             for _ in range(_CURVE_ROUNDS):
                 whole = self.evidence(state)
-                state = self._renewed(self._with_likeliest_curves(state, self._hyperparameters.strength_limits))
+                state = self.renewed(self._with_likeliest_curves(state, self._hyperparameters.strength_limits))
                 if self.evidence(state) - whole < _ENOUGH_OF_CURVES:
                     break
             return state
-        state = self._renewed(self._renewed(state))
+        state = self.renewed(self.renewed(state))
         if curves is None:
             return state
         # Gauges at few targets, and balls in sockets that move with the arm's constants, tell curves from scatter
         # badly. Searched with the curves, the noise left 1.1 instead of 0.4 mm of a Panda at a placement left out.
-        return self._renewed(self._with_likeliest_curves(replace(state, curves=curves), np.stack([state.strength] * 2)))
+        return self.renewed(self._with_likeliest_curves(replace(state, curves=curves), np.stack([state.strength] * 2)))
 
     @property
     def _of_tracker(self) -> bool:
@@ -192,7 +210,7 @@ class Selection:
             waiting.remove(effect)
             k = best[effect]
             added = self._with_effect(state, effect, -1) if k is None else self.with_form(state, posterior, k)
-            state = self.settled(*beginnings(added)) if added.may_be_fault(-1) else self._renewed(added)
+            state = self.settled(*beginnings(added)) if added.may_be_fault(-1) else self.renewed(added)
         return state
 
     def _with_likeliest_curves(self, state: SelectionState, limits: Array) -> SelectionState:
@@ -242,7 +260,7 @@ class Selection:
         named, with_free_form = self._stepwise(state, accept_free_forms=False, stops=stops)
         if with_free_form is None:
             return named
-        return self._likeliest([named, self._stepwise(with_free_form, accept_free_forms=True)[0]])[1]
+        return self.likeliest([named, self._stepwise(with_free_form, accept_free_forms=True)[0]])[1]
 
     def holds_for(self, state: SelectionState) -> bool:
         """Return whether the columns hold for a state: its effects hardly move the set-ups, and the faults among the
@@ -290,12 +308,13 @@ class Selection:
         with_free_form = None
         # Faults without a name resemble an arm with a high level, so names are selected at level 1 first.
         for level_cap in (1.0, MOST_LEVEL):
-            level, state = state.level, self._renewed(replace(state, level_cap=level_cap))
+            level, state = state.level, self.renewed(replace(state, level_cap=level_cap))
             if level_cap > 1.0 and state.level == level:
                 break
             for _ in range(_SEARCH_ROUNDS):
-                if series_among(state.effects):
+                if series_among(state.effects) or self.effort.is_spent:
                     break  # further names would stand for what a series leaves of an error of another form
+                self.effort.rounds += 1
                 posterior = self.posterior(state)
                 # What pays nothing goes, and only then is an effect added; if none gains, what is doubtful goes.
                 changed = self._backward_step(state, posterior, below=0.0)
@@ -315,8 +334,8 @@ class Selection:
                 changed = changed or self._without_free_form(state)
                 if changed is None:
                     break
-                state = self._renewed(changed)
-        return self._renewed(self._refitted(state)), with_free_form
+                state = self.renewed(changed)
+        return self.renewed(self.refitted(state)), with_free_form
 
     def posterior(self, state: SelectionState) -> Posterior:
         """Return the posterior of all coefficients in a state."""
@@ -325,54 +344,7 @@ class Selection:
     def without_free_forms(self, state: SelectionState) -> SelectionState:
         """Return the state without its free forms, with the same effects and the noise that it shows then."""
         none = Response(np.empty((len(self.linear.y), 0)))
-        return self._renewed(replace(state, free_forms=(), discrepancy=0.0, refined=replace(state.refined, free=none)))
-
-    def beside_discrepancy(self, state: SelectionState) -> tuple[Selection, SelectionState]:
-        """Return a selection with free functions for causes outside the library, and the state in it without the names
-        that pay no more beside them; the same where nothing shows that there are any.
-
-        A name that imitates such a cause leaves something, which is fitted by the next name. So names are judged once
-        more beside functions of every angle, way, time and place of the ball, whose amplitude comes from the readings.
-        """
-        waves = [effect for effect in state.possible_faults(state.effects) if _is_wave_of_joint(effect)]
-        is_suspect = bool(state.free_forms) or (state.strength > _LEFT).any() or len(waves) > 1
-        if not self._free or not is_suspect:
-            return self, state
-        columns = self.columns.with_discrepancy(np.concatenate([form.columns for form in self._free], axis=1))
-        selection = Selection(self.linear, columns)
-        bare = selection._refitted(replace(state, free_forms=()))
-        begins = [selection.with_likeliest_discrepancy(begun) for begun in beginnings(bare)]
-        gain, foreign = selection._likeliest(begins)
-        if not foreign.discrepancy or gain <= self.evidence(state):
-            return self, state
-        return selection, selection.without_imitators(selection.settled(foreign))
-
-    def with_likeliest_discrepancy(self, state: SelectionState) -> SelectionState:
-        """Return the state with the likeliest amplitude of causes outside the library beside its names, 0 if none pays
-        its price."""
-        functions = self.columns.X[:, self.columns.discrepancy]
-        none = replace(state, discrepancy=0.0)
-        gain, amplitude = discrepancy_evidence(functions, self.posterior(none))
-        return self._renewed(replace(none, discrepancy=amplitude)) if gain > 0 else none
-
-    def without_imitators(self, state: SelectionState) -> SelectionState:
-        """Return the state without names that causes outside the library explain as well: all waves of joints together,
-        which make up any function of angles, and then one by one."""
-        waves = [k for k, effect in enumerate(state.effects) if _is_wave_of_joint(effect)]
-        for group in [waves] if len(waves) > 1 else []:
-            without = state
-            for place in reversed(group):
-                without = self.without(without, place)
-            without = self.with_likeliest_discrepancy(without)
-            state = without if self.evidence(without) >= self.evidence(state) else state
-        place = 0
-        while place < len(state.effects):
-            without = self.with_likeliest_discrepancy(self.without(state, place))
-            if self.evidence(without) >= self.evidence(state):
-                state = without
-            else:
-                place += 1
-        return self._renewed(self._refitted(state))
+        return self.renewed(replace(state, free_forms=(), discrepancy=0.0, refined=replace(state.refined, free=none)))
 
     def not_testable(self, state: SelectionState, posterior: Posterior) -> tuple[str, ...]:
         """Return the names that these tests would not show at the size of a large fault, beside everything else that
@@ -383,7 +355,7 @@ class Selection:
         hidden = dict.fromkeys([*self.columns.not_seen, *(form.name for form in self.columns.forms)])
         return tuple(name for name in hidden if name not in seen | named)
 
-    def _renewed(self, state: SelectionState) -> SelectionState:
+    def renewed(self, state: SelectionState) -> SelectionState:
         """Return the state with the strengths, robust weights and level that it shows."""
         return self._hyperparameters.update(state, self.posterior(state), self.evidence, self.posterior)
 
@@ -412,10 +384,10 @@ class Selection:
         whole = self.evidence(state) if state.free_forms else 0.0
         for k in range(len(state.free_forms)):
             kept = (*state.free_forms[:k], *state.free_forms[k + 1 :])
-            without_it = self._refitted(replace(state, free_forms=kept))
+            without_it = self.refitted(replace(state, free_forms=kept))
             posterior = self.posterior(without_it)
             best = int(np.argmax(self.gains(without_it, posterior)))
-            for simpler in (without_it, self._refitted(self.with_form(without_it, posterior, best))):
+            for simpler in (without_it, self.refitted(self.with_form(without_it, posterior, best))):
                 if self.evidence(simpler) > whole:
                     return replace(simpler, replaced_forms=state.replaced_forms | {state.free_forms[k].words})
         return None
@@ -571,8 +543,8 @@ class Selection:
                 state = replace(state, refused=state.refused | twice)
                 return self._forward_step(state, posterior, try_free_forms=try_free_forms)
             # The level that each name leaves may decide: beside the right one the arm is quieter.
-            renewed = self._renewed if len(with_each) > 1 else (lambda added: added)
-            rise, changed = self._likeliest([renewed(added) for added in with_each.values()])
+            renewed = self.renewed if len(with_each) > 1 else (lambda added: added)
+            rise, changed = self.likeliest([renewed(added) for added in with_each.values()])
             rise -= self.evidence(state)
             if gain[best[0]] < _MUCH and rise <= 0:
                 for k in best:
@@ -585,7 +557,7 @@ class Selection:
         # A fit may be worse than its linear prediction where it moves the set-up far; the next turn corrects that.
         if free_form is None or free_form.gain < max(_MUCH, _MARGIN * most_gain):
             return changed, None
-        return changed, self._refitted(replace(state, free_forms=(*state.free_forms, free_form)))
+        return changed, self.refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
     def _worth_trying(self, state: SelectionState, posterior: Posterior, gain: Array) -> list[int]:
         """Return the best form of each of the few names that gain (n,) most, the best first; where none gains much,
@@ -610,10 +582,10 @@ class Selection:
         effects = starting_effects(self.linear, self.columns, posterior, self.columns.forms[k])
         if len(effects) > 1:
             begun = [self._with_effect(state, effect, k, begins=True) for effect in effects]
-            effects = [self._likeliest(begun)[1].refined.effects[-1]]
+            effects = [self.likeliest(begun)[1].refined.effects[-1]]
         return self._with_effect(state, effects[0], k)
 
-    def _likeliest(self, states: Sequence[SelectionState]) -> tuple[float, SelectionState]:
+    def likeliest(self, states: Sequence[SelectionState]) -> tuple[float, SelectionState]:
         """Return the largest log evidence of some states, and the first state that has it."""
         return max(((self.evidence(state), state) for state in states), key=lambda both: both[0])
 
@@ -628,15 +600,10 @@ class Selection:
     def settled(self, *begins: SelectionState, least: float = -np.inf) -> SelectionState:
         """Return the likeliest state that is reached from some states when all effects and the noise are fitted until
         the evidence hardly rises, or could hardly reach the log evidence `least`."""
-        return settled(begins, lambda state: self._refitted(state, _FEW_ROUNDS), self._renewed, self.evidence, least)
+        return settled(begins, lambda state: self.refitted(state, _FEW_ROUNDS), self.renewed, self.evidence, least)
 
-    def _refitted(self, state: SelectionState, rounds: int = FIT_ROUNDS) -> SelectionState:
+    def refitted(self, state: SelectionState, rounds: int = FIT_ROUNDS) -> SelectionState:
         """Return the state with all effects fitted together in at most so many rounds."""
         free = np.concatenate([np.empty((len(self.linear.y), 0)), *(form.columns for form in state.free_forms)], axis=1)
         refined = refine(self.linear, self.backgrounds.of(state), state.effects, free=free, rounds=rounds)
         return replace(state, refined=refined)
-
-
-def _is_wave_of_joint(effect: Effect) -> bool:
-    """Return whether an effect is a wave of a joint over its angle."""
-    return is_wave(effect) and effect.STAGE == "joint"

@@ -194,7 +194,7 @@ def test_only_what_is_a_fault_in_a_quiet_arm_alone_has_no_rivals_below_the_limit
         compared.extend([] if faults_only else [name_of(of.effects[place])])
         return RivalOdds(1.0)
 
-    monkeypatch.setattr("analysis.diagnosis.fit.rivals.rival_odds", odds)
+    monkeypatch.setattr("analysis.diagnosis.fit.rivals.cautious_odds", odds)
     for limit in (1.1, 0.9):  # of what the readings of the test change by that shows it most
         found, _ = compare_with_rivals(selection, state, limit * worth(linear, shown_by(linear, [zero])).um.max())
         assert [name_of(effect) for effect in found.effects] == ["joint_offset 3"]
@@ -215,7 +215,7 @@ def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch:
     # private: rivals that are likelier after every swap cannot be made of readings
     monkeypatch.setattr("analysis.diagnosis.fit.rivals.without_needless_names", lambda _, state, limits: state)
     monkeypatch.setattr(
-        "analysis.diagnosis.fit.rivals.rival_odds",
+        "analysis.diagnosis.fit.rivals.cautious_odds",
         lambda selection, state, place, **_: RivalOdds(0.1, ((state, 0.9),), state.level),
     )
     monkeypatch.setattr(SelectionState, "may_be_fault", lambda *_: True)

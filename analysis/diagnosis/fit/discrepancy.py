@@ -1,0 +1,69 @@
+"""Causes outside the library, as free functions beside the names, and the names that they leave."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from analysis.diagnosis.fit.background import discrepancy_evidence, discrepancy_functions
+from analysis.diagnosis.fit.selection import Selection
+from analysis.diagnosis.fit.selection_state import SelectionState, beginnings
+from rigs.effects import Effect
+from rigs.schema.effect import is_wave
+
+_LEFT = 1.5
+"""Strength of a band above which a cause outside the library is tried. Chosen: cells without one have up to 1.2."""
+
+
+def beside_discrepancy(selection: Selection, state: SelectionState) -> tuple[Selection, SelectionState]:
+    """Return a selection with free functions for causes outside the library, and the state in it without the names
+    that pay no more beside them; the same where nothing shows that there are any.
+
+    A name that imitates such a cause leaves something, which is fitted by the next name. So names are judged once
+    more beside functions of every angle, way, time and place of the ball, whose amplitude comes from the readings.
+    """
+    waves = [effect for effect in state.possible_faults(state.effects) if _is_wave_of_joint(effect)]
+    is_suspect = bool(state.free_forms) or (state.strength > _LEFT).any() or len(waves) > 1
+    if not selection.shows_free_forms or not is_suspect:
+        return selection, state
+    columns = selection.columns.with_discrepancy(discrepancy_functions(selection.linear))
+    wider = Selection(selection.linear, columns, selection.effort)
+    bare = wider.refitted(replace(state, free_forms=()))
+    begins = [with_likeliest_discrepancy(wider, begun) for begun in beginnings(bare)]
+    gain, foreign = wider.likeliest(begins)
+    if not foreign.discrepancy or gain <= selection.evidence(state):
+        return selection, state
+    return wider, without_imitators(wider, wider.settled(foreign))
+
+
+def with_likeliest_discrepancy(selection: Selection, state: SelectionState) -> SelectionState:
+    """Return the state with the likeliest amplitude of causes outside the library beside its names, 0 if none pays
+    its price."""
+    functions = selection.columns.X[:, selection.columns.discrepancy]
+    none = replace(state, discrepancy=0.0)
+    gain, amplitude = discrepancy_evidence(functions, selection.posterior(none))
+    return selection.renewed(replace(none, discrepancy=amplitude)) if gain > 0 else none
+
+
+def without_imitators(selection: Selection, state: SelectionState) -> SelectionState:
+    """Return the state without names that causes outside the library explain as well: all waves of joints together,
+    which make up any function of angles, and then one by one."""
+    waves = [k for k, effect in enumerate(state.effects) if _is_wave_of_joint(effect)]
+    for group in [waves] if len(waves) > 1 else []:
+        without = state
+        for place in reversed(group):
+            without = selection.without(without, place)
+        without = with_likeliest_discrepancy(selection, without)
+        state = without if selection.evidence(without) >= selection.evidence(state) else state
+    place = 0
+    while place < len(state.effects):
+        without = with_likeliest_discrepancy(selection, selection.without(state, place))
+        if selection.evidence(without) >= selection.evidence(state):
+            state = without
+        else:
+            place += 1
+    return selection.renewed(selection.refitted(state))
+
+
+def _is_wave_of_joint(effect: Effect) -> bool:
+    """Return whether an effect is a wave of a joint over its angle."""
+    return is_wave(effect) and effect.STAGE == "joint"

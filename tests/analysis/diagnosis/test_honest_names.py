@@ -1,0 +1,119 @@
+"""Names where readings hardly separate two causes, and names next to an error that no name explains."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.evidence.blocks import Block
+from analysis.diagnosis.evidence.prepared_runs import prepare_runs
+from analysis.diagnosis.fit.background import discrepancy_evidence, discrepancy_functions
+from analysis.diagnosis.fit.discrepancy import beside_discrepancy
+from analysis.diagnosis.fit.search import SearchResult, search
+from analysis.diagnosis.fit.selection import Effort, Selection
+from analysis.diagnosis.judge.result import Gap, Named
+from analysis.diagnosis.judge.verdict import within_unexplained, without_useless
+from analysis.procedures.simulate import simulate
+from rigs.effects import Backlash, BallForm, Effect, TransmissionError
+from rigs.load import load
+from rigs.schema.effect import label_of, size_of
+from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, measured, white
+
+WAYS = ("acw", "cw")
+
+
+@cache
+def _searched(effects: tuple[Effect, ...], times: int, seed: int) -> SearchResult:
+    """The search in yaw runs of a UR10e with hidden effects, driven some times each way."""
+    rig, _ = load("ur10e")
+    runs = [
+        measured(simulate(rig, "yaw", way, seed + k, effects), "yaw", f"yaw-{way}-{k}", rig)
+        for k in range(times)
+        for way in WAYS
+    ]
+    return search(prepare_runs(rig, runs, [], [])[0][0], lambda _: None)
+
+
+_GEAR = TransmissionError(axis=6, order=2, amplitude_deg=0.01)
+
+
+def test_a_usual_gear_error_is_not_called_a_fault_of_the_ball() -> None:
+    result = _searched((Backlash(axis=1, width_deg=0.008), _GEAR), 1, 1)
+    odds = {label_of(effect): of for effect, of in zip(result.effects, result.rival_odds, strict=True)}
+    gear = odds["transmission_error 6 order 2"]
+    rivals = {tried.effects[-1].effect: share for tried, share in gear.rivals}
+    assert gear.odds > 0.5 and "ball_form" not in {effect.effect for effect in result.effects}
+    assert 0.02 < rivals["ball_form"] < 0.5, "one yaw lap each way does not exclude it"
+
+
+def test_a_gear_error_once_a_turn_is_not_called_a_fault_of_the_gauges() -> None:
+    """Named as a wave of axis 2 of 42 healthy sizes before, at a level that was 2.5 times too high."""
+    gear = TransmissionError(axis=6, order=1, amplitude_deg=0.022, phase_deg=-92.2)
+    result = _searched((gear,), 2, 500)
+    assert [label_of(effect) for effect in result.effects] == ["transmission_error 6 order 1"]
+    assert size_of(result.effects[0]) == pytest.approx(size_of(gear), rel=0.05)
+
+
+def _named(worth_um: float, gap_without_um: float, directions: int = 1) -> Named:
+    ball = BallForm(lobes=2, amplitude_mm=0.02)
+    return Named(ball, {}, 0.9999, (), gap_without_um, "", worth_um, None, directions=directions)
+
+
+def test_a_name_that_makes_the_gap_larger_does_not_stand() -> None:
+    gap = Gap(("a",), before_um=36.0, after_um=10.3, noise_floor_um=4.0, calibrated_um=4.1)
+    worse, better = without_useless([_named(9.0, 4.9), _named(9.0, 13.0)], gap)
+    assert worse.doubt == "no_better" and better.stands
+
+
+@pytest.mark.parametrize(
+    ("worth_um", "directions", "stands"), [(30.0, 1, False), (50.0, 1, True), (30.0, 2, True), (9.0, 2, False)]
+)
+def test_a_name_stands_that_does_more_than_the_unexplained_error(
+    worth_um: float, directions: int, stands: bool
+) -> None:
+    (name,) = within_unexplained([_named(worth_um, 100.0, directions)], 10.0)
+    assert name.stands == stands and (name.doubt is None or name.doubt == "unexplained")
+    assert within_unexplained([_named(worth_um, 100.0, directions)], 0.0)[0].stands, "nothing is unexplained"
+
+
+def _wandering(axis: int) -> Array:
+    """An error of a joint over its angle that is no sum of few waves, of 5000 sigma."""
+
+    def off(block: Block) -> Array:
+        x = block.path.q[:, axis - 1]
+        return np.radians(0.01 * np.sin(40 * x**2 + axis))[:, None]
+
+    added = healthy().without_set_up(healthy().by_joint(axis, off))[:, 0]
+    return np.asarray(5000 * added / np.linalg.norm(added), dtype=float)
+
+
+def test_a_discrepancy_is_there_in_a_foreign_world_alone_and_widens_what_is_known() -> None:
+    linear, functions = healthy(), discrepancy_functions(healthy())
+    gains = []
+    for foreign in (np.zeros(len(linear.y)), _wandering(2) + _wandering(3)):
+        selection = Selection(holding(linear, white(linear, 5) + foreign), healthy_columns())
+        state = selection.initial_state(())
+        posterior = selection.posterior(replace(state, strength=np.ones_like(state.strength)))
+        gains.append(discrepancy_evidence(functions, posterior))
+    assert gains[0][0] <= 0 < gains[1][0]
+    columns = healthy_columns().with_discrepancy(functions)
+    beside = Selection(holding(linear, white(linear, 5) + foreign), columns)
+    state = beside.initial_state((replaced := TransmissionError(axis=2, order=20, amplitude_deg=0.02),))
+    narrow, wide = (
+        beside.posterior(replace(state, discrepancy=amplitude)).term_covariance[0, 0] for amplitude in (0.0, 4.0)
+    )
+    assert wide > 1.2 * narrow, label_of(replaced)
+
+
+def test_nothing_changes_where_nothing_is_foreign() -> None:
+    selection = Selection(holding(healthy(), white(healthy(), 5)), healthy_columns())
+    state = selection.initial_state(())
+    assert beside_discrepancy(selection, state) == (selection, state)
+
+
+def test_a_search_ends_when_its_effort_is_spent() -> None:
+    selection = Selection(holding(healthy(), white(healthy(), 5) + _wandering(2)), healthy_columns(), Effort(10**6))
+    assert selection.select(selection.initial_state(())).effects == ()
