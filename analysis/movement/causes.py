@@ -16,8 +16,8 @@ from analysis.robot.kinematics.arm import Array
 What = Literal["nothing", "base", "instrument", "socket", "target", "tool", "zero", "pair", "other"]
 
 PRIOR: dict[What, float] = {
-    "nothing": 0.85, "base": 0.03, "instrument": 0.005, "socket": 0.02, "target": 0.005, "tool": 0.03, "zero": 0.05,
-    "pair": 0.001, "other": 0.01,
+    "nothing": 0.90, "base": 0.02, "instrument": 0.003, "socket": 0.013, "target": 0.003, "tool": 0.02, "zero": 0.034,
+    "pair": 0.0007, "other": 0.0063,
 }  # fmt: skip
 """Prior probability of each kind of cause, shared by its members. Chosen: most checks find nothing."""
 LEVELS = np.array([0.3, 1.0, 3.0, 10.0])

@@ -28,8 +28,8 @@ _FEWEST_BEFORE = 10
 _MOST_AFTER = 20
 """Readings after a movement by which it is judged, evenly chosen."""
 _LOG_ODDS = 12.0
-"""Gain of log evidence from which a step is looked at. Chosen: a hundred readings and ten causes have a thousand
-steps, and a step that nobody asked for has to be certain."""
+"""Smallest gain of log evidence of a step that is examined. Chosen: a hundred readings and ten causes have a thousand
+steps, and an unexpected step has to be certain."""
 _TIMES_SCATTER = 3.0
 """Smallest effect on a reading, in multiples of the scatter: what is smaller, as drift with the temperature, has causes
 of its own in a diagnosis."""

@@ -22,8 +22,8 @@ _ARM_LEVELS = np.array([0.2, 0.5, 1.0, 2.0, 5.0, 25.0])
 _UNEXPLAINED_MM = np.array([0.0, 0.05, 0.2, 0.8])
 """Sizes of the part that no constant explains; calibrated arms leave 0.03 to 0.5 mm (UR10, Panda, iiwa)."""
 _UNEXPLAINED_SHARES = np.array([0.7, 0.1, 0.1, 0.1])
-"""Prior probabilities of these. Chosen: a reference without repeats cannot tell scatter from a part that returns at the
-same posture, and scatter is the cautious reading."""
+"""Prior probabilities of these. Chosen: a reference without repeats cannot separate scatter from a part that returns at
+the same posture, and scatter is the cautious reading."""
 _SCATTERS = np.geomspace(0.03, 10.0, 25)
 """Multiples of the assumed scatter of a kind of reading."""
 _SCATTER_PRIOR = -0.5 * (np.log(_SCATTERS / 0.7) / np.log(2.0)) ** 2
@@ -171,7 +171,7 @@ class Prediction:
 
     @cached_property
     def chol(self) -> Array:
-        """The lower Cholesky factor (n, n) of the covariance."""
+        """The lower Cholesky factor (n, n) of the covariance, in units of the assumed scatter."""
         return np.asarray(np.linalg.cholesky(self.cov), dtype=float)
 
     def whitened(self, columns: Array) -> Array:

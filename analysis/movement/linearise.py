@@ -163,7 +163,8 @@ def causes_of(runs: Sequence[ObservedRun]) -> list[Cause]:
 
 
 def workplace(model: Model, runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], constants: Array) -> Workplace:
-    """Return the workplace of reference runs with their fitted set-ups."""
+    """Return the workplace of reference runs with their fitted set-ups and the constants (a,) of the arm, in prior
+    standard deviations."""
     places = np.concatenate([tool_places(run, setups[run.setup]) for run in runs])
     return Workplace(model, setups, places.mean(axis=0), columns_of({run.setup: run.table for run in runs}), constants)
 

@@ -77,6 +77,8 @@ class Moved:
     centre_mm: Vector
     wild_row: int | None
     of_tracker: bool
+    zero_bounds_deg: tuple[float, ...] = ()
+    """Largest error of the zero of each axis that the new readings leave possible, if it alone moved: |size| + 2 u."""
     doubts: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
@@ -97,7 +99,8 @@ class Moved:
                 for lever in self.hidden
             ],
             "readings": self.readings, "reference_readings": self.reference_readings, "scatter_mm": self.scatter_mm,
-            "point": {"at_mm": list(self.centre_mm)}, "wild_reading": self.wild_row, "doubts": list(self.doubts),
+            "point": {"at_mm": list(self.centre_mm)}, "wild_reading": self.wild_row,
+            "zero_bounds_deg": list(self.zero_bounds_deg), "doubts": list(self.doubts),
         }  # fmt: skip
 
 
@@ -145,8 +148,18 @@ def moved_of(
         tuple(causes), named, rivals, step, hidden,
         sum(len(run.rows) for run in compared.runs) if compared else 0, sum(len(run.rows) for run in reference.runs),
         reference.scatter_mm, _vector(reference.place.centre_mm), wild,
-        any(run.table.kind.of_tracker for run in reference.runs), doubts,
+        any(run.table.kind.of_tracker for run in reference.runs), _zero_bounds(compared), doubts,
     )  # fmt: skip
+
+
+def _zero_bounds(compared: Compared | None) -> tuple[float, ...]:
+    """Return the largest error in degrees of each zero that the readings leave possible."""
+    estimates = compared.posterior.estimates.items() if compared else ()
+    return tuple(
+        float(np.degrees(abs(estimate.mean[0]) + 2 * np.sqrt(estimate.cov[0, 0])))
+        for cause, estimate in estimates
+        if cause.what == "zero"
+    )
 
 
 def _next(

@@ -27,7 +27,7 @@ def name_of(cause: Cause, *, of_tracker: bool = False) -> str:
 def direction(vector: Vector, u: float) -> str:
     """Return the components of a shift, without those that are smaller than their uncertainty lets see."""
     shown = [f"{name} {value:+.2f}" for name, value in zip("xyz", vector, strict=True) if abs(value) > _SMALL * u]
-    return ", ".join(shown) or "no clear direction"
+    return f"{', '.join(shown)} mm" if shown else "no clear direction"
 
 
 def size_of(cause: CauseOdds) -> str:
@@ -39,7 +39,7 @@ def size_of(cause: CauseOdds) -> str:
     if cause.translation_mm is None or cause.u is None:
         return ""
     length = math.hypot(*cause.translation_mm)
-    words = f"{length:.2f} ± {cause.u:.2f} mm ({direction(cause.translation_mm, cause.u)} mm)"
+    words = f"{length:.2f} ± {cause.u:.2f} mm ({direction(cause.translation_mm, cause.u)})"
     if cause.rotation_deg is None or cause.u_rotation_deg is None:
         return words
     turn = math.hypot(*cause.rotation_deg)

@@ -14,6 +14,9 @@ from analysis.movement.words import name_of, size_of
 _MOST_ODDS = 1000
 """Odds above which only this bound is stated."""
 
+_WIDE_DEG = 0.03
+"""Possible error of a zero from which it is reported: half a millimetre at a metre."""
+
 
 def odds(probability: float) -> str:
     """Return a probability as odds."""
@@ -107,5 +110,7 @@ def remarks(moved: Moved) -> list[str]:
     if named is not None and named.what == "zero" and named.cause.axis == 1:
         lines.append("A base that turned about axis 1 and nothing else looks the same.")
     if named is not None and named.what == "nothing":
+        wide = [f"{k} up to {b:.2f}°" for k, b in enumerate(moved.zero_bounds_deg, start=1) if b > _WIDE_DEG]
+        lines += [f"Not excluded by these readings: errors of the zero of axis {', '.join(wide)}."] if wide else []
         lines += map(hidden_words, moved.hidden)
     return lines

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from analysis import load_run
 from analysis.cli import app
+from analysis.movement.between import without_moved
 from analysis.movement.changes import find_step
 from analysis.movement.evidence import condition
 from analysis.movement.inference import compare
@@ -125,17 +127,31 @@ def test_evidence_prefers_the_right_scatter() -> None:
     assert sum(scenario.weight for scenario in conditioned.scenarios) == pytest.approx(1.0)
 
 
-def test_the_command_says_what_moved(tmp_path: Path) -> None:
-    drawn = case("base")
-    rig_file = tmp_path / "cell.yaml"
-    rig_file.write_text(drawn.rig_text, encoding="utf-8")
-    tables = {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(6)}
+def test_a_zero_that_moved_between_two_runs_is_reported_and_the_shorter_run_left_out(tmp_path: Path) -> None:
+    drawn = case("zero 3")
+    _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(8)})
+    runs = [load_run(tmp_path / name) for name in ("before", "after")]
+    sound, (movement,), _ = without_moved(runs[0].rig, runs)
+    assert [run.run.manifest.name for run in sound] == ["before"]
+    said = movement.to_dict()
+    assert (said["from"], said["to"], said["what"], said["axis"]) == ("before", "after", "zero", 3)
+    assert said["size_deg"] == pytest.approx(np.degrees(drawn.change.zero[2]), abs=5 * said["u_deg"])
+    assert "between before and after" in movement.words
+
+
+def _write_runs(to: Path, drawn: Case, tables: dict[str, tuple[list[str], np.ndarray]]) -> None:
+    (to / "cell.yaml").write_text(drawn.rig_text, encoding="utf-8")
     for name, (sockets, q) in tables.items():
         head = ",".join(["socket", *(f"q{k}_deg" for k in range(1, 7))])
         rows = [",".join([s, *(f"{a:.6f}" for a in np.degrees(row))]) for s, row in zip(sockets, q, strict=True)]
-        (tmp_path / f"{name}.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
-        words = ["import", str(tmp_path / f"{name}.csv"), "--rig", str(rig_file), "--test", "touch"]
-        assert CliRunner().invoke(app, [*words, "-o", str(tmp_path / name)]).exit_code == 0
+        (to / f"{name}.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+        words = ["import", str(to / f"{name}.csv"), "--rig", str(to / "cell.yaml"), "--test", "touch"]
+        assert CliRunner().invoke(app, [*words, "-o", str(to / name)]).exit_code == 0
+
+
+def test_the_command_says_what_moved(tmp_path: Path) -> None:
+    drawn = case("base")
+    _write_runs(tmp_path, drawn, {"before": (drawn.sockets, drawn.before), "after": drawn.touch_again(6)})
     page = tmp_path / "moved.html"
     words = ["moved", str(tmp_path / "before"), "--new", str(tmp_path / "after")]
     done = CliRunner().invoke(app, [*words, "-o", str(page)])

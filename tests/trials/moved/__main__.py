@@ -186,7 +186,9 @@ def _touches_needed(case: Case, most: int, *, planned: bool) -> int:
     return most + 1
 
 
-if __name__ == "__main__":
+if __name__ == "__main__" and {"-h", "--help"} & set(sys.argv):
+    print(__doc__)
+elif __name__ == "__main__":
     words = [word for word in sys.argv[1:] if word[0].isdigit()]
     defaults = ["60", "0.05", "4", "6"]
     given = [*words, *defaults[len(words) :]]
